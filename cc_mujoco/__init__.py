@@ -1,71 +1,33 @@
 """Bowden-cable transmissions with distributed friction for MuJoCo.
 
-What most programs need is here, imported when it is first used; each room of the
-package (`transmission`, `engine`, `control`, ...) has the rest.
+    import cc_mujoco as cc
+
+    plant = cc.Plant("wrist", {"friction": 0.2})
+    log = cc.simulate(plant, "pi", motion="sine", task="spring", seed=0)
+    cc.METRICS["rms_torque_error"].compute(log)
+
+What most programs need is here, imported when it is first used. The subpackages have
+the rest: `cable` the physics, `plugin` the MuJoCo plugin, `device`, `human`, `control`,
+`simulation` and `metrics` the parts of an episode, and `design`, `diagnosis`,
+`benchmark`, `hardware`, `export` and `thesis` what is done with them.
 """
 
 from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from cc_mujoco import benchmark
-    from cc_mujoco.diagnosis.diagnose import diagnose
-    from cc_mujoco.engine import add_friction, read
-    from cc_mujoco.plant import Plant
-    from cc_mujoco.recording.simulate import play, simulate
-    from cc_mujoco.transmission import Cable, Section, replay
-    from cc_mujoco.whatif import study
+import lazy_loader
 
-__all__ = [
-    "Cable",
-    "Plant",
-    "Section",
-    "add_friction",
-    "benchmark",
-    "diagnose",
-    "play",
-    "read",
-    "replay",
-    "simulate",
-    "study",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.1.0"
-
-_ROOMS = {
-    "Cable": "transmission",
-    "Plant": "plant",
-    "Section": "transmission",
-    "add_friction": "engine",
-    "diagnose": "diagnosis",
-    "play": "recording",
-    "read": "engine",
-    "replay": "transmission",
-    "simulate": "recording",
-    "study": "whatif",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
-        return getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
-    if name in __all__:
-        return import_module(f"{__name__}.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
-
 
 # MuJoCo loads models with cables once the engine has registered its plugin. Where it is
 # imported later, MuJoCo does that itself, by the entry point `cc_mujoco_plugin`: the
 # engine takes a second to import, for which `cc-mujoco --help` need not wait.
 if "mujoco" in sys.modules:
-    import_module("cc_mujoco.engine")
+    import_module("cc_mujoco.plugin")
 
 # `gymnasium.make` knows the environments.
 import_module("cc_mujoco.envs").register()

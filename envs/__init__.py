@@ -8,7 +8,7 @@
 
 `make_vec` simulates on a thread pool and equals, bit for bit, a `SyncVectorEnv` of the
 single environments. The classes' documentation states what they observe and reward;
-`cc_mujoco.devices.DEVICES` has the ids.
+`cc_mujoco.device.DEVICES` has the ids.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
 is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
 """
@@ -19,7 +19,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .registered import (
+    from ._registered import (
         AnkleExo,
         AnkleExoVector,
         HipKneeExosuit,
@@ -29,12 +29,16 @@ if TYPE_CHECKING:
         WristHandle,
         WristHandleVector,
     )
-    from .stable_baselines import StableBaselines, save_policy
-    from .video import RecordVideo
+    from ._scalar import ExoEnv
+    from ._stable_baselines import StableBaselines, save_policy
+    from ._vector import ExoVectorEnv
+    from ._video import RecordVideo
 
 __all__ = [
     "AnkleExo",
     "AnkleExoVector",
+    "ExoEnv",
+    "ExoVectorEnv",
     "HipKneeExosuit",
     "HipKneeExosuitVector",
     "RecordVideo",
@@ -48,9 +52,11 @@ __all__ = [
 ]
 
 MODULES = {
-    "RecordVideo": "video",
-    "StableBaselines": "stable_baselines",
-    "save_policy": "stable_baselines",
+    "ExoEnv": "_scalar",
+    "ExoVectorEnv": "_vector",
+    "RecordVideo": "_video",
+    "StableBaselines": "_stable_baselines",
+    "save_policy": "_stable_baselines",
 }
 """Module of a name that is not that of an environment."""
 
@@ -65,8 +71,8 @@ def register() -> None:
         if vector in __all__ and name not in gymnasium.registry:
             gymnasium.register(
                 name,
-                entry_point=f"{__name__}.registered:{kind}",
-                vector_entry_point=f"{__name__}.registered:{vector}",
+                entry_point=f"{__name__}._registered:{kind}",
+                vector_entry_point=f"{__name__}._registered:{vector}",
             )
 
 
@@ -75,5 +81,5 @@ def __getattr__(name: str) -> Any:
     # which an import of the package alone need not wait for.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = MODULES.get(name, "registered")
+    module = MODULES.get(name, "_registered")
     return getattr(importlib.import_module(f"{__name__}.{module}"), name)

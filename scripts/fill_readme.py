@@ -21,27 +21,28 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from cc_mujoco.benchmark import BenchmarkPlan, run
-from cc_mujoco.benchmark.report import (
-    BASELINE,
-    OVERVIEW,
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.benchmark import (
+    DEFAULT_BASELINE,
+    OVERVIEW_HEADING,
+    BenchmarkPlan,
+    Results,
     conditions_table,
     definitions,
     overview_table,
     plants_table,
     ranks_table,
+    rms_errors,
+    run,
     scores_table,
     times_table,
 )
-from cc_mujoco.benchmark.results import Results, rms_errors
-from cc_mujoco.files import replacing
+from cc_mujoco.cable import PARAMETERS, as_table
+from cc_mujoco.device import MATERIALS
+from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.metrics import table as of_metrics
-from cc_mujoco.plant import MATERIALS
-from cc_mujoco.plant import materials as of_materials
+from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce, table
-from cc_mujoco.transmission import PARAMETERS
-from cc_mujoco.transmission.parameter import as_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -50,8 +51,8 @@ from diagnose_table import LAST
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
 PAGES = {
-    "parameters": ROOT / "cc_mujoco" / "transmission" / "README.md",
-    "materials": ROOT / "cc_mujoco" / "whatif" / "README.md",
+    "parameters": ROOT / "cc_mujoco" / "cable" / "README.md",
+    "materials": ROOT / "cc_mujoco" / "design" / "README.md",
     "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
@@ -65,7 +66,7 @@ SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
-    """Markdown of all claims by experiment, after a line that counts the verdicts."""
+    """Return Markdown of all claims by experiment, after a count of the verdicts."""
     count = Counter(claim.verdict for found in claims.values() for claim in found)
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
     told = ", ".join(f"{count[verdict]} {verdict}" for verdict in order)
@@ -78,13 +79,13 @@ def block(claims: Mapping[str, Sequence[Claim]]) -> str:
 
 
 def tables(results: Results) -> str:
-    """Markdown of a benchmark: the overview; folded, all else and what it is."""
-    parts = [OVERVIEW, overview_table(results)]
+    """Return the Markdown of a benchmark: the overview, and the folded rest."""
+    parts = [OVERVIEW_HEADING, overview_table(results)]
     parts.append("<details><summary>Ranks, conditions, all scores</summary>")
     for scene, own in rms_errors(results).items():
         parts += [
             f"**{scene}**, ranks:",
-            ranks_table(own, BASELINE),
+            ranks_table(own, DEFAULT_BASELINE),
             f"**{scene}**, normalised error by condition:",
             conditions_table(results, scene),
             f"**{scene}**, mean over conditions and seeds:",
@@ -107,7 +108,7 @@ def played(folder: Path, seeds: int) -> Results:
 
 
 def studies(folder: Path) -> str:
-    """Markdown of what `diagnose_benchmark.py` measured last."""
+    """Return the Markdown of what `diagnose_benchmark.py` measured last."""
     path = folder / f"{LAST}.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")

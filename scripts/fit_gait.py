@@ -1,4 +1,4 @@
-"""Fit the harmonic gait profiles and rewrite `cc_mujoco/human/gait_table.py`.
+"""Fit the harmonic gait profiles and rewrite `cc_mujoco/human/_gait_table.py`.
 
     python scripts/fit_gait.py FOLDER
 
@@ -51,23 +51,23 @@ from __future__ import annotations
 
 
 def design(phase: Array) -> Array:
-    """Columns cos and sin of each harmonic, (m, 2 HARMONICS + 2)."""
+    """Return the columns cos and sin of each harmonic, (m, 2 HARMONICS + 2)."""
     turn = 2 * np.pi * np.outer(phase, np.arange(HARMONICS + 1))
     return np.stack([np.cos(turn), np.sin(turn)], axis=2).reshape(phase.size, -1)
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def solve(matrix: Array, values: Array) -> Array:
-    """Linear least squares."""
+    """Solve linear least squares."""
     return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
 
 
 def fit_period(time: Array, angles: list[Array]) -> float:
-    """Period of least summed RMS error of all angles, on a grid of 5 ms [s]."""
+    """Return the period of least summed RMS error on a grid of 5 ms [s]."""
 
     def error(period: float) -> float:
         matrix = design((time - HEEL_STRIKE) / period)
@@ -77,7 +77,7 @@ def fit_period(time: Array, angles: list[Array]) -> float:
 
 
 def fit_assistance(phase: Array, shape: Array) -> Array:
-    """Series whose square is nearest to the shape, scaled to a peak of 1."""
+    """Return the series with square nearest to the shape, scaled to a peak of 1."""
     matrix = design(phase)
     start = solve(matrix, np.sqrt(shape))
     # The series of the square root is the start; what is fitted is the square.
@@ -135,7 +135,7 @@ def summary(errors: dict[str, float]) -> str:
 
 
 def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> str:
-    """Text of the table file."""
+    """Return the text of the table file."""
     lines = [HEAD.format(errors=summary(errors)) + f"PERIOD = {period!r}  # s"]
     for name, coefficients in table.items():
         unit = UNITS.get(name, "rad")

@@ -27,8 +27,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 from driven import Bench, Instruments
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import CanAddress, Status, packet, read_settings
-from cc_mujoco.hardware.can_rig import CanLink
+from cc_mujoco.hardware import CanAddress, CanLink, Status, read_settings
+from cc_mujoco.hardware import _packet as packet
 from rig import make_rig
 from rig.makes import MAKES
 
@@ -180,7 +180,7 @@ def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) 
         seen = instruments.readings(bench.state, bench.joint_torque, status)
         if host.address is not None:
             stamp = round(count * period * 1e9)
-            end.send(packet.reading(count, stamp, seen), host.address)
+            end.send(packet.pack_reading(count, stamp, seen), host.address)
 
 
 def end_of(rig: Path | None, port: int) -> End:

@@ -54,7 +54,7 @@ def found(name: str) -> ModuleType | None:
 
 
 def resolve(module: ModuleType) -> None:
-    """Annotations of named tuples: pdoc finds the names in them nowhere."""
+    """Resolve annotations of named tuples, whose names pdoc does not find."""
     for item in vars(module).values():
         if isinstance(item, type) and hasattr(item, "_field_defaults"):
             item.__new__.__annotations__ = get_type_hints(item)

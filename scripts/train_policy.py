@@ -30,12 +30,11 @@ import numpy as np
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.assets import scene_path
-from cc_mujoco.devices import DEVICES, Setup
-from cc_mujoco.engine import from_mjcf
-from cc_mujoco.envs.vector import ExoVectorEnv
+from cc_mujoco.cable import PATHS
+from cc_mujoco.device import DEVICES, Sensing, Setup
+from cc_mujoco.envs import ExoVectorEnv
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
-from cc_mujoco.sensing import Sensing
-from cc_mujoco.transmission.parameters import PATHS
+from cc_mujoco.plugin import from_mjcf
 
 BENCH = Setup(
     scene="bench",
@@ -79,16 +78,16 @@ class Sines(Task):
     """Torque that runs by itself, and a spring."""
 
     sizes: tuple[float, ...]
-    """Amplitudes of the sines [Nm]."""
+    """Amplitudes of the sines [N m]."""
     lines: tuple[float, ...]
     """Periods of each in one of the phase."""
     shifts: tuple[float, ...]
     """Phase of each [rad]."""
     stiffness: float
-    """Torque over angle [Nm/rad], of either sign."""
+    """Torque over angle [N m/rad], of either sign."""
 
     def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
-        """Desired torque [Nm]; see `Task.torque`."""
+        """Return the desired torque [N m]; see `Task.torque`."""
         found = self.stiffness * angle
         for size, line, shift in zip(self.sizes, self.lines, self.shifts, strict=True):
             found = found + size * np.sin(2.0 * np.pi * line * phase + shift)

@@ -1,6 +1,6 @@
-"""What Numba keeps compiled, made once for all tests: a minute of two cores.
+"""Compilation by Numba, once for all tests: a minute on two cores.
 
-Each worker would otherwise compile it anew. As a script it makes one part.
+Each worker would otherwise compile the code again. As a script, it compiles one part.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _beside(part: str) -> subprocess.Popen[bytes]:
 
 
 def _transmission() -> None:
-    from cc_mujoco.transmission import Cable, Transmission, replay
+    from cc_mujoco.cable import Cable, Transmission, replay
 
     cable = Cable()
     replay(cable, 1e-3, u_proximal=STILL, u_distal=STILL)
@@ -47,18 +47,16 @@ def _transmission() -> None:
 
 
 def _plugin() -> None:
-    import cc_mujoco.engine  # noqa: F401, compiles it
+    import cc_mujoco.plugin  # noqa: F401, compiles it
 
 
 def _laws() -> None:
-    """Controllers, their export and the models that came before."""
+    """Compile the controllers, their export and the predecessor models."""
     from cc_mujoco.control import controller
+    from cc_mujoco.device import TENSION_COLUMN, Sensing
     from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
-    from cc_mujoco.sensing import TENSIONS, Sensing
+    from cc_mujoco.thesis import BristleChain, Distributed, EndSpring
     from cc_mujoco.thesis.predecessors import (
-        BristleChain,
-        Distributed,
-        EndSpring,
         LuGreChain,
         LumpedMasses,
         PassiveDistributed,
@@ -78,7 +76,7 @@ def _laws() -> None:
         ),
         0.0,
     )
-    seen[TENSIONS] = np.full((2, 3), 10.0)
+    seen[TENSION_COLUMN] = np.full((2, 3), 10.0)
     for name in EXPORTED:
         controller(name, drive).torque(seen)
     for kind in (

@@ -84,10 +84,10 @@ LONG = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile what is kept on disk once, before workers start that would each do it.
+    """Compile the cached code once, before workers start that would each compile it.
 
-    Not if that was done for these sources: even what is kept takes seconds to load,
-    in which no test runs.
+    The step is skipped if these sources were compiled before, because loading the cache
+    takes seconds.
     """
     if hasattr(config, "workerinput"):
         return
@@ -100,21 +100,24 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _sources() -> str:
-    """Of what is compiled and by what: versions, and every file's size and time."""
+    """Return a digest of the compiled sources and the versions of their compilers.
+
+    Of every file it covers path, size and time of modification.
+    """
     digest = hashlib.sha256(sys.version.encode())
     for name in ("mujoco", "numba", "numpy"):
         digest.update(version(name).encode())
     for path in sorted([*PACKAGE.rglob("*.py"), *STUDY.rglob("*.py")]):
         about = path.stat()
         digest.update(f"{path} {about.st_size} {about.st_mtime_ns}".encode())
-    kept = any((PACKAGE / "engine" / "__pycache__").glob("*.nbi"))
+    kept = any((PACKAGE / "plugin" / "__pycache__").glob("*.nbi"))
     kept = kept and any((STUDY / "rig" / "__pycache__").glob("*.nbi"))
     return digest.hexdigest() if kept else "nothing is kept"
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage among what the tests import: it stays, and looking costs."""
+    """Disable garbage collection during collection, because imported modules stay."""
     gc.disable()
     try:
         return (yield)
@@ -124,9 +127,9 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs the folder beside the checkout; begin with what takes longest.
+    """Skip tests that need the folder beside the checkout, and start the longest first.
 
-    A long file that begins last would leave the other workers idle.
+    A long file that starts last would leave the other workers idle.
     """
     if not SHARED.is_dir():
         for item in items:
@@ -142,7 +145,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Count the tests of the folder beside the checkout apart from all others."""
+    """Count the tests of the folder beside the checkout separately."""
     stats = terminalreporter.stats
     of_shared = {
         kind: sum(

@@ -17,18 +17,20 @@ import numpy as np
 import pytest
 
 import cc_mujoco
-from cc_mujoco import cli, recording
+from cc_mujoco import cli, viz
 from cc_mujoco.assets import scene_path
-from cc_mujoco.benchmark import drawing
-from cc_mujoco.benchmark.runner import FIGURES
-from cc_mujoco.commands.listing import Listing
-from cc_mujoco.commands.parsing import COMMANDS
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.export import EXPORTED, TARGETS, writing
-from cc_mujoco.export import FILES as EXPORTED_FILES
-from cc_mujoco.figures import figure
-from cc_mujoco.recording import FILES, EpisodeLog
-from engine.processes import processes
+from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark._runner import FIGURE_STEMS
+from cc_mujoco.cli._list import Listing
+from cc_mujoco.cli._parsing import COMMANDS
+from cc_mujoco.device import DEVICES
+from cc_mujoco.export import EXPORT_FILES as EXPORTED_FILES
+from cc_mujoco.export import EXPORTED, TARGETS
+from cc_mujoco.export import _files as files
+from cc_mujoco.report import figure
+from cc_mujoco.simulation import EpisodeLog
+from cc_mujoco.viz import EPISODE_FILES, _episode_files
+from plugin.processes import processes
 
 EXPORT = ["export", "--out", "x"]
 ANKLE = str(scene_path("ankle"))
@@ -46,9 +48,9 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Empty drawings, which are most of the work of a short play."""
     monkeypatch.setattr(
-        recording.episode, "write_summary", lambda path, _: Path(path).touch()
+        _episode_files, "write_summary", lambda path, _: Path(path).touch()
     )
-    for stem in FIGURES:
+    for stem in FIGURE_STEMS:
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
 
 
@@ -61,7 +63,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     device = DEVICES[scene]
     name = f"{scene}-{device.trajectory}-{device.task}-pi-4-0.3s"
     out = tmp_path / "runs" / name
-    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    assert sorted(path.name for path in out.iterdir()) == sorted(EPISODE_FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     assert f"rerun {Path('runs', out.name, 'recording.rrd')}" in said.out
     assert "peak_joint_torque" in said.out
@@ -157,7 +159,7 @@ def test_old_results_stay_until_new_ones_are_complete(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(recording.episode, "write_summary", interrupted)
+        patch.setattr(_episode_files, "write_summary", interrupted)
         assert cli.main([*words, "--seed", "1"]) == 130
     assert "interrupted" in capsys.readouterr().err
     assert {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()} == before
@@ -174,12 +176,12 @@ PLAYING = """
 import signal; signal.signal(signal.SIGINT, signal.default_int_handler)
 import os, sys, threading
 import gymnasium, tqdm
-from cc_mujoco import cli, recording
-simulate = recording.simulate
+from cc_mujoco import cli, simulation
+simulate = simulation.simulate
 def interrupted(*given, **named):
     threading.Timer(0.2, os.kill, (os.getpid(), NUMBER)).start()
     return simulate(*given, **named)
-recording.simulate = interrupted
+simulation.simulate = interrupted
 """
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -271,10 +273,10 @@ def test_list_shows_every_name_with_a_meaning(
 ) -> None:
     from cc_mujoco.assets import SCENES as EVERY_SCENE
     from cc_mujoco.control import CONTROLLERS
+    from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.metrics import METRICS
-    from cc_mujoco.plant import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.thesis import EXPERIMENTS
 
     assert cli.main(["list"]) == 0
@@ -478,7 +480,7 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
 
 RUNS = {
     "export": ("export --scene wrist --controller pi".split(), EXPORTED_FILES),
-    "play": (["play", "wrist", "--duration", "0.1"], FILES),
+    "play": (["play", "wrist", "--duration", "0.1"], EPISODE_FILES),
     "benchmark": (
         "benchmark --scene wrist --controllers feedback --conditions ordinary-rough "
         "--seeds 1 --duration 1.2 --workers 1".split(),
@@ -519,7 +521,7 @@ def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> 
 def test_an_exported_controller_has_the_parameters_of_a_variant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(writing, "emit", lambda *_: b"")  # seconds of LLVM
+    monkeypatch.setattr(files, "emit", lambda *_: b"")  # seconds of LLVM
     scene = scene_path("wrist").read_text("utf-8")
     assert scene.count('key="friction" value="0.21"') == 2
     variant = tmp_path / "variant.xml"
@@ -548,7 +550,7 @@ def test_a_file_that_cannot_grow_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     resource = pytest.importorskip("resource")
-    write = recording.write_episode
+    write = viz.write_episode
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     for most, file in ((1000, "log.parquet"), (400_000, "recording.rrd")):
 
@@ -559,7 +561,7 @@ def test_a_file_that_cannot_grow_is_named(
             finally:
                 resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-        monkeypatch.setattr(recording, "write_episode", limited)
+        monkeypatch.setattr(viz, "write_episode", limited)
         words = ["play", "wrist", "--duration", "0.3", "--out", "out"]
         assert cli.main(words) == 2
         (said,) = capsys.readouterr().err.splitlines()

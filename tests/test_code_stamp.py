@@ -13,8 +13,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 import cc_mujoco.control
-import cc_mujoco.engine
-from cc_mujoco import code_stamp
+import cc_mujoco.plugin
+from cc_mujoco._utils import code_stamp
 
 PACKAGE = Path(cc_mujoco.control.__file__).parents[1]
 SOURCES = {
@@ -38,12 +38,12 @@ def package(tmp_path: Path) -> Path:
 
 def stamp(file: Path) -> str:
     code_stamp.digest.cache_clear()
-    code_stamp._imported.cache_clear()
+    code_stamp._imported_files.cache_clear()
     try:
         return code_stamp.digest(file, file.parent)
     finally:
         code_stamp.digest.cache_clear()
-        code_stamp._imported.cache_clear()
+        code_stamp._imported_files.cache_clear()
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -79,7 +79,7 @@ def test_every_compiled_function_that_another_calls_is_in_its_stamp() -> None:
         ]
         known, left = {file}, [file]
         while left:
-            new = code_stamp._imported(left.pop(), PACKAGE) - known
+            new = code_stamp._imported_files(left.pop(), PACKAGE) - known
             known |= new
             left += new
         for callee in callees:
@@ -87,16 +87,16 @@ def test_every_compiled_function_that_another_calls_is_in_its_stamp() -> None:
 
 
 def test_numba_uses_the_stamp_here_and_its_own_elsewhere(tmp_path: Path) -> None:
-    from cc_mujoco.control import guard
+    from cc_mujoco.control import _guard as guard
 
-    ours: Any = FunctionCache(guard.released.py_func)  # type: ignore[attr-defined]
+    ours: Any = FunctionCache(guard.release_state.py_func)  # type: ignore[attr-defined]
     stamped = code_stamp.digest(Path(guard.__file__), PACKAGE)
     assert ours._impl.locator.get_source_stamp() == stamped
     other: Any = FunctionCache(stamp)
     assert other._impl.locator.get_source_stamp() != stamped
 
 
-@pytest.mark.parametrize("place", ["cc_mujoco.control.guard", "cc_mujoco.gone"])
+@pytest.mark.parametrize("place", ["cc_mujoco.control._guard", "cc_mujoco.gone"])
 def test_an_index_that_names_what_is_no_more_is_outdated(
     tmp_path: Path, place: str
 ) -> None:

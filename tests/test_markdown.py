@@ -7,7 +7,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.markdown import table
+from cc_mujoco.report import table
 
 TEXT = st.text("ab|` 1", max_size=8).map(str.strip)
 

@@ -14,12 +14,12 @@ import pytest
 from PIL import Image
 
 import cc_mujoco
-from cc_mujoco.engine import CableReading
+from cc_mujoco.cable import PARAMETERS, as_table
+from cc_mujoco.device import MATERIALS
+from cc_mujoco.device import _materials as materials
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.metrics import table as metrics
-from cc_mujoco.plant import MATERIALS, materials
-from cc_mujoco.transmission import PARAMETERS
-from cc_mujoco.transmission.parameter import as_table
+from cc_mujoco.metrics import _registry as metrics
+from cc_mujoco.plugin import CableReading
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts" / "figures"))
@@ -159,7 +159,7 @@ def test_table_of_metrics_is_that_of_the_package() -> None:
 
 
 def test_every_field_of_a_reading_is_on_the_page_of_the_engine() -> None:
-    page = (ROOT / "cc_mujoco" / "engine" / "README.md").read_text("utf-8")
+    page = (ROOT / "cc_mujoco" / "plugin" / "README.md").read_text("utf-8")
     told = page.partition("| field |")[2].partition("\n\n")[0]
     rows = [row.split("|")[1] for row in told.splitlines()[2:]]
     named = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
@@ -180,15 +180,15 @@ def test_mjcf_loads_and_pulls() -> None:
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
-    reading = cc_mujoco.engine.read(model, data, "flexor")
+    reading = cc_mujoco.plugin.read(model, data, "flexor")
     assert reading.tension_proximal == pytest.approx(10.0)
     mujoco.mj_step(model, data, round(2.0 / model.opt.timestep))
     assert np.abs(data.qvel).max() < 1e-6
     assert np.abs(data.qpos).max() < 0.02
-    reading = cc_mujoco.engine.read(model, data, "flexor")
+    reading = cc_mujoco.plugin.read(model, data, "flexor")
     assert reading.tension_distal == pytest.approx(10.0, rel=0.05)
     assert reading.dissipated < 1e-3
-    limits = cc_mujoco.engine.step_limits(model)["flexor"]
+    limits = cc_mujoco.plugin.step_limits(model)["flexor"]
     assert model.opt.timestep < 0.5 * min(limits)
 
 

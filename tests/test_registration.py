@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import pytest
 
-from engine.processes import Ended, processes
+from plugin.processes import Ended, processes
 
 LOADS = """
 from cc_mujoco.assets import scene_path
 assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
 """
 KNOWS = """
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device._registry import DEVICES
 assert {device.environment for device in DEVICES.values()} <= set(gymnasium.registry)
 """
 SCRIPTS = {
     "both first": f"import gymnasium, mujoco, cc_mujoco{LOADS}{KNOWS}",
     "both second": f"import cc_mujoco, mujoco, gymnasium{LOADS}{KNOWS}",
     "a part of MuJoCo": f"import cc_mujoco, mujoco.introspect, mujoco{LOADS}",
-    "the engine first": f"import cc_mujoco.engine, mujoco{LOADS}",
+    "the engine first": f"import cc_mujoco.plugin, mujoco{LOADS}",
     "the environments first": f"import cc_mujoco.envs, gymnasium{KNOWS}",
     "a diagnosis, and what takes long to load": (
-        "import sys, cc_mujoco.diagnosis.diagnose\n"
+        "import sys, cc_mujoco.diagnosis._diagnose\n"
         "slow = {'matplotlib', 'rerun', 'scipy.signal', 'scipy.stats'}\n"
         "assert not slow & set(sys.modules)"
     ),

@@ -40,7 +40,7 @@ def source_files() -> dict[str, Path]:
     """Map the place of every source file in the wheel to its place in the checkout."""
     inside = {"cc_mujoco": "cc_mujoco", "envs": "cc_mujoco/envs"}
     inside["assets"] = "cc_mujoco/assets"
-    return {f"{name}.py": ROOT / f"{name}.py" for name in SETUPTOOLS["py-modules"]} | {
+    found = {
         f"{inside[top]}/{path.relative_to(ROOT / top).as_posix()}": path
         for top in SOURCES
         for path in (ROOT / top).rglob("*")
@@ -48,6 +48,8 @@ def source_files() -> dict[str, Path]:
         and "__pycache__" not in path.parts
         and path.suffix not in (".md", ".png", ".webp")  # pages stay with the sources
     }
+    entry = "cc_mujoco/_entry_point/__init__.py"  # installed beside the package
+    return found | {"cc_mujoco_plugin/__init__.py": found.pop(entry)}
 
 
 def run(*command: str | Path, cwd: Path) -> None:
@@ -75,8 +77,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     In the checkout itself setuptools would also take what an earlier build left behind.
     """
     copy = tmp_path_factory.mktemp("copy")
-    modules = [f"{name}.py" for name in SETUPTOOLS["py-modules"]]
-    for name in ("pyproject.toml", "README.md", "LICENSE", *modules):
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     for name in SOURCES:
         ignore = shutil.ignore_patterns("__pycache__")

@@ -6,8 +6,6 @@ diagnosis = diagnose(["data"], "bench.xml", "out")
 print(diagnosis.verdict, [effect.id for effect in diagnosis.effects])
 """
 
-from cc_mujoco.diagnosis.diagnose import diagnose
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
-from cc_mujoco.diagnosis.verdict import Diagnosis
+import lazy_loader
 
-__all__ = ["EFFECTS", "Diagnosis", "Effect", "EffectParameter", "diagnose"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

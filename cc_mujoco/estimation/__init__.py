@@ -5,20 +5,6 @@ estimator.update(measured, engine.read(model, data, "flexor").slip)   # in a ste
 track = estimator.over(measured, directions)                    # of a recording
 """
 
-from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
-from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.estimation.fusion import Fused, TensionFusion, fuse
-from cc_mujoco.estimation.least_squares import Estimate
-from cc_mujoco.estimation.samples import EstimateTrack
+import lazy_loader
 
-__all__ = [
-    "Calibration",
-    "Estimate",
-    "EstimateTrack",
-    "FrictionEstimator",
-    "Fused",
-    "Measurement",
-    "TensionFusion",
-    "calibrate",
-    "fuse",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

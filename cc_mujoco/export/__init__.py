@@ -1,18 +1,5 @@
 """Controllers in C: an object file of the library's own compiled functions."""
 
-from __future__ import annotations
+import lazy_loader
 
-from cc_mujoco.export.laws import EXPORTED, ExportPlan, Field
-from cc_mujoco.export.machine import TARGETS, Target
-from cc_mujoco.export.writing import FILES, require_ours, write
-
-__all__ = [
-    "EXPORTED",
-    "FILES",
-    "TARGETS",
-    "ExportPlan",
-    "Field",
-    "Target",
-    "require_ours",
-    "write",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

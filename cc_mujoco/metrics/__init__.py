@@ -7,26 +7,6 @@
 user is a `Metric`, or `MODULE:NAME` of one on the command line.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from cc_mujoco.metrics.metric import ArrayLog, LogLike, Metric
-from cc_mujoco.metrics.table import (
-    METRICS,
-    find_metric,
-    known_by,
-    measure,
-    of_cables,
-    own_metrics,
-)
-
-__all__ = [
-    "METRICS",
-    "ArrayLog",
-    "LogLike",
-    "Metric",
-    "find_metric",
-    "known_by",
-    "measure",
-    "of_cables",
-    "own_metrics",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,10 +1,13 @@
-"""Simulations of devices: many at once, each with the bits that it has alone.
+"""Simulation: an episode of one device or of many, and its log.
 
-    fleet = Fleet(exo, devices, (script,))
-    run(fleet, controller, trace.keep, measure=measuring.measure)
+    from cc_mujoco.simulation import simulate
+    log = simulate("wrist", "pi", motion="sine", task="spring", seed=0)
+    log["joint_torque_nm"]                      # (T,) [N m]
 
-`batch` has the one batch that vector environments, what-ifs and the benchmark advance,
-and the plant that a controller drives; `batched_controller` has one controller for
-devices that differ; `rollout` plays an episode on many models, inside MuJoCo's steps
-(`compiled_batch`, `compiled_episode`) where task and controller are compiled.
+`simulate` returns an `EpisodeLog`; `play` returns that of an environment with its
+wrappers. `run` is the one loop of an episode, of one device or of a `Fleet`.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

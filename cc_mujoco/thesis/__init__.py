@@ -6,23 +6,6 @@ One module an experiment; each gives figures, their data, and claims: what is pr
 what we find, whether that agrees, and why.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome
-from cc_mujoco.thesis.runner import (
-    EXPERIMENTS,
-    FinishedExperiment,
-    reproduce,
-    run,
-    table,
-)
-
-__all__ = [
-    "EXPERIMENTS",
-    "Claim",
-    "ExperimentOutcome",
-    "FinishedExperiment",
-    "reproduce",
-    "run",
-    "table",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -83,7 +83,7 @@ class Clock:
         self._since = now
 
     def timed(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, its time counted for the stage."""
+        """Return the function with its time counted for the stage."""
 
         def run(*args: Any, **options: Any) -> Any:
             self._turn()
@@ -108,13 +108,13 @@ class Clock:
                     setattr(module, attribute, self.timed(stage, function))
 
     def read(self) -> dict[str, float]:
-        """Seconds by stage."""
+        """Return the seconds by stage."""
         self._turn()
         return dict(self.spent)
 
 
 def data_of(case: str, out: Path, davinci: Path | None) -> Path:
-    """Folder with the trials of a case, made if it is not there."""
+    """Return the folder with the trials of a case, made if it is not there."""
     folder = out / "data" / case
     if folder.exists():
         return folder
@@ -149,7 +149,7 @@ def run(case: str, data: Path, into: Path) -> None:
     """Diagnose one case and note times and what was said."""
     clock, begin = Clock(), time.perf_counter()
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis.diagnose import diagnose
+    from cc_mujoco.diagnosis import diagnose
 
     clock.watch()
     toml = STUDY / "davinci.toml" if case in DAVINCI else None

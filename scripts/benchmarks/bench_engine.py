@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from cc_mujoco import engine
+from cc_mujoco import plugin as engine
 from cc_mujoco.assets import scene_path
 
 ROUNDS = 101
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def ideal(equality: bool) -> mujoco.MjModel:
-    """The wrist scene without cables: an ideal gear, or an equality constraint."""
+    """Return the wrist scene with an ideal gear or equality constraint, not cables."""
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     gears = {a.name: a.gear[0] for a in spec.actuators}
     gear = gears["flexor_distal"] / gears["flexor_proximal"]
@@ -89,7 +89,7 @@ def ideal(equality: bool) -> mujoco.MjModel:
 
 
 def single(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
-    """A turn of one simulation, its motor driven back and forth; steps per second."""
+    """Return a function that steps one simulation and returns its steps per second."""
     data = mujoco.MjData(model)
     motor = model.actuator("motor").id
     phase = 0.0
@@ -109,7 +109,7 @@ def single(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
 def batched(
     model: mujoco.MjModel, count: int, threads: int, steps: int
 ) -> Callable[[], float]:
-    """A turn of a batch; simulation steps per second."""
+    """Return a function that steps a batch and returns simulation steps per second."""
     batch = Batch(model, count, nthread=threads)
     ctrl = batch.bind("ctrl")
     motor = model.actuator("motor").id
@@ -128,7 +128,7 @@ def batched(
 
 
 def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
-    """Steps per second of each in every round but the first."""
+    """Return the steps per second of each contestant in all rounds but the first."""
     rates: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(ROUNDS + 1):
         for name, turn in contestants.items():
@@ -137,7 +137,7 @@ def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, np.ndarray
 
 
 def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Median over the rounds of the ratio of two turns of the same round."""
+    """Return the median over the rounds of the ratio of two turns of the same round."""
     return float(np.median(ours / theirs))
 
 

@@ -25,9 +25,8 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.engine import untimed
-from cc_mujoco.envs.device import Physics
+from cc_mujoco.device import DEVICES, Physics
+from cc_mujoco.plugin import untimed
 
 Array = NDArray[np.float32]
 
@@ -117,14 +116,14 @@ def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
 
 
 def taken(turn: Callable[[], None]) -> NDArray[np.float64]:
-    """Time that a turn takes, by the clock and of the processors [s]."""
+    """Return the time that a turn takes, by the clock and of the processors [s]."""
     start = time.perf_counter(), time.process_time()
     turn()
     return np.array([time.perf_counter(), time.process_time()]) - start
 
 
 def actions(count: int) -> Array:
-    """Random actions of environments, (64, count, 1)."""
+    """Return random actions of environments, (64, count, 1)."""
     drawn = np.random.default_rng(0).uniform(-1, 1, (64, count, 1))
     return drawn.astype(np.float32)
 

@@ -23,11 +23,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from cc_mujoco.control import Drive, controller
-from cc_mujoco.control.controller import wound
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.control import as_round_pulley, controller
+from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive
 from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
-from cc_mujoco.sensing import TENSIONS
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -64,7 +62,7 @@ int main(int count, char **words)
 
 
 def believed(drive: Drive, changes: dict[str, float]) -> Drive:
-    """A drive whose cables are believed to be others."""
+    """Return a drive with other believed cable parameters."""
     row = tuple(
         dataclasses.replace(one, cable=one.cable.replace(**changes))
         for one in drive.cables
@@ -83,15 +81,15 @@ def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     for _ in range(round(duration / env.drive.period)):
         noise = random.normal() * env.drive.torque_noise
         seen = {**info, "joint_torque_nm": info["joint_torque_nm"] + noise}
-        told = wound(seen, drive)
+        told = as_round_pulley(seen, drive)
         rows.append([float(told[key]) for key in plan.law.seen])
         if plan.taps is not None:
             tensions = [
                 max(float(info[f"tension_{cable}_nodes_n"][node]), 0.0)
-                for _, cable, node in plan.tapped
+                for _, cable, node in plan.tension_readings
             ]
             rows[-1] += tensions
-            seen[TENSIONS] = np.reshape(tensions, plan.taps.nodes.shape)
+            seen[TENSION_COLUMN] = np.reshape(tensions, plan.taps.nodes.shape)
         *_, info = env.step(env.action(law.torque(seen)))
     return np.array(rows)
 
@@ -124,7 +122,7 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
 
 
 def main() -> None:
-    """Time every controller on every scene that is asked for."""
+    """Time every requested controller on every requested scene."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scene", nargs="+", choices=DEVICES, default=["wrist"])
     parser.add_argument("--duration", type=float, default=5.0)

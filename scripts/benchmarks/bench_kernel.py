@@ -21,11 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.thesis.experiments.solver import CABLE, DT, costs
-from cc_mujoco.transmission import Cable, replay, rest_state
-from cc_mujoco.transmission import kernel as K
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Cable, packed_parameters, replay, rest_state
+from cc_mujoco.cable import _kernel as K
+from cc_mujoco.thesis import CABLE, DT, costs
 
 TERMS: tuple[dict[str, float], ...] = (
     {"static_friction": 0.25},
@@ -39,7 +38,7 @@ TERMS: tuple[dict[str, float], ...] = (
 
 
 def motions() -> list[FloatArray]:
-    """Random motions of both ends (6000,) [m]."""
+    """Return random motions of both ends (6000,) [m]."""
     rng = np.random.default_rng(0)
     knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
     at = np.linspace(0.0, 59.0, 6000)
@@ -47,7 +46,7 @@ def motions() -> list[FloatArray]:
 
 
 def replayed(cable: Cable) -> float:
-    """Mean cost of a step over these motions [s], the least of three runs."""
+    """Return the least mean cost of a step of three runs [s]."""
     proximal, distal = motions()
     times = []
     for _ in range(3):
@@ -58,14 +57,18 @@ def replayed(cable: Cable) -> float:
 
 
 def worst_step(cable: Cable) -> tuple[float, float]:
-    """Worst and median cost of a single step [s].
+    """Return the worst and median cost of a single step [s].
 
     Each step is timed alone and repeated; the least of its times counts, so that an
     interruption by another process does not, and the cost of the call is deducted.
     """
     proximal, distal = motions()
     n = cable.segments
-    prm, work, state = packed(cable), np.empty(K.work_size(n)), rest_state(cable)
+    prm, work, state = (
+        packed_parameters(cable),
+        np.empty(K.work_size(n)),
+        rest_state(cable),
+    )
     new = state.copy()
 
     def cost(u_proximal: float, u_distal: float) -> float:

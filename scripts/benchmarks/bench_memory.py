@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from cc_mujoco.whatif import Execution, carry_out, make_plan
+from cc_mujoco.design import Execution, carry_out, make_plan
 
 LEAST = 1000
 """Designs after which memory must not grow."""

@@ -31,12 +31,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
 from driven import Bench, Lockstep
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Controller, Drive, controller
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.episode import Single, Trace, run
+from cc_mujoco.control import Controller, controller
+from cc_mujoco.device import DEVICES, Drive, Measuring
 from cc_mujoco.hardware import Loop, Readings, RunOutcome, Settings, read_settings
-from cc_mujoco.markdown import table
-from cc_mujoco.sensing import Measuring
+from cc_mujoco.report import table
+from cc_mujoco.simulation import Single, Trace, run
 from rig import make_rig
 
 PAGE = Path(__file__).resolve().parents[2] / "cc_mujoco" / "hardware" / "README.md"
@@ -107,7 +106,7 @@ def bench(
         seconds: Length of the run [s].
 
     Returns:
-        RMS error of the joint's true torque [Nm], infinite of a run that was stopped;
+        RMS error of the joint's true torque [N m], infinite of a run that was stopped;
         and how it went.
     """
     drive = settings.drive()
@@ -138,7 +137,7 @@ def bench(
 
 
 def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
-    """Return the RMS error of a device in its own task [Nm]."""
+    """Return the RMS error of a device in its own task [N m]."""
     setup = DEVICES[scene]
     spec = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
     if lag:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import tyro
 
-from cc_mujoco import engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 
 NAME = "extensor"
@@ -30,12 +30,12 @@ EACH = 10
 
 
 def scene(version: str, segments: int) -> mujoco.MjModel:
-    """The finger with a cable, its tendon pulled directly, or nothing but its winch."""
+    """Return the finger with a cable, a directly pulled tendon, or only its winch."""
     spec = mujoco.MjSpec.from_file(str(scene_path("finger")))
     change = VERSIONS[version]
     if change is not None:
-        cable = engine.from_mjcf(spec)[NAME]
-        engine.to_mjcf(spec, NAME, cable.replace(segments=segments, **change))
+        cable = plugin.from_mjcf(spec)[NAME]
+        plugin.to_mjcf(spec, NAME, cable.replace(segments=segments, **change))
         return spec.compile()
     for element in [*spec.sensors, *spec.actuators]:
         spec.delete(element)
@@ -50,7 +50,7 @@ def scene(version: str, segments: int) -> mujoco.MjModel:
 
 
 def player(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
-    """A turn of the simulation; processor time of a step [s]."""
+    """Return a function that simulates and returns the processor time per step [s]."""
     data = mujoco.MjData(model)
 
     def turn() -> float:

@@ -19,12 +19,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from cc_mujoco.whatif import optimise, study
-from cc_mujoco.whatif.pareto import (
-    costs,
-    pareto,
+from cc_mujoco.design import (
+    objective_costs,
+    optimise,
+    pareto_rows,
     read_limits,
     read_objectives,
+    study,
 )
 
 Array = NDArray[np.float64]
@@ -40,14 +41,14 @@ SHARE = 20
 
 
 def front(table: pa.Table) -> Array:
-    """Costs of the Pareto set within the limits, (designs, 2)."""
-    cost = costs(table, read_objectives(GOALS), read_limits(LIMITS))
-    best: Array = cost[pareto(cost)]
+    """Return the costs of the Pareto set within the limits, (designs, 2)."""
+    cost = objective_costs(table, read_objectives(GOALS), read_limits(LIMITS))
+    best: Array = cost[pareto_rows(cost)]
     return best
 
 
 def hypervolume(cost: Array, reference: Array) -> float:
-    """Area that two costs dominate up to a reference."""
+    """Return the area that two costs dominate up to a reference."""
     inside = cost[(cost < reference).all(axis=1)]
     inside = inside[np.argsort(inside[:, 0])]
     floor = np.minimum.accumulate(np.append(reference[1], inside[:, 1]))

@@ -16,16 +16,16 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from cc_mujoco import engine
+from cc_mujoco import plugin as engine
 from cc_mujoco.assets import scene_path
-from cc_mujoco.human.gait import ANGLES, PERIOD
+from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD
 
 CABLE = "plantarflexor"
 MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
 
 
 def scene(bend: str | None, more: dict[str, float]) -> mujoco.MjModel:
-    """The ankle scene with a conduit that bends so, or without a cable."""
+    """Return the ankle scene with this kind of conduit bend, or without a cable."""
     spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
     if bend is None:
         for sensor in spec.sensors:
@@ -41,7 +41,7 @@ def scene(bend: str | None, more: dict[str, float]) -> mujoco.MjModel:
 
 
 def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
-    """A turn of the simulation, the leg walking, the motor pulling; seconds a step."""
+    """Return a function that simulates a walking leg and returns seconds per step."""
     data = mujoco.MjData(model)
     controls = {joint: data.actuator(name) for joint, name in MOVERS.items()}
     motor = data.actuator("motor")
@@ -54,9 +54,9 @@ def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
         spent = 0.0
         for _ in range(steps // each):
             at += each
-            phase = (at * model.opt.timestep / PERIOD) % 1.0
+            phase = (at * model.opt.timestep / GAIT_PERIOD) % 1.0
             for joint, control in controls.items():
-                control.ctrl[0] = ANGLES[joint](phase)
+                control.ctrl[0] = GAIT_ANGLES[joint](phase)
             # Against its damping and stop, so that the cable is taut most of the time.
             motor.ctrl[0] = 4.0 + 3.0 * np.sin(2.0 * np.pi * phase)
             motor.ctrl[0] *= pulls

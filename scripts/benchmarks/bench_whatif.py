@@ -24,13 +24,11 @@ import numpy as np
 from mujoco.batch import Batch
 
 from cc_mujoco.control import controller
-from cc_mujoco.engine import untimed
-from cc_mujoco.episode import Single, run
-from cc_mujoco.plant import Plant, Scene
-from cc_mujoco.sensing import PERFECT, Measuring
-from cc_mujoco.simulation.rollout import attended, play
-from cc_mujoco.whatif import Execution, Plan, carry_out, make_plan
-from cc_mujoco.whatif.evaluate import episodes
+from cc_mujoco.design import Execution, Plan, carry_out, episodes, make_plan
+from cc_mujoco.device import PERFECT_SENSING, Measuring, Plant, Scene
+from cc_mujoco.plugin import untimed
+from cc_mujoco.simulation import Single, attended, run
+from cc_mujoco.simulation._rollout import play
 
 EPISODE = (
     "efficiency",
@@ -145,7 +143,7 @@ def physics(plan: Plan, count: int) -> Callable[[], object]:
 
 
 def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
-    """Designs per second, and per second of processor time, all threads together."""
+    """Return designs per second, and per second of processor time of all threads."""
     start = time.perf_counter(), time.process_time()
     play()
     taken = time.perf_counter() - start[0], time.process_time() - start[1]
@@ -169,7 +167,9 @@ def loop(plan: Plan) -> None:
         ).unwrapped
         law = controller(protocol.controllers[0], env.drive)
         driven = env.exo.device.driven
-        measuring = Measuring(PERFECT, law.drive, driven, protocol.seed, env.exo.steps)
+        measuring = Measuring(
+            PERFECT_SENSING, law.drive, driven, protocol.seed, env.exo.steps
+        )
         run(Single(env, protocol.seed), law, measure=measuring.measure)
 
 

@@ -18,13 +18,13 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
-from transmission import test_kernel_accuracy as accuracy
+from cable import test_kernel_accuracy as accuracy
 
 SEGMENTS = (25, 50, 100, 200)
 
 
 def generated(seeds: int) -> Iterator[tuple[str, Any, Any, Any]]:
-    """Motions of every kind for every cable, the worst of the seeds being shown."""
+    """Yield motions of every kind for every cable; the worst seed is shown."""
     for which, cable in accuracy.CABLES.items():
         for name in accuracy.MOTIONS:
             for seed in range(seeds):

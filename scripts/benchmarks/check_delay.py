@@ -15,10 +15,8 @@ import dataclasses
 
 import numpy as np
 
-from cc_mujoco.benchmark import SUITES
-from cc_mujoco.benchmark.cell import Cell, play
-from cc_mujoco.benchmark.plant import Belief
-from cc_mujoco.markdown import table
+from cc_mujoco.benchmark import SUITES, Belief, Cell, play
+from cc_mujoco.report import table
 
 DELAYS = (0, 5, 10)
 """Delays of all sensors [control steps, of 1 ms]."""
@@ -34,7 +32,7 @@ SPREAD = 0.1
 def errors(
     scene: str, law: str, delay: int, wrong: float, seeds: int
 ) -> tuple[float, float, float]:
-    """RMS error, that in swing [Nm] and share of episodes that failed."""
+    """Return the RMS error, that in swing [N m] and share of episodes that failed."""
     condition = next(
         c for c in SUITES["v1"].conditions(scene) if c.name == "ordinary-rough"
     )

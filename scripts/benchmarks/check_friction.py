@@ -23,19 +23,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.utils import seeding
 
-from cc_mujoco.benchmark.cell import WARM_UP
-from cc_mujoco.control import CONTROLLERS, Drive, controller
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.exo import WornDevice
-from cc_mujoco.episode import Trace, run
+from cc_mujoco.benchmark import WARM_UP
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.control import CONTROLLERS, controller
+from cc_mujoco.device import DEVICES, Drive, Measuring, Plant, Scene
 from cc_mujoco.errors import CableError
-from cc_mujoco.markdown import table
-from cc_mujoco.metrics.torques import unsafe_from
-from cc_mujoco.plant import Plant, Scene
-from cc_mujoco.sensing import Measuring
-from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
-from cc_mujoco.simulation.batched_controller import BatchedController, Unpowered
-from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.metrics import first_unsafe_sample
+from cc_mujoco.report import table
+from cc_mujoco.simulation import (
+    FRAME_SKIP,
+    BatchedController,
+    Fleet,
+    Trace,
+    Unpowered,
+    WornDevice,
+    run,
+)
 
 Term = Mapping[str, float]
 
@@ -69,7 +72,7 @@ DRAG = "viscous", "grease", "load-independent", "seals"
 
 
 class Row(NamedTuple):
-    """Outcome of one episode; torques are largest sizes at the joint [Nm]."""
+    """Outcome of one episode; torques are largest sizes at the joint [N m]."""
 
     scene: str
     controller: str
@@ -198,7 +201,8 @@ def play(
                 float(np.max(np.abs(desired[:, k]))),
                 float(np.max(np.abs(free[:, k]))),
                 setup.safe_torque,
-                unsafe_from(torque[:, k], setup.safe_torque, first.period) is not None,
+                first_unsafe_sample(torque[:, k], setup.safe_torque, first.period)
+                is not None,
             )
         )
     return rows

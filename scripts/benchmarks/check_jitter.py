@@ -20,7 +20,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from cc_mujoco.markdown import table
+from cc_mujoco.report import table
 
 PLAY_RIG = Path(__file__).parents[1] / "play_rig.py"
 SETTINGS = """scene = "bench"
@@ -50,7 +50,7 @@ HEAD = (
 
 
 def under(priority: int, words: list[str]) -> list[str]:
-    """A command, in real time by this priority; 0 is the usual one."""
+    """Return a command with this real-time priority; 0 is the ordinary one."""
     chrt = shutil.which("chrt")
     if not priority:
         return words
@@ -60,7 +60,7 @@ def under(priority: int, words: list[str]) -> list[str]:
 
 
 def free_port() -> int:
-    """A port of this machine that nobody has."""
+    """Return a free port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         return int(found.getsockname()[1])
@@ -92,7 +92,7 @@ def played(name: str, duration: float, period: float, priority: int) -> dict[str
 
 
 def row(name: str, given: argparse.Namespace) -> tuple[str, ...]:
-    """A row of the table."""
+    """Return a row of the table."""
     before = os.getloadavg()[0]
     found = played(name, given.duration, given.period, given.priority)
     late, work = found["late"], found["work"]

@@ -22,17 +22,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
-from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission import kernel, rest_state
-from cc_mujoco.transmission.conduit import packed
-from transmission import bends
+from cable import bends
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import packed_parameters, rest_state
 
 SEGMENTS = (50, 100)
 FIRST_SEED = 1000
 
 
 def random_cases(count: int) -> Iterator[bends.Case]:
-    """Random cables with random motions, without those that are slack throughout."""
+    """Yield random cables and motions, without cables that are always slack."""
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         try:
             case = bends.random_case(seed)
@@ -57,7 +57,7 @@ def _play(
 
 
 def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
-    """Least time of three that a motion takes [s]."""
+    """Return the least time of three that a motion takes [s]."""
     times = []
     for _ in range(3):
         state = rest_state(case.cable.replace(segments=segments))
@@ -69,13 +69,13 @@ def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
 
 
 def row(cases: Iterable[bends.Case]) -> list[float]:
-    """Errors with equal segments and with the mesh; stiffness, step, cost."""
+    """Return errors with equal segments and with the mesh, stiffness, step, cost."""
     errors = np.zeros((len(SEGMENTS), 2))
     stiffer, times = 0.0, np.zeros(2)
     for case in cases:
         for which, n in enumerate(SEGMENTS):
             cable = case.cable.replace(segments=n)
-            meshes = bends.equally_packed(cable), packed(cable)
+            meshes = bends.equally_packed(cable), packed_parameters(cable)
             found = [bends.error(case, prm, n) for prm in meshes]
             errors[which] = np.maximum(errors[which], found)
             for distal in (False, True):

@@ -13,10 +13,10 @@ friction for so many times what it is; with `--damping` a virtual damper is aske
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
 of a box and a Latin hypercube in it: 144 wearers a row by default, all rows in 11
-minutes of one core. `passivity.LIMBS` says where the box comes from. Two rows are no
-controllers: `ideal` is the unplugged device with a real spring at its joint, with which
-a wearer of little damping swings on by himself; with `motor-off`, cables and motor are
-there and nothing is desired.
+minutes of one core. For the source of the box see `design.LIMB_RANGES`. Two
+rows are no controllers: `ideal` is the unplugged device with a real spring at its
+joint, with which a wearer of little damping swings on by himself; with `motor-off`,
+cables and motor are there and nothing is desired.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco._workers import Tick, run_here
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.identity import made_by
-from cc_mujoco.markdown import table
-from cc_mujoco.whatif.passivity import (
-    LIMBS,
-    REFERENCES,
-    TASKS,
+from cc_mujoco.design import (
+    LIMB_RANGES,
+    PASSIVITY_REFERENCES,
+    PASSIVITY_TASKS,
     Limb,
     WearerEnergy,
-    box,
     first_places,
     inertia_of,
-    limb_at,
+    limb_of,
     play,
+    wearer_bounds,
 )
-from cc_mujoco.workers import Tick, run_here
+from cc_mujoco.report import table
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def search(
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the table as a `workers.Job`; a piece is a device, a task and a law."""
+    """Rows of the table as a `_workers.Job`; a piece is a device, a task and a law."""
 
     generations: int
     believed: float
@@ -110,10 +110,10 @@ class Rows:
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""
-        return made_by()
+        return code_provenance()
 
     def size(self, piece: tuple[str, str, str]) -> int:
-        """One row."""
+        """Return the size of a row, 1."""
         return 1
 
     def do(self, piece: tuple[str, str, str], tick: Tick) -> list[dict[str, Any]]:
@@ -122,13 +122,13 @@ class Rows:
         inertia = inertia_of(scene)
 
         def limbs(places: Array) -> list[Limb]:
-            return [limb_at(place, inertia) for place in places]
+            return [limb_of(place, inertia) for place in places]
 
         tried, found = search(
             lambda places: play(
                 scene, law, task, limbs(places), self.believed, self.damping
             ),
-            box(scene),
+            wearer_bounds(scene),
             self.generations,
         )
         # A wearer of little damping swings on by himself.
@@ -173,7 +173,7 @@ LEAST = 0.01
 
 
 def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
-    """A row of the table, of all wearers that were tried."""
+    """Return a row of the table, over all wearers that were simulated."""
     worst = max(tried, key=lambda one: one["held_j"])
     fastest = max(
         tried, key=lambda one: one["velocity_rad_s"] - one["velocity_ideal_rad_s"]
@@ -204,9 +204,13 @@ def _limb(one: dict[str, Any]) -> str:
 def main() -> None:
     """Search for every row, and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=list(LIMBS), choices=list(LIMBS))
-    parser.add_argument("--tasks", nargs="+", default=["spring"], choices=TASKS)
-    laws = [*REFERENCES, *CONTROLLERS]
+    parser.add_argument(
+        "--scenes", nargs="+", default=list(LIMB_RANGES), choices=list(LIMB_RANGES)
+    )
+    parser.add_argument(
+        "--tasks", nargs="+", default=["spring"], choices=PASSIVITY_TASKS
+    )
+    laws = [*PASSIVITY_REFERENCES, *CONTROLLERS]
     parser.add_argument("--controllers", nargs="+", default=laws)
     parser.add_argument(
         "--believed", type=float, default=1.0, help="friction, of the true"

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
-from cc_mujoco.control import Drive, ProportionalIntegral
-from cc_mujoco.whatif import study
+from cc_mujoco.control import ProportionalIntegral
+from cc_mujoco.design import study
+from cc_mujoco.device import Drive
 
 VARY = {
     "ankle": {
@@ -56,7 +57,7 @@ class Damped(ProportionalIntegral):
     """`pi` whose motor is damped critically on the stretch of the design's cables."""
 
     def __init__(self, drive: Drive) -> None:
-        """Work the damping out, for one design or for many."""
+        """Compute the damping, for one design or for many."""
         super().__init__(drive)
         joint = [
             sum(c.distal**2 * c.cable.axial_stiffness / c.cable.length for c in row)
@@ -67,7 +68,7 @@ class Damped(ProportionalIntegral):
         self.damping = 2.0 * np.sqrt(closed * drive.inertia) - drive.damping
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Torque of the motor [Nm]."""
+        """Return the torque of the motor [N m]."""
         drive, desired = self.drive, observation["desired_torque_nm"]
         ahead = (
             observation["motor_velocity_rad_s"]

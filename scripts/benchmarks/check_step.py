@@ -26,8 +26,8 @@ import mujoco
 import numpy as np
 
 from cc_mujoco import Cable, Section, read
-from cc_mujoco.engine import settle, to_mjcf
-from cc_mujoco.transmission.parameters import ENDS
+from cc_mujoco.cable import ENDS
+from cc_mujoco.plugin import settle, to_mjcf
 
 FINER = 32
 DRUM, LEVER = 0.03, 0.05
@@ -45,7 +45,7 @@ class Case(NamedTuple):
 
 
 def cases() -> list[Case]:
-    """Models of other makers."""
+    """Return the models of other makers."""
     found = [
         Case(GYMNASIUM / "half_cheetah.xml", ("bthigh", "bshin", "bfoot"), 5e4),
         Case(GYMNASIUM / "ant.xml", ("hip_1", "ankle_1"), 5e4),
@@ -62,7 +62,7 @@ def cases() -> list[Case]:
 
 
 def with_cables(case: Case, ends: str, armature: float, held: bool) -> Any:
-    """The model with a motor and a cable at each joint."""
+    """Return the model with a motor and a cable at each joint."""
     spec = mujoco.MjSpec.from_file(str(case.model))
     if held:
         for body in spec.worldbody.bodies:
@@ -93,7 +93,7 @@ def with_cables(case: Case, ends: str, armature: float, held: bool) -> Any:
 
 
 def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
-    """End tensions at every step [N], energy friction took [J], time of a step [s]."""
+    """Return end tensions [N], energy of friction [J] and time of a step [s]."""
     data = mujoco.MjData(model)
     settle(model, data)
     dofs = [model.joint(f"{joint}_motor").dofadr[0] for joint in case.joints]

@@ -156,5 +156,5 @@ class Taps:
         self._strain = _Kind(kinds[1], strain, (2, len(PLACES)), period)
 
     def read(self, bench: BendingBench) -> tuple[Array, Array]:
-        """Bends (2, `ZONES`) [rad] and tensions (2, `PLACES`) [N]."""
+        """Return the bends (2, `ZONES`) [rad] and tensions (2, `PLACES`) [N]."""
         return self._bend.read(bench.bends), self._strain.read(bench.tensions)

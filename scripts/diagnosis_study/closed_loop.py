@@ -33,15 +33,24 @@ from driven import Bench, Lockstep, Swing
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from cc_mujoco._utils.atomic_io import replacing, require_ours
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import CableDrive, Drive, controller
-from cc_mujoco.diagnosis.diagnose import diagnose
+from cc_mujoco.control import controller
+from cc_mujoco.device import CableDrive, Drive
+from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing, require_ours
-from cc_mujoco.hardware import Limits, Loop, RunLog, Watchdog, drive_of
-from cc_mujoco.hardware.desired import TorqueTable
-from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
-from cc_mujoco.markdown import table
+from cc_mujoco.hardware import (
+    APPROACH_TIME,
+    Limits,
+    Loop,
+    RunLog,
+    Servo,
+    Stiffness,
+    TorqueTable,
+    Watchdog,
+    drive_of,
+)
+from cc_mujoco.report import table
 from rig.dataset import make_trials
 from rig.generate import facts_of
 from rig.kernel import COMMAND_TIME
@@ -61,7 +70,7 @@ LIMITS = Limits(
     soft_start=0.5,
 )
 TURN = 2.0
-"""Change of the motor's torque where it turns [Nm]: about its friction."""
+"""Change of the motor's torque where it turns [N m]: about its friction."""
 TRIAL_LIMITS = dataclasses.replace(LIMITS, torque=20.0)
 """Limits in trials: a hand that pushes against the motor demands more."""
 FRICTION = "friction"
@@ -74,11 +83,11 @@ EFFECTS = (
 )  # fmt: skip
 KEPT, TABLE, FLOORS = "cases.jsonl", "table.md", "floors.json"
 Floors = dict[str, dict[str, float]]
-"""Errors with nothing hidden and a true model [Nm], by controller, seed and kind."""
+"""Errors with nothing hidden and a true model [N m], by controller, seed and kind."""
 
 
 def task() -> tuple[TorqueTable, Swing]:
-    """Desired torque, two sines; and the hand, that swings the joint meanwhile."""
+    """Return the desired torque of two sines, and the motion of the hand."""
     times = np.arange(0.0, SECONDS, 0.002)
     torques = 1.5 * np.sin(2.2 * times) + 0.8 * np.sin(5.65 * times + 1.0)
 
@@ -108,7 +117,7 @@ class Case:
             self.hidden[name] = calibrate(self.rig, name, strength, "rich", seed)
 
     def error(self, law: str, scene: str, run: str) -> dict[str, Any]:
-        """RMS error of the joint's true torque in the task [Nm], and how it ended."""
+        """Return the RMS error of the true torque in the task [N m] and its outcome."""
         drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
         return self.played(law, drive, run)
 
@@ -157,7 +166,7 @@ class Case:
                 lockstep, controller("none", drive), servo, limits, Watchdog(),
                 clock=lockstep, log=log,
             )  # fmt: skip
-            log.close(loop.run(APPROACH + float(times[-1])).to_json())
+            log.close(loop.run(APPROACH_TIME + float(times[-1])).to_json())
             if loop.outcome.code:
                 raise RuntimeError(f"{data}, trial {number}: {loop.outcome.sentence}")
         # A log has the commanded torque of the motor, and its rotor takes a part.
@@ -195,7 +204,7 @@ def true_drive(rig: Rig, drive: Drive) -> Drive:
 
 
 def floor(law: str, seed: int, folder: Path) -> dict[str, float]:
-    """Errors with nothing hidden and a true model [Nm]."""
+    """Return the errors with nothing hidden and a true model [N m]."""
     shutil.rmtree(folder, ignore_errors=True)
     case = Case("none", seed, 0.0, folder)
     drive = drive_of("bench", folder, PERIOD, LIMITS.torque)
@@ -209,7 +218,7 @@ def beyond(error: float, floor: float) -> float:
 
 
 def between(log: Path) -> float:
-    """RMS error between the turns of the motor [Nm], by the log.
+    """Return the RMS error between the turns of the motor [N m], by the log.
 
     The torque sensor is averaged over 10 ms. A turn is where the command changes by
     more than `TURN` within 20 ms; within 0.1 s of one the motor crosses the backlash,
@@ -231,7 +240,7 @@ def led(times: NDArray[np.float64], trial: Trial) -> Swing:
     """Return the motion in a trial of what holds the joint."""
 
     def swing(now: float) -> tuple[float, float]:
-        at = now - APPROACH
+        at = now - APPROACH_TIME
         angle = float(np.interp(at, times, trial.target[:, 0]))
         return angle, float(np.interp(at, times, trial.target[:, 1], 0.0, 0.0))
 
@@ -241,7 +250,7 @@ def led(times: NDArray[np.float64], trial: Trial) -> Swing:
 def run(
     name: str, seed: int, strength: float, laws: list[str], folder: Path
 ) -> dict[str, Any]:
-    """One case, from a task played badly to one that is played again."""
+    """Return one case, from a task played badly to one that is played again."""
     shutil.rmtree(folder, ignore_errors=True)
     case = Case(name, seed, strength, folder)
     before = {law: case.error(law, "bench", f"{law}_before") for law in laws}
@@ -297,7 +306,7 @@ def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
 
 
 def _fall(old: float, new: float) -> str:
-    """Two errors [Nm] in mN m, and how often the second goes into the first."""
+    """Return two errors [N m] in mN m, and how often the second goes into the first."""
     better = f" ({old / new:.1f})" if new else ""
     return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
 
@@ -392,7 +401,7 @@ def main() -> None:
 
 
 def read_floors(path: Path) -> Floors:
-    """Floors that an earlier run played; none if the file is no such run's."""
+    """Return the floors of an earlier run, none if the file is from no such run."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -19,14 +19,18 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.diagnose import inferred
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import trial_folds
-from cc_mujoco.diagnosis.inference.gap import gaps, predicted
-from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
-from cc_mujoco.markdown import table
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import (
+    DiagnosisResult,
+    Problem,
+    TorqueDerivatives,
+    fit,
+    gaps,
+    infer,
+    predicted,
+    trial_folds,
+)
+from cc_mujoco.report import table
 
 TOML = Path(__file__).with_suffix(".toml")
 OCCASIONS = {
@@ -54,7 +58,7 @@ def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[DiagnosisResult,
     rig.parent.mkdir(parents=True, exist_ok=True)
     rig.write_text(toml_of(held_out, [f.name for f in files]), encoding="utf-8")
     begin = time.process_time()
-    result, _ = inferred(files, Bench.of(scene_path("bench")), dataset_toml=rig)
+    result, _ = infer(files, Bench.of(scene_path("bench")), dataset_toml=rig)
     return result, time.process_time() - begin
 
 
@@ -78,7 +82,7 @@ def _shapes(problem: Problem) -> int:
 
 
 def carried_over(giver: DiagnosisResult, taker: DiagnosisResult) -> dict[str, Any]:
-    """Errors of held-out trials [Nm] before and after, by channel."""
+    """Return the errors of held-out trials [N m] before and after, by channel."""
     assert giver.problem is not None and taker.baseline_fit is not None
     own = taker.baseline_fit
     model = with_sizes(own.problem, giver.problem, giver.problem.values(giver.x))

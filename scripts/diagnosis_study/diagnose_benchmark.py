@@ -32,14 +32,12 @@ import numpy as np
 from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
-from cc_mujoco.diagnosis.inference.folds import BLOCK
+from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco.diagnosis import BOOTSTRAP_BLOCK
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis.inference.baseline import BaselineFit
-    from cc_mujoco.diagnosis.inference.result import DiagnosisResult
-    from cc_mujoco.diagnosis.verdict import Diagnosis
+    from cc_mujoco.diagnosis import BaselineFit, Diagnosis, DiagnosisResult
     from rig.nominal import Rig
 
 PAIRS = (
@@ -59,7 +57,7 @@ def cases(
     kinds: list[str],
     make: str = "bristles",
 ) -> Iterator[dict[str, Any]]:
-    """Cases of a study: what is hidden, how strongly, seed of rig and motion."""
+    """Yield the cases of a study: hidden effects, strengths and seeds."""
     from rig.makes import MAKES
 
     first = STUDIES[study]
@@ -81,9 +79,8 @@ def cases(
 def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it in naive ways if wanted."""
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis.data.bench import Bench
-    from cc_mujoco.diagnosis.diagnose import inferred
-    from cc_mujoco.diagnosis.inference.gap import overall
+    from cc_mujoco.datasets import Bench
+    from cc_mujoco.diagnosis import infer, overall_share
     from rig.dataset import make_dataset
     from rig.generate import facts_of, write_data
     from rig.makes import MAKES
@@ -104,7 +101,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             data, make_dataset(rig, amounts, trials, seed), facts_of(trials, seed)
         )
         begin = time.perf_counter()
-        result, _ = inferred([data], Bench.of(scene_path("bench")))
+        result, _ = infer([data], Bench.of(scene_path("bench")))
         seconds = time.perf_counter() - begin
         record = {**case, "amounts": amounts, "reached": reached, "trials": trials}
         record["settled"] = settled(case, amounts, result, Path(folder) / "more")
@@ -122,7 +119,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
             for name, g in found.gap.items()
         },
-        "closed": overall(found.gap) if found.gap else float("nan"),
+        "closed": overall_share(found.gap) if found.gap else float("nan"),
         "intervals": {
             name: [value.value, *value.ci95, truth[name]]
             for name, value in found.baseline.parameters.items()
@@ -162,10 +159,8 @@ def settled(
 ) -> dict[str, Any] | None:
     """Return the result once the experiment that a tie proposes has been done, too."""
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis.data.bench import Bench
-    from cc_mujoco.diagnosis.diagnose import inferred
-    from cc_mujoco.diagnosis.inference.experiment import catalogue
-    from cc_mujoco.diagnosis.inference.motions import DT
+    from cc_mujoco.datasets import Bench
+    from cc_mujoco.diagnosis import MOTION_STEP, catalogue, infer
     from rig.dataset import clean_dataset, make_dataset
     from rig.generate import facts_of, write_data
     from rig.makes import MAKES
@@ -181,8 +176,8 @@ def settled(
         for motion in catalogue(result.baseline_fit.problem)
         if proposed.description.startswith(motion.description)
     )
-    time = np.arange(0.0, DT * (motion.motor.size - 1), 1e-3)
-    known = DT * np.arange(motion.motor.size)
+    time = np.arange(0.0, MOTION_STEP * (motion.motor.size - 1), 1e-3)
+    known = MOTION_STEP * np.arange(motion.motor.size)
     motor, joint = (np.interp(time, known, s) for s in (motion.motor, motion.joint))
     kind = {
         "joint free": "free",
@@ -205,7 +200,7 @@ def settled(
         f"pretension = {tension:g}\ntilt = {motion.tilt:g}\n"
     )
     write_data(folder, data, f"{facts_of(trials, seed)}\n{told}")
-    again, _ = inferred([folder], Bench.of(scene_path("bench")))
+    again, _ = infer([folder], Bench.of(scene_path("bench")))
     return {"experiment": motion.description, **said(again.diagnosis)}
 
 
@@ -221,13 +216,13 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def misfit(result: DiagnosisResult) -> float:
-    """RMS held-out error of the tuned baseline over the floor; NaN without one."""
+    """Return the baseline's RMS held-out error over the floor, NaN without one."""
     baseline_fit = result.baseline_fit
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
 
 
 def off(result: DiagnosisResult) -> dict[str, list[list[float]]]:
-    """Squared held-out error of the tuned baseline over that of noise alone.
+    """Return the squared held-out error of the tuned baseline over that of noise alone.
 
     By trial: its mean in every second or so, (blocks, channels). Their mean over all
     data is the square of the misfit.
@@ -239,7 +234,7 @@ def off(result: DiagnosisResult) -> dict[str, list[list[float]]]:
     for record, errors in zip(
         crossed.problem.plant.records, crossed.errors, strict=True
     ):
-        size = max(2, round(BLOCK / record.dt))
+        size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
         squares = errors**2 / crossed.noise_mse
         for first in range(0, squares.shape[1], size):
             block = squares[:, first : first + size]

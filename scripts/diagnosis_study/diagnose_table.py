@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from baselines.table import comparison
-from cc_mujoco.markdown import table
+from cc_mujoco.report import table
 
 STUDIES = {
     "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
@@ -33,7 +33,7 @@ def judged(
     named: Sequence[str] = (),
     ties: Sequence[Sequence[str]] = (),
 ) -> str:
-    """One word for how a case went: right, tie, half, silent or wrong.
+    """Return one word for how a case went: right, tie, half, silent or wrong.
 
     Args:
         kind: of what is hidden: named, pair, unknown or none.
@@ -72,7 +72,7 @@ def went(record: dict[str, Any]) -> str:
 
 
 def summary(records: list[dict[str, Any]]) -> str:
-    """Markdown: rates by kind, make and strength, confusion, then every case."""
+    """Return Markdown of rates by kind, make and strength, confusion, all cases."""
     columns = {
         "right": "right", "in a tie": "tie", "one of two": "half",
         "silent": "silent", "wrong": "wrong",
@@ -140,7 +140,7 @@ def _share(count: int, whole: int) -> str:
 
 
 def exact(count: int, whole: int) -> str:
-    """Interval of 95 % of a share (C. Clopper, E. Pearson, Biometrika 26, 1934) [%]."""
+    """Return a 95 % interval [%] (C. Clopper, E. Pearson, Biometrika 26, 1934)."""
     from scipy.stats import binomtest
 
     low, high = binomtest(count, whole).proportion_ci(method="exact")
@@ -152,7 +152,7 @@ def _number(value: float, digits: int) -> str:
 
 
 def _figures(records: list[dict[str, Any]]) -> list[str]:
-    """Sentences: the gap, what intervals cover, how long it took."""
+    """Return sentences: the gap, what intervals cover, how long it took."""
     found = _strengths(records)
     right = [r for r in records if r["kind"] == "named" and went(r) == "right"]
     if right:
@@ -220,7 +220,7 @@ def _well(record: dict[str, Any]) -> bool:
 
 
 def _strengths(records: list[dict[str, Any]]) -> list[str]:
-    """Sentences: what was right by strength, effect-free rigs, times."""
+    """Return sentences: what was right by strength, effect-free rigs, times."""
     found = []
     for kind, what in (("named", "single effects"), ("pair", "pairs")):
         some = [r for r in records if r["kind"] == kind]

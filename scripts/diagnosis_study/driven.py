@@ -34,7 +34,7 @@ LEFT_OUT = (
 )  # fmt: skip
 """Properties of the plant that `advance` does not play."""
 HAND = (10.0, 0.3)
-"""Stiffness [Nm/rad] and damping [Nm s/rad] of the hand."""
+"""Stiffness [N m/rad] and damping [N m s/rad] of the hand."""
 
 
 class Instruments:
@@ -94,7 +94,7 @@ class Bench:
             effects: What is hidden in it, amount by id.
             period: That `advance` goes on by [s].
             tightness: Pretension over the rig's usual.
-            hand: Stiffness [Nm/rad] and damping [Nm s/rad] at the joint.
+            hand: Stiffness [N m/rad] and damping [N m s/rad] at the joint.
             motor_lag: Time constant of the motor's torque behind its command [s].
 
         Raises:
@@ -118,10 +118,10 @@ class Bench:
         self._steps = math.ceil(period / STEP - 1e-9)
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
-        """Go on by a period.
+        """Advance by a period.
 
         Args:
-            torque: That the motor is commanded [Nm].
+            torque: That the motor is commanded [N m].
             swing: Angle that the hand aims at [rad].
             rate: Its speed [rad/s].
         """
@@ -144,7 +144,7 @@ class Bench:
 
     @property
     def joint_torque(self) -> float:
-        """Torque that the cables put into the joint [Nm]."""
+        """Torque that the cables put into the joint [N m]."""
         return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
 
 
@@ -165,7 +165,7 @@ class Lockstep:
         """
         self.bench = bench
         self.torques: list[float] = []
-        """True torques of the joint, one number a period from the first on [Nm]."""
+        """True torques of the joint, one number a period from the first on [N m]."""
         self._instruments = Instruments(seed, bench.period)
         self._swing = swing
         self._torque = 0.0

@@ -22,12 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.records import Filtering, prepare
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets import Bench, Dataset
+from cc_mujoco.diagnosis import (
+    BaselineFit,
+    CrossValidation,
+    Filtering,
+    fit_baseline,
+    load,
+    plant_of,
+    prepare,
+)
 from rig.dataset import make_dataset
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
@@ -57,7 +61,7 @@ def fitted(dataset: Dataset) -> tuple[BaselineFit, Filtering]:
 
 
 def errors_of(make: str, seed: int, effect: str, strength: float) -> dict[str, Any]:
-    """Squared held-out errors of the tuned baseline and those of noise, by trial."""
+    """Return squared held-out errors of the baseline and of noise, by trial."""
     rig = make_rig(seed, make=make)
     trials = MAKES[make].trials(rig)
     amounts = {effect: calibrate(rig, effect, strength, trials, seed)} if effect else {}

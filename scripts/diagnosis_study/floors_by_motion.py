@@ -19,9 +19,8 @@ import numpy as np
 from floors import FIRST, fitted, written
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.trials import Noise
-from cc_mujoco.diagnosis.inference.fitting import huber_residual
-from cc_mujoco.diagnosis.inference.records import Record, prepare
+from cc_mujoco.datasets import Noise
+from cc_mujoco.diagnosis import Record, huber_residual, prepare
 from rig.dataset import clean_dataset, make_dataset, make_trials
 from rig.makes import MAKES
 from rig.nominal import make_rig

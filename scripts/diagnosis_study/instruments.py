@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import markdown
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.smoothing import velocity
-from cc_mujoco.diagnosis.diagnose import inferred
+from cc_mujoco.datasets import Bench, velocity
+from cc_mujoco.diagnosis import infer
+from cc_mujoco.report import _markdown as markdown
 from rig.dataset import make_dataset, make_trials
 from rig.generate import facts_of, write_data
 from rig.nominal import NOMINAL, make_rig
@@ -36,12 +35,12 @@ Columns = dict[str, NDArray[np.float64]]
 HIDDEN = ("none", "viscous_friction", "load_independent_friction", "end_compliance")
 SEED, STRENGTH = 900, 4.0
 CONSTANT, FRICTION, DRAG, WIND_UP = 0.5, 0.15, 0.03, 1e-3
-"""Motor: torque constant [Nm/A], its own friction [Nm], drag [Nm s/rad] and
+"""Motor: torque constant [N m/A], its own friction [N m], drag [N m s/rad] and
 turn before friction slides [rad]."""
 
 
 def sensors(columns: Columns) -> Columns:
-    """Torque sensors at both ends."""
+    """Return the torque sensors at both ends."""
     return {n: v for n, v in columns.items() if not n.startswith("tension")}
 
 
@@ -69,7 +68,7 @@ def current(columns: Columns) -> Columns:
 
 
 def without(torque: str) -> Callable[[Columns], Columns]:
-    """Torque sensors, but not this one."""
+    """Return the torque sensors without this one."""
 
     def made(columns: Columns) -> Columns:
         return {n: v for n, v in sensors(columns).items() if n != torque}
@@ -116,7 +115,7 @@ def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:
         facts = facts_of("rich", seed).split("\n\n")
         told = [head, *(each for k, each in enumerate(facts) if k in chosen)]
         (place / "dataset.toml").write_text("\n\n".join(told), encoding="utf-8")
-        result, _ = inferred([place], Bench.of(scene_path("bench")))
+        result, _ = infer([place], Bench.of(scene_path("bench")))
     found = result.diagnosis
     return {
         "verdict": found.verdict,

@@ -22,8 +22,8 @@ from diagnose_benchmark import said, truth_of
 from diagnose_table import exact
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.diagnose import inferred
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import infer
 from rig.dataset import make_dataset
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
@@ -48,7 +48,7 @@ def found_on(make: str, seed: int, strength: float) -> dict[str, Any]:
         write_data(
             data, make_dataset(rig, amounts, trials, seed), facts_of(trials, seed)
         )
-        result, _ = inferred([data], Bench.of(scene_path("bench")))
+        result, _ = infer([data], Bench.of(scene_path("bench")))
     truth = truth_of(rig)
     return {
         "make": make, "seed": seed, "strength": strength, "hidden": hidden,
@@ -62,7 +62,7 @@ def found_on(make: str, seed: int, strength: float) -> dict[str, Any]:
 
 
 def off(value: float, low: float, high: float, truth: float) -> float:
-    """Distance of a value from the truth over half the width of its interval."""
+    """Return the distance from the truth over half the width of the interval."""
     return (value - truth) / (value - low if truth < value else high - value)
 
 

@@ -28,16 +28,16 @@ from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, task
 from driven import Array, Bench, Lockstep
 from tqdm import tqdm
 
+from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing
 from cc_mujoco.hardware import Loop, Watchdog, drive_of
-from cc_mujoco.markdown import table
+from cc_mujoco.report import table
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 
 NOISE = 0.025
-"""Noise of the joint's torque sensor, as its data sheet has it [Nm]."""
+"""Noise of the joint's torque sensor, as its data sheet has it [N m]."""
 EFFECTS = (
     "none", FRICTION, "viscous_friction", "load_independent_friction",
     "stribeck_friction", "presliding", "asymmetric_friction", "end_compliance",
@@ -87,7 +87,7 @@ def law_of(name: str) -> Controller:
 
 
 def played(name: str, effect: str, seed: int) -> dict[str, Any]:
-    """Play the task; RMS error and chatter [Nm], and how it ended."""
+    """Play the task; RMS error and chatter [N m], and how it ended."""
     desired, swing = task()
     law = law_of(name)
     period = law.drive.period
@@ -110,12 +110,12 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
 
 
 def rms(values: Array) -> float:
-    """Root of the mean square."""
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def chatter(torques: Array, period: float) -> float:
-    """RMS of what is less than its mean over 50 ms, once settled."""
+    """Return the RMS of what is less than its mean over 50 ms, once settled."""
     width = round(0.05 / period)
     mean = np.convolve(torques, np.ones(width) / width, "same")
     begin, end = round(SETTLED / period), round(SECONDS / period) - width
@@ -123,7 +123,7 @@ def chatter(torques: Array, period: float) -> float:
 
 
 def told(records: list[Mapping[str, Any]], names: list[str]) -> str:
-    """Means over seeds as a Markdown table [mNm], one row for what is hidden."""
+    """Return means over seeds as a Markdown table [mN m], a row per hidden effect."""
     effects = list(dict.fromkeys(r["effect"] for r in records))
     rows = [
         (effect.replace("_", " "), *(cell(records, n, "rms", effect) for n in names))
@@ -140,7 +140,7 @@ def told(records: list[Mapping[str, Any]], names: list[str]) -> str:
 def cell(
     records: list[Mapping[str, Any]], name: str, key: str, effect: str | None = None
 ) -> str:
-    """Mean of what finished [mNm], and how many did not."""
+    """Return the mean of what finished [mN m], and how many did not."""
     mine = [r for r in records if r["controller"] == name]
     found = [1e3 * r[key] for r in mine if effect in (None, r["effect"])]
     there = [x for x in found if math.isfinite(x)]

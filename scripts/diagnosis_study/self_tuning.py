@@ -28,21 +28,23 @@ from bending import BEND, PLACES, STRAIN, BendingBench, Elbow, Quality, Taps
 from driven import Array, Lockstep, Swing
 from tqdm import tqdm
 
-from cc_mujoco.control import AdaptiveModel, Controller, Drive, controller
-from cc_mujoco.control.predictive import PredictiveCompensation
-from cc_mujoco.figures import COLORS, GREY, figure, save, style
-from cc_mujoco.files import replacing
-from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
-from cc_mujoco.hardware.desired import TorqueTable
-from cc_mujoco.markdown import table
-from cc_mujoco.sensing import TENSIONS, Sensors
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.control import (
+    AdaptiveModel,
+    Controller,
+    PredictiveCompensation,
+    controller,
+)
+from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
+from cc_mujoco.hardware import Limits, Loop, TorqueTable, Watchdog, drive_of
+from cc_mujoco.report import COLORS, GREY, figure, save, style, table
 from rig.nominal import make_rig
 
 PERIOD = 0.001
 SECONDS, SETTLED = 20.0, 2.0
 """Length of a task, and time from which its error counts [s]."""
 WEARER = (200.0, 5.0)
-"""Stiffness [Nm/rad] and damping [Nm s/rad] of who leads the joint."""
+"""Stiffness [N m/rad] and damping [N m s/rad] of who leads the joint."""
 LIMITS = Limits(
     torque=10.0, torque_rate=2e4, motor_speed=60.0, joint_range=(-2.5, 2.5),
     soft_start=0.5,
@@ -120,7 +122,7 @@ class Equipped(Controller):
             elif self._is_told:
                 self._tell(self._law)
         self._calls += 1
-        return self._law.torque({**observation, TENSIONS: tensions})
+        return self._law.torque({**observation, TENSION_COLUMN: tensions})
 
     def _tell(self, law: PredictiveCompensation) -> None:
         """Give the true product of friction and bend, by other bends of the model."""
@@ -169,7 +171,7 @@ def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equippe
 
 
 def task(seed: int) -> tuple[TorqueTable, Swing]:
-    """Desired torque and the motion of the wearer, each two sines of drawn phases."""
+    """Return desired torque and wearer's motion, two sines of random phases each."""
     random = np.random.default_rng([seed, 0x7A5])
     first, second, third, fourth = random.uniform(0.0, 2.0 * math.pi, 4)
     times = np.arange(0.0, SECONDS, 0.002)
@@ -194,7 +196,7 @@ class Nothing:
 
 
 def played(name: str, world: str, seed: int) -> dict[str, Any]:
-    """Play a task; RMS and median error [Nm], and how it ended."""
+    """Play a task; RMS and median error [N m], and how it ended."""
     desired, swing = task(seed)
     rig = make_rig(seed, make="guides")
     bench = BendingBench(rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=WEARER)
@@ -227,7 +229,7 @@ def compared(
     """Compare a variant with the fixed model, by seeds that both finished.
 
     Returns:
-        Mean error [Nm]; geometric mean of its quotient by that of the fixed model, and
+        Mean error [N m]; geometric mean of its quotient by that of the fixed model, and
         the 95 % interval of it by resampling seeds; how many runs did not finish.
     """
     errors = {(r["variant"], r["seed"]): r[key] for r in records if r["world"] == world}
@@ -273,7 +275,7 @@ def told(records: list[Mapping[str, Any]]) -> str:
 
 
 def draw(records: list[Mapping[str, Any]], path: Path) -> None:
-    """RMS error of every variant over that of the fixed model, with its interval."""
+    """Draw every variant's RMS error relative to the fixed model, with intervals."""
     names = [name for name in VARIANTS if name not in ("pi", "fixed")]
     with style():
         drawing = figure(7.0, 3.6)

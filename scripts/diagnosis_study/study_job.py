@@ -14,15 +14,15 @@ from typing import Any
 
 from diagnose_benchmark import run
 
-from cc_mujoco.identity import made_by
-from cc_mujoco.workers import Tick, run_here, run_on_cluster
+from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco._workers import Tick, run_here, run_on_cluster
 
 HOME = Path(__file__).parent
 
 
 @dataclass(frozen=True)
 class Study:
-    """Cases as a `workers.Job`; a piece is a case, its result a record."""
+    """Cases as a `_workers.Job`; a piece is a case, its result a record."""
 
     naive: tuple[str, ...] = ()
     """Naive ways in which every case is named, too."""
@@ -38,10 +38,10 @@ class Study:
             ).hexdigest()
             for path in sorted(HOME.rglob("*.py"))
         }
-        return {**made_by(), "files": files}
+        return {**code_provenance(), "files": files}
 
     def size(self, piece: Mapping[str, Any]) -> int:
-        """One case."""
+        """Return the size of one case, 1."""
         return 1
 
     def do(self, piece: Mapping[str, Any], tick: Tick) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def records(
         scheduler: address of a Dask scheduler whose workers run them instead.
 
     Raises:
-        CableError: The cluster cannot be used; see `workers.run_on_cluster`.
+        CableError: The cluster cannot be used; see `_workers.run_on_cluster`.
     """
     job, pieces = Study(tuple(naive)), dict(enumerate(cases))
     if scheduler is None:

@@ -21,13 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import markdown
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.scene.repair import repaired
-from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.datasets import Bench, Dataset, Facts, Noise, Trial
+from cc_mujoco.diagnosis import repair_scene, rollout, run_inference
+from cc_mujoco.report import _markdown as markdown
 from rig.posts import Tendon, played
 
 Array = NDArray[np.float64]
@@ -35,7 +32,7 @@ Array = NDArray[np.float64]
 STEP, FINE = 0.002, 8
 DIGIT = 2.0 * np.pi / 2**17
 TORQUE = {"motor_torque_nm": 4e-4, "joint_torque_nm": 6e-4}
-"""Standard deviation of the noise [Nm]."""
+"""Standard deviation of the noise [N m]."""
 OTHERWISE: dict[str, float] = {
     "friction": 0.22, "axial_stiffness": 1850.0, "pretension": 5.3,
 }  # fmt: skip
@@ -58,7 +55,7 @@ _KEYS = {
 
 
 def motions(bench: Bench, seconds: float) -> list[tuple[str, float, Array, Array]]:
-    """Trials: notes, share of the pretension, angles of motor and joint [rad]."""
+    """Return trials: notes, relative pretension, angles of motor and joint [rad]."""
     t = STEP * np.arange(round(seconds / STEP))
     pull = 0.5 - 0.5 * np.cos(1.3 * t)
     swept = 0.45 * np.sin(2.0 * np.pi * (0.15 * t + 0.12 * t**2))
@@ -80,7 +77,7 @@ def shown(
     rig: str, bench: Bench, hidden: Mapping[str, float], angles: tuple[Array, Array],
     tension: float,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Torques of motor and joint that a rig shows at the samples."""
+    """Return the torques of motor and joint that a rig shows at the samples."""
     values = {**OTHERWISE, **hidden}
     values["pretension"] *= tension
     bias = values.pop("joint_torque_bias", 0.0)
@@ -104,12 +101,12 @@ def shown(
 def rollout_of(
     bench: Bench, cables: Any, dt: float, motor: Array, joint: Array
 ) -> tuple[Array, Array]:
-    """Torques of the scene with other cables, by MuJoCo."""
+    """Return the torques of the scene with other cables, by MuJoCo."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.xml"
-        scene.write_text(repaired(bench, cables, {}).to_xml(), encoding="utf-8")
+        scene.write_text(repair_scene(bench, cables, {}).to_xml(), encoding="utf-8")
         return rollout(scene, dt * np.arange(motor.size), motor, joint)
 
 
@@ -156,7 +153,7 @@ def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
     data = recorded(rig, HIDDEN[name], seed)
     bench = Bench.of(scene_path("finger"))
     began = time.process_time()
-    found = reason(data, bench).diagnosis
+    found = run_inference(data, bench).diagnosis
     gaps = {
         c: (g.noise_floor, g.rmse_before, g.rmse_after) for c, g in found.gap.items()
     }

@@ -1,6 +1,6 @@
 """Ankle assistance over a gait cycle, with a route that is fixed and one that moves.
 
-    python scripts/figures/ankle_route.py cc_mujoco/engine/ankle_route.png
+    python scripts/figures/ankle_route.py cc_mujoco/plugin/ankle_route.png
 
 The motor of the ankle exoskeleton keeps the same tension at its own end twice: what
 push-off assistance needs at the heel, and enough to keep the cable taut. Once the
@@ -18,25 +18,25 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
-from cc_mujoco.figures import (
+from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, assistance
+from cc_mujoco.report import (
     BLACK,
     BLUE,
-    DASH,
+    DASH_PATTERN,
     ORANGE,
     figure,
     figure_path,
     save,
     style,
 )
-from cc_mujoco.human.gait import ANGLES, PERIOD, assistance
 
 Array = NDArray[np.float64]
 
 CABLE = "plantarflexor"
 PEAK = 40.0
-"""Largest assistance wanted at the ankle [Nm]."""
+"""Largest assistance wanted at the ankle [N m]."""
 TAUT = 30.0
 """Tension at the motor that keeps the cable taut [N]."""
 BANDWIDTH = 150.0
@@ -52,7 +52,7 @@ class Cycle:
     Attributes:
         phase: fraction of the cycle.
         wrap: wrap angle of the conduit [rad].
-        torque: of the cable on the ankle, plantarflexion positive [Nm].
+        torque: of the cable on the ankle, plantarflexion positive [N m].
         motor: tension at the motor [N].
         heel: tension at the heel [N].
         lost: energy that friction took in the cycle [J].
@@ -69,13 +69,13 @@ class Cycle:
 def scene(bend: str) -> mujoco.MjModel:
     """Return the ankle exoskeleton with a conduit that bends so."""
     spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
-    cable = engine.from_mjcf(spec)[CABLE]
-    engine.to_mjcf(spec, CABLE, cable.replace(bend=bend))
+    cable = plugin.from_mjcf(spec)[CABLE]
+    plugin.to_mjcf(spec, CABLE, cable.replace(bend=bend))
     return spec.compile()
 
 
 def lever(model: mujoco.MjModel) -> float:
-    """Lever of the heel in the neutral pose [m]."""
+    """Return the lever of the heel in the neutral pose [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     lengths = []
@@ -87,9 +87,9 @@ def lever(model: mujoco.MjModel) -> float:
 
 
 def walk(model: mujoco.MjModel) -> Cycle:
-    """Walk, and record the last cycle."""
+    """Simulate a walk, and record the last cycle."""
     data = mujoco.MjData(model)
-    cable = engine.from_mjcf(model)[CABLE]
+    cable = plugin.from_mjcf(model)[CABLE]
     proximal = model.actuator(f"{CABLE}_proximal")
     distal = model.actuator(f"{CABLE}_distal")
     motor, ankle = model.joint("motor"), model.joint("ankle")
@@ -98,20 +98,20 @@ def walk(model: mujoco.MjModel) -> Cycle:
     inertia = float(model.dof_M0[motor.dofadr[0]])
     damping = 2.0 * BANDWIDTH * inertia / drum**2
     gain = BANDWIDTH**2 * inertia * cable.length / cable.axial_stiffness / drum**2
-    for joint, profile in ANGLES.items():
+    for joint, profile in GAIT_ANGLES.items():
         data.joint(joint).qpos[0] = profile(0.0)
     mujoco.mj_forward(model, data)
     paid_out = data.actuator_length[distal.id] - model.actuator_length0[distal.id]
     data.joint("motor").qpos[0] = paid_out / proximal.gear[0]
-    each = round(PERIOD / model.opt.timestep)
+    each = round(GAIT_PERIOD / model.opt.timestep)
     rows = np.empty((each, 5))
     before = 0.0
     for i in range(CYCLES * each):
         phase = (i % each) / each
         for joint, mover in MOVERS.items():
-            data.actuator(mover).ctrl[0] = ANGLES[joint](phase)
+            data.actuator(mover).ctrl[0] = GAIT_ANGLES[joint](phase)
         if i == (CYCLES - 1) * each:
-            before = engine.read(model, data, CABLE).dissipated
+            before = plugin.read(model, data, CABLE).dissipated
         wanted = TAUT + PEAK * assistance(phase) / arm
         lacking = wanted - data.actuator_force[proximal.id]
         stretching = (
@@ -123,12 +123,12 @@ def walk(model: mujoco.MjModel) -> Cycle:
         torque = data.qfrc_actuator[ankle.dofadr[0]] - data.actuator("wearer").force[0]
         rows[i % each] = (
             phase,
-            engine.segment_wrap(model, data, CABLE).sum(),
+            plugin.segment_wrap(model, data, CABLE).sum(),
             -torque,
             data.actuator_force[proximal.id],
             -data.actuator_force[distal.id],
         )
-    lost = engine.read(model, data, CABLE).dissipated - before
+    lost = plugin.read(model, data, CABLE).dissipated - before
     return Cycle(*rows.T, lost)
 
 
@@ -147,7 +147,11 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
             axes[2].plot(percent, cycle.torque, color=color)
         wanted = PEAK * assistance(fixed.phase)
         axes[2].plot(
-            100.0 * fixed.phase, wanted, color=BLACK, dashes=DASH, label="wanted"
+            100.0 * fixed.phase,
+            wanted,
+            color=BLACK,
+            dashes=DASH_PATTERN,
+            label="wanted",
         )
         axes[0].set(title="Wrap angle of the conduit", ylabel="wrap [rad]")
         axes[1].set(
@@ -165,7 +169,7 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
 
 
 def conclusion(fixed: Cycle, moving: Cycle) -> str:
-    """Three sentences."""
+    """Return three sentences."""
     passed = [c.heel / c.motor for c in (fixed, moving)]
     worst = int(np.argmax(np.abs(np.log(passed[1] / passed[0]))))
     swing = fixed.phase > 0.68

@@ -22,11 +22,19 @@ from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.control import controller
-from cc_mujoco.figures import BLUE, DASH, GREY, ORANGE, figure, figure_path, save, style
 from cc_mujoco.human import Spring
-from cc_mujoco.recording import EpisodeLog, play, write_episode
-from cc_mujoco.recording.episode import PAGE, require_ours
-from cc_mujoco.recording.web_page import require_page
+from cc_mujoco.report import (
+    BLUE,
+    DASH_PATTERN,
+    GREY,
+    ORANGE,
+    figure,
+    figure_path,
+    save,
+    style,
+)
+from cc_mujoco.simulation import EpisodeLog, play
+from cc_mujoco.viz import PAGE_FILE, require_ours, require_page, write_episode
 
 Array = NDArray[np.float64]
 
@@ -91,7 +99,7 @@ def judged(log: EpisodeLog) -> Played:
 
 
 def words(found: dict[str, Played]) -> list[str]:
-    """Six sentences."""
+    """Return six sentences."""
     none, pi, best = found.values()
     moment = int(np.argmax(best.proximal))
     kept = best.distal[moment] / best.proximal[moment]
@@ -116,14 +124,16 @@ def words(found: dict[str, Played]) -> list[str]:
 
 
 def draw(found: dict[str, Played], out: Path) -> None:
-    """Torques above, tensions below, a column per controller."""
+    """Draw torques above and tensions below, a column per controller."""
     with style():
         drawing = figure(11.5, 5.2)
         axes = drawing.subplots(2, len(found), sharex=True, sharey="row")
         for (law, one), column in zip(found.items(), axes.T, strict=True):
             above, below = column
             above.plot(one.time, one.torque, color=BLUE, label="delivered")
-            above.plot(one.time, one.desired, color=GREY, dashes=DASH, label="desired")
+            above.plot(
+                one.time, one.desired, color=GREY, dashes=DASH_PATTERN, label="desired"
+            )
             above.set_title(f"{law}: {LAWS[law]}\nerror {one.error:.0%}")
             below.plot(one.time, one.proximal, color=ORANGE, label="at the motor")
             below.plot(one.time, one.distal, color=BLUE, label="at the joint")
@@ -160,7 +170,7 @@ def main() -> None:
         print(f"- {sentence}")
     print(f"\nsee:        {out}")
     if record is not None:
-        print(f"in motion:  {record / PAGE}, in any browser ({last})")
+        print(f"in motion:  {record / PAGE_FILE}, in any browser ({last})")
         print(f"closely:    {_rerun()} {record / 'recording.rrd'}")
 
 

@@ -3,7 +3,7 @@
     python scripts/figures/demo_film.py cc_mujoco/control/controllers.webp
 
 Frames are drawn as `cc-mujoco play --video` draws them, and kept as an animated WebP,
-which pages show without a player. Needs OpenGL; see `cc_mujoco/recording`.
+which pages show without a player. Needs OpenGL; see `cc_mujoco/viz`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,18 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import Base
 
+from cc_mujoco._utils.atomic_io import replacing, require_ours
 from cc_mujoco.errors import CableError
-from cc_mujoco.figures import BLUE, DASH, GREY, TENSION_COLORS, WRITER, style
-from cc_mujoco.files import replacing, require_ours
-from cc_mujoco.recording import EpisodeLog
-from cc_mujoco.recording.panels import highest_tension
-from cc_mujoco.recording.stage import OffscreenRenderer
+from cc_mujoco.report import (
+    BLUE,
+    DASH_PATTERN,
+    GREY,
+    SOFTWARE_TAG,
+    TENSION_COLORS,
+    style,
+)
+from cc_mujoco.simulation import EpisodeLog
+from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
 Picture = NDArray[np.uint8]
 
@@ -83,7 +89,7 @@ def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Pictu
 
 
 def frames(takes: dict[str, Take]) -> Iterator[Picture]:
-    """All frames, (480, 800, 3) each."""
+    """Yield all frames, (480, 800, 3) each."""
     highest = max(highest_tension(take.log) for take in takes.values())
     time = next(iter(takes.values())).played.time
     wanted = time[0] + (np.arange(FRAMES) + 1) / RATE
@@ -104,7 +110,7 @@ def frames(takes: dict[str, Take]) -> Iterator[Picture]:
 
 
 def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
-    """All but the devices; with a delivered torque and an upright line per plot."""
+    """Draw all but the devices, with a delivered torque and a time line per plot."""
     height, width = SIZE
     drawing = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     low, tall = PLOTS
@@ -119,7 +125,9 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
             (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
         )
         axes.plot(one.time, one.torque, color=BLUE, alpha=FADED)
-        axes.plot(one.time, one.desired, color=GREY, dashes=DASH, label="desired")
+        axes.plot(
+            one.time, one.desired, color=GREY, dashes=DASH_PATTERN, label="desired"
+        )
         (line,) = axes.plot([], [], color=BLUE, label="delivered")
         moving.append((line, axes.axvline(0.0, color="black", linewidth=1.0)))
         axes.tick_params(labelleft=first is None, labelsize=8)
@@ -150,7 +158,7 @@ def save(path: Path, film: list[Picture]) -> None:
     """Write it as an animated WebP, whole or not at all."""
     first, *others = (Image.fromarray(frame) for frame in film)
     mark = Image.Exif()
-    mark[Base.Software] = WRITER
+    mark[Base.Software] = SOFTWARE_TAG
     with replacing(path) as partial:
         first.save(
             partial,
@@ -169,7 +177,7 @@ def is_ours(path: Path) -> bool:
     """Return whether `save` wrote this file."""
     try:
         with Image.open(path) as image:
-            return image.getexif().get(Base.Software) == WRITER
+            return image.getexif().get(Base.Software) == SOFTWARE_TAG
     except OSError:
         return False
 

@@ -19,16 +19,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cc_mujoco import engine
+from cc_mujoco import plugin
 from cc_mujoco.control import controller
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.figures import figure_path, save
-from cc_mujoco.recording import EpisodeLog, play
-from cc_mujoco.recording.conduit3d import (
-    conduit_points,
-    conduit_shares,
-    tension_colors,
-)
+from cc_mujoco.device import DEVICES
+from cc_mujoco.report import figure_path, save
+from cc_mujoco.simulation import EpisodeLog, play
+from cc_mujoco.viz import conduit_points, conduit_shares, tension_colors
 
 PIECES = 160
 """Short cylinders that a conduit is drawn with."""
@@ -67,7 +63,7 @@ def photograph(
     with mujoco.Renderer(model, 720, 1280) as renderer:
         renderer.update_scene(data, camera="overview")
         scene = renderer.scene
-        for cable in engine.cables(model):
+        for cable in plugin.cables(model):
             shares, tension = parts(model, cable, log[f"tension_{cable}_nodes_n"][-1])
             points = conduit_points(model, cable, log["qpos"][-1:], shares)[0]
             colors = tension_colors(tension, highest(log))
@@ -94,7 +90,7 @@ def photograph(
 
 
 def highest(log: EpisodeLog) -> float:
-    """Largest tension of the episode [N]."""
+    """Return the largest tension of the episode [N]."""
     return max(float(log[f"tension_{c}_nodes_n"].max()) for c in log.cables)
 
 

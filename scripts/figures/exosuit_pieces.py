@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco import markdown
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.human.gait import PERIOD
+from cc_mujoco.human import GAIT_PERIOD
+from cc_mujoco.report import _markdown as markdown
 
 JOINTS = {"hip": "wearer", "knee": "wearer_knee"}
 """Joints that the cable passes, and who else acts on them."""
-LAW, WARM_UP = "pi", 1.0 + PERIOD
+LAW, WARM_UP = "pi", 1.0 + GAIT_PERIOD
 
 
 def stride() -> NDArray[np.float64]:
-    """Torques (samples, joints, 3) [Nm]: by pieces, of the winch's, of the shin's."""
+    """Return torques by pieces, by the winch's and the shin's (samples, joints, 3)."""
     env = gymnasium.make(
         "cc_mujoco/HipKneeExosuit-v1",
-        duration=WARM_UP + PERIOD,
+        duration=WARM_UP + GAIT_PERIOD,
         disable_env_checker=True,
     ).unwrapped
     model, data = env.model, env.data
@@ -46,7 +46,7 @@ def stride() -> NDArray[np.float64]:
 def felt(
     model: mujoco.MjModel, data: mujoco.MjData, joint: str, ends: tuple[float, float]
 ) -> list[float]:
-    """Torque of the cable at a joint: by pieces, and with the tension of either end."""
+    """Return a cable's joint torque by pieces, and with either end's tension."""
     place = int(model.joint(joint).dofadr[0])
     passive = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
     own = data.qfrc_actuator[place] - data.actuator(JOINTS[joint]).force[0]
@@ -63,7 +63,7 @@ def felt(
 
 
 def table(torques: NDArray[np.float64]) -> str:
-    """Markdown of what a stride has of each joint."""
+    """Return the Markdown of what a stride has of each joint."""
     rows = []
     for place, joint in enumerate(JOINTS):
         pieces, winch, shin = torques[:, place].T

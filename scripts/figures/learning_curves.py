@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco.figures import COLORS, figure, save, style
+from cc_mujoco.report import COLORS, figure, save, style
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Torques of an open tendon on a two-joint arm, piece by piece and with one tension.
 
-    python scripts/figures/open_tendon.py cc_mujoco/engine/open_tendon.png
+    python scripts/figures/open_tendon.py cc_mujoco/plugin/open_tendon.png
 
 The arm is Gymnasium's `reacher`. A cord runs from a winch over two guides to the second
 link; the winch pulls with a steady torque while both joints swing. Draws the torques of
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cc_mujoco
-from cc_mujoco.engine import settle
-from cc_mujoco.figures import BLUE, ORANGE, figure, figure_path, save, style
+from cc_mujoco.plugin import settle
+from cc_mujoco.report import BLUE, ORANGE, figure, figure_path, save, style
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Swing:
 
     Attributes:
         time: [s].
-        torque: of the cord on each joint [Nm], (steps, 2).
+        torque: of the cord on each joint [N m], (steps, 2).
         single: the same with one tension along all of the cord.
     """
 
@@ -79,7 +79,7 @@ def arm() -> mujoco.MjModel:
 
 
 def swing(model: mujoco.MjModel) -> Swing:
-    """Lead both joints, let the winch turn as it wants."""
+    """Simulate prescribed joints and a free winch."""
     data = mujoco.MjData(model)
     places = [int(model.joint(name).qposadr[0]) for name in JOINTS]
     dofs = [int(model.joint(name).dofadr[0]) for name in JOINTS]
@@ -113,7 +113,7 @@ def swing(model: mujoco.MjModel) -> Swing:
 
 
 def draw(path: Path, seen: Swing) -> None:
-    """Both joints, one above the other."""
+    """Draw both joints, one above the other."""
     with style():
         drawing = figure(7.0, 4.6)
         axes = drawing.subplots(2, 1, sharex=True)

@@ -1,6 +1,6 @@
 """Number of loops of the conduit: backlash against loops and friction.
 
-    python scripts/figures/whatif_loops.py --out cc_mujoco/whatif/whatif_loops.png
+    python scripts/figures/whatif_loops.py --out cc_mujoco/design/whatif_loops.png
 
 Experiment 1b of the thesis as a design chart: the wrist handle's conduits laid in up to
 three loops, with liners from slippery to dry. Draws the chart and prints its result.
@@ -13,14 +13,7 @@ from pathlib import Path
 import numpy as np
 from whatif_study import studied
 
-from cc_mujoco.figures import (
-    BLACK,
-    COLORS,
-    TENSION_COLORS,
-    figure,
-    save,
-    style,
-)
+from cc_mujoco.report import BLACK, COLORS, TENSION_COLORS, figure, save, style
 
 FRICTION = np.array([0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15])
 LOOPS = np.linspace(0.25, 3.0, 12)
@@ -89,7 +82,7 @@ def draw(backlash: np.ndarray, out: Path) -> None:
 
 
 def conclusion(backlash: np.ndarray) -> str:
-    """Three sentences, with numbers from the study."""
+    """Return three sentences, with numbers from the study."""
     one, three = (int(np.argmin(np.abs(LOOPS - n))) for n in (1.0, 3.0))
     low, high = 0, int(np.flatnonzero(np.isfinite(backlash[:, three]))[-1])
     allowed = [

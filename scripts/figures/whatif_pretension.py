@@ -1,6 +1,6 @@
 """Tightness of the cables: pretension against transparency and slack.
 
-    cd cc_mujoco/whatif
+    cd cc_mujoco/design
     python ../../scripts/figures/whatif_pretension.py --out whatif_pretension.png
 
 The wrist handle renders a spring while the wearer swings it. Pretension keeps cables
@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from whatif_study import studied
 
-from cc_mujoco.figures import COLORS, DASH, GREY, figure, mark, save, style
+from cc_mujoco.report import COLORS, DASH_PATTERN, GREY, figure, save, set_ticks, style
 
 FRICTION = (0.015, 0.05, 0.1)
 PRETENSION = np.geomspace(1.0, 60.0, 14)
@@ -50,7 +50,7 @@ def main() -> None:
 def draw(
     reflected: np.ndarray, margin: np.ndarray, least: list[float], out: Path
 ) -> None:
-    """Draw torque [Nm] and tension [N], (friction, pretension)."""
+    """Draw torque [N m] and tension [N], (friction, pretension)."""
     with style():
         drawing = figure(11.5, 4.0)
         feel, slack, both = drawing.subplots(1, 3)
@@ -62,7 +62,7 @@ def draw(
             both.semilogx(reflected[k], margin[k], "o-", color=color, markersize=3)
             both.plot(_at(least[k], reflected[k]), RESERVE, "s", color=color)
         for axes in (slack, both):
-            axes.axhline(RESERVE, color=GREY, dashes=DASH, linewidth=0.8)
+            axes.axhline(RESERVE, color=GREY, dashes=DASH_PATTERN, linewidth=0.8)
             axes.set_yscale("symlog", linthresh=0.1)
             axes.set_ylim(-0.02, 80.0)
             axes.set_yticks([0, 0.1, 1, 10], ["slack", "0.1", "1", "10"])
@@ -83,14 +83,14 @@ def draw(
             transform=both.get_yaxis_transform(),
         )
         for axis in (feel.yaxis, both.xaxis):
-            mark(axis, (0.03, 0.1, 0.3, 1, 3))
+            set_ticks(axis, (0.03, 0.1, 0.3, 1, 3))
         for axis in (feel.xaxis, slack.xaxis):
-            mark(axis, (1, 2, 5, 10, 20, 50))
+            set_ticks(axis, (1, 2, 5, 10, 20, 50))
         save(out, drawing)
 
 
 def conclusion(reflected: np.ndarray, least: list[float]) -> str:
-    """Three sentences, with numbers from the study."""
+    """Return three sentences, with numbers from the study."""
     slope = [
         float(np.polyfit(np.log(PRETENSION[5:]), np.log(row[5:]), 1)[0])
         for row in reflected
@@ -116,7 +116,7 @@ def _grid(table: pa.Table, name: str) -> np.ndarray:
 
 
 def _least(margin: np.ndarray) -> float:
-    """Least pretension with the reserve, between the designs by interpolation [N]."""
+    """Return the interpolated least pretension with the reserve [N]."""
     above = int(np.argmax(margin >= RESERVE))
     if above == 0:
         return float(PRETENSION[0])

@@ -1,6 +1,6 @@
 """Size of drum and lever: ratio against motor torque and motor power.
 
-    python scripts/figures/whatif_ratio.py --out cc_mujoco/whatif/whatif_ratio.png
+    python scripts/figures/whatif_ratio.py --out cc_mujoco/design/whatif_ratio.png
 
 The ankle exoskeleton helps a walking wearer, with drums and levers of many sizes, each
 driven by a model of its own cable. Draws what the motor must give, prints the result.
@@ -16,11 +16,11 @@ import pyarrow as pa
 from scipy.stats import spearmanr
 from whatif_study import studied
 
-from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, save, style
-from cc_mujoco.plant import Plant, Scene
-from cc_mujoco.simulation.rollout import attended, play
-from cc_mujoco.whatif import make_plan
-from cc_mujoco.whatif.evaluate import episodes
+from cc_mujoco.design import episodes, make_plan
+from cc_mujoco.device import Plant, Scene
+from cc_mujoco.report import BLACK, TENSION_COLORS, figure, save, style
+from cc_mujoco.simulation import attended
+from cc_mujoco.simulation._rollout import play
 
 DRUM = np.linspace(0.01, 0.05, 9)
 LEVER = np.linspace(0.06, 0.18, 7)
@@ -86,7 +86,7 @@ def draw(table: pa.Table, out: Path) -> None:
 
 
 def conclusion(table: pa.Table) -> str:
-    """Three sentences, with numbers from the study."""
+    """Return three sentences, with numbers from the study."""
     torque, power = _grid(table, "peak_motor_torque"), _grid(table, "peak_motor_power")
     error, tension = _grid(table, "rms_torque_error"), _grid(table, "peak_tension")
     ratio = LEVER[:, None] / DRUM
@@ -109,7 +109,7 @@ def conclusion(table: pa.Table) -> str:
 
 
 def racing(lever: float, drum: float) -> float:
-    """Part of the time above half the peak power in which the cable is slack."""
+    """Return the slack share of the time above half the peak power."""
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan("ankle", designs=[design], **HOW)
     device = Scene("ankle")

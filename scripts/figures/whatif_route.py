@@ -1,6 +1,6 @@
 """Course of the conduit: routes of the ankle's cable against what arrives.
 
-    python scripts/figures/whatif_route.py --out cc_mujoco/whatif/whatif_route.png
+    python scripts/figures/whatif_route.py --out cc_mujoco/design/whatif_route.png
 
 The ankle exoskeleton helps a walking wearer with its motor on a stand, on the back or
 on the thigh, and with the conduit led in wide or tight bends. Draws what each route
@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 from whatif_study import studied
 
-from cc_mujoco.figures import BLUE, GREY, ORANGE, figure, save, style
+from cc_mujoco.report import BLUE, GREY, ORANGE, figure, save, style
 
 
 class Route(NamedTuple):
@@ -93,7 +93,7 @@ def draw(table: pa.Table, out: Path) -> None:
 
 
 def conclusion(table: pa.Table) -> str:
-    """Three sentences, with numbers from the study."""
+    """Return three sentences, with numbers from the study."""
     share, power, error, felt = (_grid(table, name) for name in PANELS)
     tight, thigh = 1, len(ROUTES) - 1
     return (

@@ -10,8 +10,8 @@ from typing import Any
 import pyarrow as pa
 from tqdm import tqdm
 
-from cc_mujoco.figures import figure_path
-from cc_mujoco.whatif import study
+from cc_mujoco.design import study
+from cc_mujoco.report import figure_path
 
 
 def studied(

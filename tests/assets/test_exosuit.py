@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.engine import from_mjcf, read, route, route_wrap, settle, step_limits
+from cc_mujoco.plugin import from_mjcf, read, route, route_wrap, settle, step_limits
 
 LEG = ("thigh", "shank", "foot")
 
@@ -20,7 +20,7 @@ def load(scene: str = "exosuit") -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def felt(m: mujoco.MjModel, d: mujoco.MjData) -> dict[str, float]:
-    """Torques of all cables at the joints of the leg [Nm]."""
+    """Torques of all cables at the joints of the leg [N m]."""
     torque = d.qfrc_actuator + d.qfrc_passive - d.qfrc_spring - d.qfrc_damper
     found = {}
     for joint, mover in (("hip", "wearer"), ("knee", "wearer_knee"),

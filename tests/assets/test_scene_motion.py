@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-import cc_mujoco.engine  # noqa: F401  (registers the plugin)
+import cc_mujoco.plugin  # noqa: F401  (registers the plugin)
 from cc_mujoco.assets import scene_path
 
 STIFFEST = {"wrist": "15000", "ankle": "200000"}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import cc_mujoco.engine  # noqa: F401  (registers the plugin)
+import cc_mujoco.plugin  # noqa: F401  (registers the plugin)
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.errors import CableError
 
@@ -77,7 +77,7 @@ def tendon_length(
 
 
 def lever(scene: str, cable: str, angle: float) -> float:
-    """Derivative of the drawn free cable's length by the actuated joint's angle."""
+    """Return the derivative of the drawn free cable's length by the joint angle."""
     model, data = load(scene)
     tendon, step = f"{cable}_free_distal", 1e-5
     low = tendon_length(model, data, tendon, DISTAL[scene], angle - step)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.engine import from_mjcf, read, route_wrap, to_mjcf
+from cc_mujoco.plugin import from_mjcf, read, route_wrap, to_mjcf
 
 
 def load(friction: float, **changes: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The scene with another coefficient of friction, and nobody who moves it."""
+    """Return the scene with another coefficient of friction and without its driver."""
     spec = mujoco.MjSpec.from_file(str(scene_path("finger")))
     cable = from_mjcf(spec)["extensor"].replace(friction=friction, **changes)
     to_mjcf(spec, "extensor", cable)

@@ -1,4 +1,4 @@
-"""Controllers from outside, as an entrant might hand them in."""
+"""User controllers, as an entrant might submit them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import numpy as np
 
 
 def wrong(drive: Any) -> Any:
-    """Of one device too many torques, of three an exception, of four an end."""
+    """Return a controller that fails in a way that depends on the number of devices.
+
+    One device: too many torques. Three: an exception. Four: exit of the process. Any
+    other number: an infinite torque.
+    """
 
     def law(seen: Any) -> Any:
         rows = np.size(seen["joint_torque_nm"])
@@ -26,12 +30,15 @@ def wrong(drive: Any) -> Any:
 
 
 def cheat(drive: Any) -> Any:
-    """No torque at all, and every score changed wherever it can be reached."""
-    from cc_mujoco.benchmark import cell, scores
-    from cc_mujoco.sensing import Sensing
+    """Return a controller without torque that overwrites every score it can reach."""
+    from cc_mujoco.benchmark import _cell as cell
+    from cc_mujoco.benchmark import _scores as scores
+    from cc_mujoco.device import Sensing
 
-    cell.score = scores.score = lambda *_, **__: {s.name: 0.0 for s in scores.SCORES}
-    cell.play_group = cell.draw = None
+    cell.episode_scores = scores.episode_scores = lambda *_, **__: {
+        s.name: 0.0 for s in scores.SCORES
+    }
+    cell.play_group = cell.sample_plants = None
     Sensing.equip = None
     np.sqrt = np.mean = lambda x, *_, **__: 0.0 * x
     object.__setattr__(drive, "high", 1e9)

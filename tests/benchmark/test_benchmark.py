@@ -15,26 +15,28 @@ import pytest
 from cc_mujoco.benchmark import (
     REFERENCES,
     SUITES,
+    Belief,
     BenchmarkPlan,
     Cell,
-    drawing,
+    Condition,
+    all_tables,
+    batch_groups,
     play,
     play_group,
     run,
-    together,
 )
-from cc_mujoco.benchmark.conditions import ERRORS, TRANSMISSIONS, Condition
-from cc_mujoco.benchmark.drawing import pareto
-from cc_mujoco.benchmark.plant import Belief, draw
-from cc_mujoco.benchmark.report import markdown
-from cc_mujoco.benchmark.results import read_results
-from cc_mujoco.benchmark.runner import FIGURES, Playing
-from cc_mujoco.benchmark.writing import write
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
+from cc_mujoco.benchmark._figures import pareto
+from cc_mujoco.benchmark._plant import sample_plants
+from cc_mujoco.benchmark._results import read_results
+from cc_mujoco.benchmark._results_files import write
+from cc_mujoco.benchmark._runner import FIGURE_STEMS, Playing
+from cc_mujoco.cable import Cable
+from cc_mujoco.device import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.figures import figure
 from cc_mujoco.human import Hold, Spring
-from cc_mujoco.transmission import Cable
+from cc_mujoco.report import figure
 
 WRIST = {
     condition.name: dataclasses.replace(condition, duration=1.05)
@@ -64,7 +66,7 @@ def test_the_suite_crosses_what_depends_and_varies_the_rest_one_at_a_time() -> N
             } - {"name"}
             alone = differing <= {"trajectory", "task"} or len(differing) == 1
             assert alone or differing <= {"transmission", "error"}
-    crossed = {f"{t}-{e}" for t in TRANSMISSIONS for e in ERRORS}
+    crossed = {f"{t}-{e}" for t in TRANSMISSIONS for e in MODEL_ERRORS}
     assert crossed <= set(WRIST)
 
 
@@ -72,18 +74,18 @@ WRONG = "benchmark.entries:wrong"
 
 
 def test_a_seed_and_a_condition_are_one_plant_whoever_else_is_drawn() -> None:
-    first, second = draw(USUAL, (3, 5))
-    (again,) = draw(USUAL, (5,))
+    first, second = sample_plants(USUAL, (3, 5))
+    (again,) = sample_plants(USUAL, (5,))
     assert second == again
     flexors = first.plant.cables["flexor"], second.plant.cables["flexor"]
     assert len({*flexors, second.plant.cables["extensor"]}) == 3
     assert first.plant.wearer != second.plant.wearer
     assert first.bias != second.bias
-    other = draw(WRIST["delay-long"], (3,))[0]
+    other = sample_plants(WRIST["delay-long"], (3,))[0]
     assert 3 <= other.plant.delay <= 5 and other.plant.cables != first.plant.cables
-    (exact,) = draw(WRIST["ordinary-exact"], (3,))
+    (exact,) = sample_plants(WRIST["ordinary-exact"], (3,))
     assert exact == first
-    many = draw(USUAL, range(60))
+    many = sample_plants(USUAL, range(60))
     friction = [drawn.plant.cables["flexor"].friction for drawn in many]
     assert np.mean(friction) == pytest.approx(0.1, rel=0.1)
     assert np.std(friction) == pytest.approx(0.015, rel=0.3)
@@ -104,7 +106,7 @@ def test_a_belief_is_wrong_by_its_error_and_without_one_right() -> None:
 def test_cells_played_together_give_what_each_gives_alone() -> None:
     names = ("delay-long", "noise-loud", "wearer-soft")
     cells = [Cell(WRIST[name], "stiction", (0, 1)) for name in names]
-    assert [len(group) for group in together(cells)] == [3]
+    assert [len(group) for group in batch_groups(cells)] == [3]
     group = play_group(cells)
     alone = play(dataclasses.replace(cells[1], seeds=(1,)))
     for name, values in alone.scores.items():
@@ -116,7 +118,7 @@ def test_cells_played_together_give_what_each_gives_alone() -> None:
 def test_a_cell_is_the_episode_of_the_environment_on_its_plant() -> None:
     cell = Cell(WRIST["delay-none"], "none", (4,))
     found = play(cell).scores["rms_torque_error"]
-    (drawn,) = draw(cell.condition, cell.seeds)
+    (drawn,) = sample_plants(cell.condition, cell.seeds)
     plant = drawn.plant
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1",
@@ -161,11 +163,11 @@ def test_references_give_the_scores_a_scale() -> None:
 
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
-    """A plan of a controller from outside whose gain stands in a file beside it."""
+    """Return a plan of a user's controller that reads its gain from a file."""
     monkeypatch.chdir(tmp_path)
     for name in ("mine", "helper"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    for stem in FIGURES:
+    for stem in FIGURE_STEMS:
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
     Path("helper.py").write_text(
         "from pathlib import Path\nCC_MUJOCO_FILES = ('gain.toml',)\n"
@@ -232,7 +234,7 @@ def test_a_report_says_which_controller_gave_no_number() -> None:
     laws = (*REFERENCES, "none", WRONG)
     cells = [Cell(USUAL, law, (0, 1)) for law in laws]
     results = [(cell, play(cell)) for cell in cells]
-    told = markdown(results, "none")
+    told = all_tables(results, "none")
     assert "no number, in 2 of 2 episodes" in told
     assert "nan" not in told
     pareto(results, USUAL.scene)
@@ -272,5 +274,5 @@ def test_what_cannot_be_played_is_refused() -> None:
 def test_a_hand_that_reverses_at_the_ankle_is_asked_to_hold() -> None:
     named = {c.name: c for c in SUITES["v1"].conditions("ankle")}
     assert isinstance(named["reversals"].task, Hold)
-    (drawn,) = draw(named["moving-route"], (0,))
+    (drawn,) = sample_plants(named["moving-route"], (0,))
     assert drawn.plant.cables["plantarflexor"].bend == "route"

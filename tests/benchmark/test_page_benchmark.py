@@ -10,9 +10,10 @@ import fill_readme
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.benchmark import REFERENCES, SCORES, SUITES, drawing
-from cc_mujoco.benchmark.runner import FIGURES
-from cc_mujoco.figures import figure
+from cc_mujoco.benchmark import REFERENCES, SCORES, SUITES
+from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark._runner import FIGURE_STEMS
+from cc_mujoco.report import figure
 
 ROOMS = Path(__file__).parents[2] / "cc_mujoco"
 PAGE = (ROOMS / "benchmark" / "README.md").read_text(encoding="utf-8")
@@ -63,7 +64,7 @@ def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     (tmp_path / "my_controller.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
-    for stem in FIGURES:  # what it scores is drawn as all else is
+    for stem in FIGURE_STEMS:  # what it scores is drawn as all else is
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
     short = "--conditions ordinary-rough --seeds 1 --duration 1.05 --workers 1"
     program, *words = f"{command} {short}".split()

@@ -1,4 +1,4 @@
-"""Energy out of a port: none of what is passive, all of what is known to be active."""
+"""Energy extracted from a port: none if it is passive, a known amount if active."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.simulation.batch import FRAME_SKIP
-from cc_mujoco.whatif.passivity import (
-    LIMBS,
+from cc_mujoco.design import (
+    LIMB_RANGES,
     Limb,
     WearerEnergy,
-    box,
     inertia_of,
-    limb_at,
+    limb_of,
     play,
-    taken,
+    wearer_bounds,
 )
+from cc_mujoco.design._passivity import extracted_energy
+from cc_mujoco.device import DEVICES
+from cc_mujoco.simulation import FRAME_SKIP
 
 Array = NDArray[np.float64]
 PHYSICS = 5e-4
 SPRING = 2.0
-"""Of the virtual environment [Nm/rad]."""
+"""Stiffness of the virtual environment [N m/rad]."""
 
 
 def held(torque: Callable[[Array, Array], Array], limb: Limb) -> tuple[Array, ...]:
-    """A joint let go at 0.3 rad, stepped and sampled as MuJoCo does a device.
+    """Return the motion of a joint released at 0.3 rad, sampled like a device.
 
     Args:
-        torque: Of the device, by angles and velocities so far (at least one each).
-        limb: Alone on the joint; it is at rest at 0.
+        torque: Torque of the device by angles and velocities so far, at least one each.
+        limb: Limb on the joint, at rest at 0.
 
     Returns:
         Torque, desired torque, angle and velocity in 2000 samples.
@@ -53,7 +53,7 @@ def held(torque: Callable[[Array, Array], Array], limb: Limb) -> tuple[Array, ..
 
 
 def energy(series: tuple[Array, ...]) -> float:
-    return float(taken(*series, FRAME_SKIP * PHYSICS))
+    return float(extracted_energy(*series, FRAME_SKIP * PHYSICS))
 
 
 limbs = st.builds(
@@ -68,14 +68,14 @@ limbs = st.builds(
 def test_a_real_spring_with_a_damper_gives_nothing(
     limb: Limb, share: float, damping: float
 ) -> None:
-    """As stiff as the virtual one, softer, or none at all."""
+    """Its stiffness is between zero and that of the virtual environment."""
     series = held(lambda a, v: -share * SPRING * a[-1] - damping * v[-1], limb)
     assert energy(series) < 1e-3 * 0.5 * SPRING * 0.3**2
 
 
 @given(limb=limbs, share=st.floats(0.1, 0.9))
 def test_a_negative_damper_gives_what_it_gives(limb: Limb, share: float) -> None:
-    """An integral of its own law, whether the wearer can stand it or not."""
+    """The energy is the integral of the damper's power over the motion."""
     negative = share * limb.damping
     series = held(lambda a, v: -SPRING * a[-1] + negative * v[-1], limb)
     velocity = series[-1]
@@ -114,18 +114,18 @@ def test_the_worst_is_found_within_the_box_and_at_its_corners(
 
 
 def test_the_box_of_every_device_can_be_worn() -> None:
-    assert set(LIMBS) == set(DEVICES)
-    for scene in LIMBS:
-        low, high = (limb_at(end, inertia_of(scene)) for end in box(scene).T)
+    assert set(LIMB_RANGES) == set(DEVICES)
+    for scene in LIMB_RANGES:
+        low, high = (limb_of(end, inertia_of(scene)) for end in wearer_bounds(scene).T)
         assert 0.0 < low.stiffness < high.stiffness
         assert 0.0 < low.damping < high.damping
         assert 0.0 < low.inertia < high.inertia
 
 
 def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> None:
-    soft, stiff = box("wrist").T
+    soft, stiff = wearer_bounds("wrist").T
     places = [soft, stiff, [stiff[0], *soft[1:]], [*soft[:2], stiff[2]]]
-    wearers = [limb_at(np.array(place), inertia_of("wrist")) for place in places]
+    wearers = [limb_of(np.array(place), inertia_of("wrist")) for place in places]
     for law in ("ideal", "motor-off"):
         found = play("wrist", law, "spring", wearers)
         assert max(found.held.max(), found.begun.max()) < 1e-4

@@ -15,14 +15,14 @@ from cc_mujoco.benchmark import (
     SUITES,
     Cell,
     CellResult,
-    interval,
-    markdown,
-    normalised,
-    ranking,
+    all_tables,
+    format_mean_interval,
+    normalise_errors,
+    rank_controllers,
 )
-from cc_mujoco.benchmark.ranking import WORST, resampled
-from cc_mujoco.benchmark.report import comparison
-from cc_mujoco.benchmark.results import joined, read_results, write_results
+from cc_mujoco.benchmark._ranking import MAX_NORMALISED_ERROR, bootstrap_means
+from cc_mujoco.benchmark._report import comparison
+from cc_mujoco.benchmark._results import join_results, read_results, write_results
 from cc_mujoco.errors import CableError
 
 SEEDS = 6
@@ -38,22 +38,26 @@ def noisy(mean: float, seed: int, conditions: int = 5) -> np.ndarray:
 
 def test_pairs_tell_what_intervals_of_each_do_not() -> None:
     errors = {"near": noisy(0.55, 1), "best": noisy(0.5, 2), "twin": noisy(0.5, 3)}
-    places = {place.name: place for place in ranking(errors)}
+    places = {place.name: place for place in rank_controllers(errors)}
     assert places["near"].low < places["best"].high
     assert "near" in places["best"].better_than
     assert places["best"].better_than == places["twin"].better_than == ("near",)
-    assert [(p.first, p.last) for p in ranking(errors)] == [(1, 2), (1, 2), (3, 3)]
+    assert [(p.first, p.last) for p in rank_controllers(errors)] == [
+        (1, 2),
+        (1, 2),
+        (3, 3),
+    ]
 
 
 def test_intervals_are_as_wide_as_seeds_make_them() -> None:
     values = np.random.default_rng(4).normal(1.0, 0.3, size=(200, SEEDS))
-    spread = np.std(resampled({"one": values})["one"])
+    spread = np.std(bootstrap_means({"one": values})["one"])
     assert spread == pytest.approx(0.3 / math.sqrt(values.size), rel=0.06)
     shared = np.repeat(values[:100], 2, axis=0)
     plants = [str(row // 2) for row in range(200)]
-    wider = np.std(resampled({"one": shared}, plants)["one"])
+    wider = np.std(bootstrap_means({"one": shared}, plants)["one"])
     assert wider == pytest.approx(0.3 / math.sqrt(100 * SEEDS), rel=0.09)
-    (place,) = ranking({"one": values[:, :1]})
+    (place,) = rank_controllers({"one": values[:, :1]})
     assert math.isnan(place.low)
 
 
@@ -62,9 +66,12 @@ def test_an_error_is_a_multiple_of_that_without_compensation() -> None:
         "none": {"a": np.array([1.0, 3.0]), "b": np.array([10.0, math.nan])},
         "mine": {"a": np.array([1.0, math.nan]), "b": np.array([5.0, 500.0])},
     }
-    found = normalised(rms, "none")
-    assert found["none"].tolist() == [[0.5, 1.5], [1.0, WORST]]
-    assert found["mine"].tolist() == [[0.5, WORST], [0.5, WORST]]
+    found = normalise_errors(rms, "none")
+    assert found["none"].tolist() == [[0.5, 1.5], [1.0, MAX_NORMALISED_ERROR]]
+    assert found["mine"].tolist() == [
+        [0.5, MAX_NORMALISED_ERROR],
+        [0.5, MAX_NORMALISED_ERROR],
+    ]
 
 
 def fake(laws: dict[str, float], scene: str = "wrist") -> list[tuple[Cell, CellResult]]:
@@ -91,7 +98,7 @@ LAWS = {**dict.fromkeys(REFERENCES, 2.0), "none": 1.0, "pi": 0.8, "model": 0.5}
 
 
 def test_tables_have_every_row_and_say_what_it_is() -> None:
-    text = markdown(fake(LAWS), baseline="model")
+    text = all_tables(fake(LAWS), baseline="model")
     for name, row in REFERENCES.items():
         assert f"| *{name}* | " in text and f"- *{name}*: {row.meaning}" in text
     for score in SCORES:
@@ -109,12 +116,12 @@ def test_files_of_results_rank_together(tmp_path: Path) -> None:
     write_results(paths[0], fake(LAWS), "v1", MAKERS)
     other = {**dict.fromkeys(REFERENCES, 2.0), "none": 1.0, "pi": 0.7, "mine:m": 0.4}
     write_results(paths[1], fake(other), "v1", MAKERS | {"sources": "two"})
-    errors, differing = joined(*map(read_results, paths))
+    errors, differing = join_results(*map(read_results, paths))
     assert differing == ["the sources of cc_mujoco"]
     assert list(errors["wrist"]) == ["none", "pi (a)", "pi (b)", "model", "mine:m"]
     text = comparison(errors, differing)
     assert "differs in the sources" in text and "| 1 | `mine:m` | 0.4" in text
-    again, nothing = joined(*map(read_results, (paths[0], paths[0])))
+    again, nothing = join_results(*map(read_results, (paths[0], paths[0])))
     assert list(again["wrist"]) == ["none", "pi", "model"] and nothing == []
 
 
@@ -132,16 +139,16 @@ def test_results_of_other_conditions_are_not_compared(tmp_path: Path) -> None:
     whys = {1: "not the same", 2: "nothing to compare", 3: "the seeds"}
     for other, why in whys.items():
         with pytest.raises(CableError, match=why):
-            joined(read_results(paths[0]), read_results(paths[other]))
+            join_results(read_results(paths[0]), read_results(paths[other]))
     (tmp_path / "x.parquet").write_text("mine")
     with pytest.raises(CableError, match="no Parquet file"):
         read_results(tmp_path / "x.parquet")
 
 
 def test_interval_is_that_of_student() -> None:
-    found = interval(np.array([1.0, 2.0, 3.0, math.nan]))
+    found = format_mean_interval(np.array([1.0, 2.0, 3.0, math.nan]))
     assert found.mean == 2.0
     assert found.half == pytest.approx(4.302652729911275 / math.sqrt(3.0))
     assert str(found) == "2.0 ± 2.5 (3 of 4)"
-    assert str(interval(np.array([1.0, 2.0, 3.0]))) == "2.0 ± 2.5"
-    assert str(interval(np.array([math.nan]))) == "-"
+    assert str(format_mean_interval(np.array([1.0, 2.0, 3.0]))) == "2.0 ± 2.5"
+    assert str(format_mean_interval(np.array([math.nan]))) == "-"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.benchmark import SCORES
-from cc_mujoco.benchmark.scores import score
+from cc_mujoco.benchmark._scores import episode_scores
 from cc_mujoco.metrics import ArrayLog
 
 CABLES = ("flexor", "extensor")
@@ -22,7 +22,7 @@ ABOUT = {
 
 
 def episode(samples: int = 4000) -> dict[str, np.ndarray]:
-    """A spring rendered perfectly by a motor that turns smoothly."""
+    """Return a spring rendered perfectly by a motor that turns smoothly."""
     time = np.arange(samples) / 1000.0
     angle = 0.5 * np.sin(2.0 * math.pi * time)
     return {
@@ -40,7 +40,7 @@ def episode(samples: int = 4000) -> dict[str, np.ndarray]:
 def scored(
     about: dict[str, Any] | None = None, **changes: np.ndarray
 ) -> dict[str, float]:
-    return score(ArrayLog(episode() | changes, CABLES, ABOUT | (about or {})))
+    return episode_scores(ArrayLog(episode() | changes, CABLES, ABOUT | (about or {})))
 
 
 def test_scores_of_a_perfect_episode() -> None:

@@ -1,4 +1,4 @@
-"""What an entrant can and cannot change of the results of the benchmark."""
+"""Integrity of benchmark results against changes by an entrant."""
 
 from __future__ import annotations
 
@@ -13,12 +13,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco import cli
+from cc_mujoco._utils.provenance import read_provenance, with_provenance
 from cc_mujoco.benchmark import SUITES, BenchmarkPlan, Cell, play, run
-from cc_mujoco.benchmark.entry import makers
-from cc_mujoco.benchmark.results import _digest, joined, read_results, write_results
-from cc_mujoco.benchmark.runner import CELLS
+from cc_mujoco.benchmark._results import (
+    _digest,
+    join_results,
+    read_results,
+    write_results,
+)
+from cc_mujoco.benchmark._runner import CELLS_FOLDER
+from cc_mujoco.benchmark._user_entry import controller_provenance
 from cc_mujoco.errors import CableError
-from cc_mujoco.identity import seal, sealed
 
 SHORT = BenchmarkPlan(
     ("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=2, duration=1.05
@@ -27,7 +32,7 @@ CHEAT = "benchmark.entries:cheat"
 
 
 def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
-    """It gives no torque, so it gets what a motor without current gets."""
+    """It commands no torque, so its scores are those of a motor without current."""
     usual = next(c for c in SUITES["v1"].conditions("wrist") if c.usual)
     usual = dataclasses.replace(usual, duration=1.05)
     honest = play(Cell(usual, "motor-off", (0, 1)))
@@ -37,18 +42,18 @@ def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
         assert np.array_equal(values, cheated.scores[name], equal_nan=True)
         assert np.array_equal(values, again.scores[name], equal_nan=True)
     assert honest.scores["rms_torque_error"].min() > 0.1
-    assert "entries.py" in "".join(makers(CHEAT)["files"])
+    assert "entries.py" in "".join(controller_provenance(CHEAT)["files"])
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of results of two seeds that an entrant did not choose."""
+    """Return a results file with two seeds that the entrant did not choose."""
     plan = dataclasses.replace(SHORT, first_seed=7)
     folder = tmp_path_factory.mktemp("results")
     found = run(plan, folder)
-    assert (folder / CELLS).is_dir()
+    assert (folder / CELLS_FOLDER).is_dir()
     path = folder / "results.parquet"
-    write_results(path, found, plan.suite, makers(*plan.controllers))
+    write_results(path, found, plan.suite, controller_provenance(*plan.controllers))
     return path
 
 
@@ -68,12 +73,12 @@ def rewritten(
 ) -> Path:
     """Write a copy with changed columns, and a digest that fits where `signed`."""
     table = pq.read_table(path)
-    about = seal(table)
+    about = read_provenance(table)
     table = pa.table({n: change(n, table[n].to_pylist()) for n in table.column_names})
     if signed:
         about["digest"] = _digest(table, about)
     other = path.with_name("changed.parquet")
-    pq.write_table(sealed(table, about), other)
+    pq.write_table(with_provenance(table, about), other)
     return other
 
 
@@ -116,6 +121,6 @@ def test_files_of_other_seeds_are_not_compared(results: Path) -> None:
         read_results(results),
         read_results(rewritten(results, later, signed=True)),
     )
-    assert len(joined(one, one)[0]) == 1
+    assert len(join_results(one, one)[0]) == 1
     with pytest.raises(CableError, match="--first-seed"):
-        joined(one, other)
+        join_results(one, other)

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.control import CableDrive, Drive
-from cc_mujoco.transmission import Cable, Section
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.device import CableDrive, Drive
 
 WRAP = 3.0
 
 
 def cable(friction: float = 0.1, segments: int = 10) -> Cable:
-    """A cable of 2 m and three radians."""
+    """Return a cable of 2 m that is wrapped by `WRAP` radians."""
     return Cable(
         friction=friction,
         segments=segments,

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import Cable, Section
 from cc_mujoco.control import (
     CONTROLLERS,
-    CableDrive,
     Controller,
-    Drive,
     ProportionalIntegral,
+    as_round_pulley,
     controller,
 )
-from cc_mujoco.control.controller import wound
+from cc_mujoco.device import TENSION_COLUMN, CableDrive, Drive, Sensors
+from cc_mujoco.device._sensors import MEASURED_COLUMNS, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED, TENSIONS, WINDING, Sensors
-from cc_mujoco.transmission import Cable, Section
 
 CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))
 SENSORS = Sensors((0, 4, 8), (0.2, 0.2, 0.2))
@@ -51,10 +50,10 @@ ANKLE = Drive(
 
 def reading(desired: Any, torque: Any, drive: Drive = WRIST) -> dict[str, Any]:
     """Everything that may be measured, and nothing else."""
-    everything: dict[str, Any] = dict.fromkeys(MEASURED, 0.0 * desired)
+    everything: dict[str, Any] = dict.fromkeys(MEASURED_COLUMNS, 0.0 * desired)
     shape = (*np.shape(desired), len(drive.cables), 3)
     tension = 10.0 + 0.5 * np.sin(np.asarray(desired))[..., None, None] * np.ones(shape)
-    everything |= {"motor_angle_rad": 0.05 * desired, TENSIONS: tension}
+    everything |= {"motor_angle_rad": 0.05 * desired, TENSION_COLUMN: tension}
     return everything | {"desired_torque_nm": desired, "joint_torque_nm": torque}
 
 
@@ -188,10 +187,10 @@ def test_gains_that_cannot_be_are_refused(gain: float) -> None:
 
 def test_a_lever_is_not_taken_for_a_pulley() -> None:
     """Refuse one that its drive declares where nobody measures its arm."""
-    seen = dict.fromkeys(MEASURED, 0.1)
+    seen = dict.fromkeys(MEASURED_COLUMNS, 0.1)
     drive = dataclasses.replace(ANKLE, lever=True)
-    assert wound(seen, ANKLE) is seen
+    assert as_round_pulley(seen, ANKLE) is seen
     with pytest.raises(CableError, match="pull a lever, whose arm changes"):
-        wound(seen, drive)
-    told = wound({**seen, **dict.fromkeys(WINDING, 2.0)}, drive)
+        as_round_pulley(seen, drive)
+    told = as_round_pulley({**seen, **dict.fromkeys(WINDING_COLUMNS, 2.0)}, drive)
     assert told["joint_torque_nm"] == 0.05

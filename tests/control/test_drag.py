@@ -10,11 +10,12 @@ from benchmarks.check_friction import DRAG, LARGE, SHARES, designs, play, sized
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.control import CONTROLLERS, rollout
-from cc_mujoco.control.model import joint_stiffness
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.transmission import stepper
-from cc_mujoco.transmission.packing import tensions
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._layout import tensions
+from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.control import _rollout as rollout
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.device import DEVICES
 from control.devices import single
 
 DT = 0.003
@@ -32,8 +33,8 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
     """And no further; the state that is left is that of the angle."""
     (own,) = single().cables
     cable = own.cable.replace(**sized(LARGE[term], share))
-    cables = stepper.between([cable], [own.proximal], [own.distal])
-    start = stepper.at_rest(cables, 0.0, 0.0)
+    cables = stepper.make_cables([cable], [own.proximal], [own.distal])
+    start = stepper.rest_states(cables, 0.0, 0.0)
     new, leapt = np.zeros_like(start), np.zeros_like(start)
     work, tolerance = stepper.scratch(cables), 0.01
     rise = joint_stiffness([dataclasses.replace(own, cable=cable)])
@@ -42,7 +43,7 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
         stepper.move(cables, start, -paid, moved, DT, leapt, work)
         return max(float(tensions(leapt[0], cable.segments)[-1]), 0.0)
 
-    found = -rollout.motor_for(
+    found = -rollout.find_motor_angle(
         cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, DT,
         False, leapt, new, work,
     )  # fmt: skip

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.control import Controller, controller
+from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 
 DRIVE = Drive(5.0, -1.0, 1.0, 0.001)

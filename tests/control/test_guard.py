@@ -15,21 +15,18 @@ from cc_mujoco.control import (
     CONTROLLERS,
     Controller,
     DisturbanceObserver,
-    Drive,
     PredictiveCompensation,
     controller,
-    laws,
-    planning,
 )
-from cc_mujoco.control.guard import UNLIMITED, released
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.exo import WornDevice
-from cc_mujoco.episode import Trace, run
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _planning as planning
+from cc_mujoco.control._guard import NO_TORQUE_LIMIT, release_state
+from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive, Measuring, Plant, Sensors
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics.torques import TOO_LONG, unsafe_from
-from cc_mujoco.plant import Plant
-from cc_mujoco.sensing import MEASURED, TENSIONS, Measuring, Sensors
-from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
+from cc_mujoco.metrics import first_unsafe_sample
+from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
+from cc_mujoco.simulation import FRAME_SKIP, Fleet, Trace, WornDevice, run
 from control.devices import pull_pull, single
 
 SAFE = 8.0
@@ -43,14 +40,14 @@ def test_a_joint_is_let_go_before_it_is_unsafe_and_not_where_it_is_as_planned(
     measured: float, planned: float, safe: float
 ) -> None:
     for before in (0.0, 1.0):
-        found = released(before, measured, 0.0, planned, safe)
+        found = release_state(before, measured, 0.0, planned, safe)
         if abs(measured) > safe:
             assert found == 1.0
         elif abs(measured) <= planned * np.sign(measured):
             assert found == 0.0
-        assert found == released(before, -measured, 0.0, -planned, safe)
+        assert found == release_state(before, -measured, 0.0, -planned, safe)
     # What lets go keeps on until much less is left.
-    assert released(1.0, measured, 0.0, planned, safe) >= released(
+    assert release_state(1.0, measured, 0.0, planned, safe) >= release_state(
         0.0, measured, 0.0, planned, safe
     )
 
@@ -60,11 +57,13 @@ def test_a_motor_that_would_be_stopped_unsafely_is_let_go_before(
     measured: float, rushing: float, planned: float, safe: float
 ) -> None:
     for before in (0.0, 1.0):
-        found = released(before, measured, rushing, planned, safe)
-        assert found >= released(before, measured, 0.0 * rushing, planned, 1e9)
+        found = release_state(before, measured, rushing, planned, safe)
+        assert found >= release_state(before, measured, 0.0 * rushing, planned, 1e9)
         if abs(measured + rushing) > safe:
             assert found == 1.0
-        elif released(before, measured, 0.0, planned, safe) == 0.0 and before == 0.0:
+        elif (
+            release_state(before, measured, 0.0, planned, safe) == 0.0 and before == 0.0
+        ):
             assert found == 0.0
 
 
@@ -72,8 +71,8 @@ def test_a_motor_that_would_be_stopped_unsafely_is_let_go_before(
 def test_without_a_safe_torque_there_is_no_guard(
     measured: float, planned: float
 ) -> None:
-    assert released(0.0, measured, 0.0, planned, UNLIMITED) == 0.0
-    assert released(0.0, np.nan, 0.0, planned, 1.0) == 0.0
+    assert release_state(0.0, measured, 0.0, planned, NO_TORQUE_LIMIT) == 0.0
+    assert release_state(0.0, np.nan, 0.0, planned, 1.0) == 0.0
 
 
 def drive(pair: bool, safe: float) -> Drive:
@@ -88,9 +87,9 @@ def drive(pair: bool, safe: float) -> Drive:
 
 
 def seen(law: Controller, torque: float) -> dict[str, Any]:
-    told: dict[str, Any] = dict.fromkeys(MEASURED, 0.0)
+    told: dict[str, Any] = dict.fromkeys(MEASURED_COLUMNS, 0.0)
     told |= {"joint_torque_nm": torque, "desired_torque_nm": 1.0}
-    told[TENSIONS] = np.full((len(law.drive.cables), 3), 12.0)
+    told[TENSION_COLUMN] = np.full((len(law.drive.cables), 3), 12.0)
     return told
 
 
@@ -123,21 +122,24 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     torque: float, motor: float, joint: float
 ) -> None:
     """And otherwise its law is `proportional_integral`, bit for bit."""
-    gains = laws.FeedbackGains(
+    gains = compiled_laws.FeedbackGains(
         ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1, inertia=1e-2
     )
     read = np.array([0.0, motor, joint, torque, 1.0])
-    memory, plain = np.zeros(laws.MEMORY), np.zeros(laws.MEMORY)
-    found = laws.guarded(gains.packed, 20.0, memory, read)
-    usual = laws.proportional_integral(gains.packed, plain, 1.0, torque)
+    memory, plain = (
+        np.zeros(compiled_laws.MEMORY_SIZE),
+        np.zeros(compiled_laws.MEMORY_SIZE),
+    )
+    found = compiled_laws.guarded_torque(gains.packed, 20.0, memory, read)
+    usual = compiled_laws.proportional_integral(gains.packed, plain, 1.0, torque)
     rushing = (motor - 2.0 * joint) * np.sqrt(20.0 * 1e-2)
-    if released(0.0, torque, rushing, 1.0, SAFE) == 0.0:
+    if release_state(0.0, torque, rushing, 1.0, SAFE) == 0.0:
         assert found == usual
         assert np.array_equal(memory, plain)
     else:
         damped = 0.1 * 20.0 / 2.0**2 * (2.0 * joint - motor)
         assert found == pytest.approx(min(max(damped, -5.0), 5.0), abs=1e-12)
-        assert memory[laws.INTEGRAL] == 0.0
+        assert memory[compiled_laws.INTEGRAL_TORQUE] == 0.0
 
 
 def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:
@@ -158,7 +160,7 @@ def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:
 def peaks(
     scene: str, law: str, changes: dict[str, float], believed: float, duration: float
 ) -> list[tuple[float, bool]]:
-    """Return peak torque [Nm], and whether it was unsafe, with the guard and without.
+    """Return peak torque [N m], and whether it was unsafe, with the guard and without.
 
     Args:
         scene: Name of the device.
@@ -191,7 +193,7 @@ def peaks(
         trace = Trace(("joint_torque_nm",), fleet.steps, fleet.going)
         run(fleet, controller(law, own), trace.keep, measure=measuring.measure)
         torque = trace.columns["joint_torque_nm"][:, 0]
-        unsafe = unsafe_from(torque, setup.safe_torque, exo.period) is not None
+        unsafe = first_unsafe_sample(torque, setup.safe_torque, exo.period) is not None
         found.append((float(np.abs(torque).max()), unsafe))
     return found
 
@@ -238,6 +240,6 @@ def test_a_torque_is_unsafe_once_it_was_too_high_for_too_long(
     torque = np.zeros(100)
     torque[first : first + long] = sign * 2.0
     period = 1e-3
-    found = unsafe_from(torque, 1.0, period)
-    assert found == (first if long * period >= TOO_LONG else None)
-    assert unsafe_from(torque, 2.0, period) is None
+    found = first_unsafe_sample(torque, 1.0, period)
+    assert found == (first if long * period >= MAX_UNSAFE_TIME else None)
+    assert first_unsafe_sample(torque, 2.0, period) is None

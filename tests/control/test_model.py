@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cc_mujoco.control import CableDrive, CableModel, Drive
+from cc_mujoco.cable import Transmission
+from cc_mujoco.control import CableModel
+from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Transmission
 from control.devices import WRAP, cable, growth, pull_pull, single, there_and_back
 
 PERIOD = 0.001

@@ -13,20 +13,19 @@ from hypothesis import strategies as st
 from cc_mujoco.control import (
     Controller,
     DisturbanceObserver,
-    Drive,
     FusedFeedback,
     ModelBased,
     ProportionalIntegral,
     StictionCompensation,
 )
+from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import TENSIONS, Sensors
-from cc_mujoco.thesis.inertia_free import InertiaFree
+from cc_mujoco.thesis._inertia_free import InertiaFree
 from control.devices import growth, pull_pull, single, there_and_back
 
 
 def errors(drive: Drive, law: Controller, angle: Any, desired: Any) -> Any:
-    """Error of the joint torque in every sample [Nm]."""
+    """Error of the joint torque in every sample [N m]."""
     log = InertiaFree(drive).run(law, angle, desired)
     return log["joint_torque_nm"] - desired
 
@@ -163,7 +162,7 @@ class Sensed(Controller):
             self.device.tension(k)[nodes] for k in range(len(self.law.drive.cables))
         ]
         noisy = np.array(told) + self.noise * self.random.normal(size=(len(told), 3))
-        return self.law.torque({**observation, TENSIONS: noisy})
+        return self.law.torque({**observation, TENSION_COLUMN: noisy})
 
 
 def sensed(drive: Drive, deviation: float) -> Drive:

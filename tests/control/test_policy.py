@@ -10,27 +10,20 @@ import gymnasium
 import numpy as np
 import pytest
 
-from cc_mujoco.control import (
-    Drive,
-    Network,
-    Observed,
-    controller,
-    read_policy,
-    write_policy,
-)
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.control import Network, controller, read_policy, write_policy
+from cc_mujoco.device import DEVICES, Drive, Observed
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED
 
 IDS = [device.environment for device in DEVICES.values()]
 WRIST = DEVICES["wrist"].environment
 UNITS = (0.02, 2.0, 0.5, 2.0, 1.0, 1.0)
-OBSERVED = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 1.0, 2, 3, True)
+OBSERVED = Observed("wrist", MEASURED_COLUMNS[:6], UNITS, 5.2, 1e-3, 1.0, 2, 3, True)
 DRIVE = Drive(5.2, -1.0, 1.0, 1e-3, observed=OBSERVED)
 
 
 def network(observed: Observed, squashed: bool = True, seed: int = 0) -> Network:
-    """Some network with a hidden layer, for what is observed."""
+    """Return a network with a hidden layer for the observation."""
     random = np.random.default_rng(seed)
     size = observed.space.shape[0]
     return Network(
@@ -45,7 +38,7 @@ def network(observed: Observed, squashed: bool = True, seed: int = 0) -> Network
 
 
 def written(path: Path, observed: Observed, **given: Any) -> str:
-    """The file of such a network."""
+    """Return the file of a network."""
     name = str(path / "policy.safetensors")
     write_policy(name, network(observed, **given), observed)
     return name
@@ -84,7 +77,7 @@ def test_one_of_many_is_played_as_if_it_were_alone(tmp_path: Path) -> None:
     together = controller(name, DRIVE)
     alone = [controller(name, DRIVE) for _ in range(3)]
     for step in range(20):
-        many = {column: random.normal(size=3) for column in MEASURED}
+        many = {column: random.normal(size=3) for column in MEASURED_COLUMNS}
         if step == 7:  # one of them begins anew
             together.reset(np.array([False, True, False]))
             alone[1].reset()
@@ -102,7 +95,7 @@ def test_a_motor_that_is_limited_gives_less_and_not_a_share_of_less(
     limited = controller(name, Drive(5.2, -0.4, 0.4, 1e-3, observed=OBSERVED))
     clipped = 0
     for _ in range(20):
-        seen = {column: float(random.normal()) for column in MEASURED}
+        seen = {column: float(random.normal()) for column in MEASURED_COLUMNS}
         own = full.torque(seen)
         assert limited.torque(seen) == min(max(own, -0.4), 0.4)
         clipped += abs(own) > 0.4
@@ -159,7 +152,7 @@ def test_a_policy_for_other_samples_or_no_environment_is_refused(
 
 
 def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    small = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 1.0)
+    small = Observed("wrist", MEASURED_COLUMNS[:6], UNITS, 5.2, 1e-3, 1.0)
     with pytest.raises(CableError, match=r"for 33 numbers, but 6 are observed"):
         write_policy(tmp_path / "p.safetensors", network(OBSERVED), small)
     one, two = np.ones((1, 2)), np.ones((2, 3))

@@ -14,19 +14,18 @@ from benchmarks.check_passivity import play as wear
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco import engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
-from cc_mujoco.benchmark import SUITES, Cell, play
-from cc_mujoco.benchmark.cell import stage
-from cc_mujoco.benchmark.conditions import Condition
-from cc_mujoco.control import AdaptiveModel, PredictiveCompensation, rollout
-from cc_mujoco.control.model import CableModel, joint_stiffness
-from cc_mujoco.control.predictive import preview, smoothing
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.episode import Single, run
+from cc_mujoco.benchmark import SUITES, Cell, Condition, play
+from cc_mujoco.benchmark._cell import prepare_episodes
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.control import AdaptiveModel, CableModel, PredictiveCompensation
+from cc_mujoco.control import _rollout as rollout
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._predictive import filter_gains, optimal_plan
+from cc_mujoco.device import DEVICES, Sensing, Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import Sensing, Sensors
-from cc_mujoco.transmission import stepper
+from cc_mujoco.simulation import Single, run
 from control.devices import pull_pull, single
 
 WRIST, ANKLE, EXOSUIT = (
@@ -42,7 +41,7 @@ def scores(law: str, condition: Condition, duration: float) -> dict[str, float]:
 
 def test_a_plan_reaches_what_it_wants_and_leaves_early() -> None:
     span = 0.003
-    gains = preview(30, span, 150.0)
+    gains = optimal_plan(30, span, 150.0)
     wanted = np.where(np.arange(1, 31) > 15, 1.0, 0.0)
     push = gains[:, 2:] @ wanted
     velocity = np.concatenate([[0.0], np.cumsum(push) * span])
@@ -59,7 +58,7 @@ def test_a_plan_reaches_what_it_wants_and_leaves_early() -> None:
 
 
 def test_the_filter_of_motion_has_no_lag_under_constant_acceleration() -> None:
-    a, b, c = smoothing(0.2)
+    a, b, c = filter_gains(0.2)
     value, rate, half = 0.0, 0.0, 0.0
     for step in range(1, 200):
         value, rate = value + rate + half, rate + 2.0 * half
@@ -89,7 +88,7 @@ def test_the_delay_of_the_sensors_is_found_by_what_moved_the_motor() -> None:
 @pytest.mark.parametrize("wrong", [-0.3, 0.3])
 def test_late_sensors_and_a_wrong_inertia_together_do_not_swing(wrong: float) -> None:
     slow = dataclasses.replace(ANKLE["ordinary-rough"], delay=(10, 10), duration=1.6)
-    made = stage([Cell(slow, "predictive", seeds=(0,))])
+    made = prepare_episodes([Cell(slow, "predictive", seeds=(0,))])
     drive = dataclasses.replace(made.drive, inertia=(1.0 + wrong) * made.drive.inertia)
     torques: list[float] = []
     run(
@@ -142,8 +141,8 @@ def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
 def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     """A plan that leaps within a knot felt the drag of the leap, and shied from it."""
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
-    for name, cable in engine.from_mjcf(spec).items():
-        engine.to_mjcf(spec, name, cable.replace(**{term: size}))
+    for name, cable in plugin.from_mjcf(spec).items():
+        plugin.to_mjcf(spec, name, cable.replace(**{term: size}))
     env = gymnasium.make(
         DEVICES["wrist"].environment, model=spec.compile(), trajectory="multisine",
         duration=1.5,
@@ -178,7 +177,7 @@ def test_a_biased_sensor_pays_out_no_slack() -> None:
     sensors = Sensing(torque_noise=0.3, tension_noise=3.0)
     still = dataclasses.replace(ANKLE["zero-torque"], duration=1.6)
     cell = Cell(still, "predictive", seeds=(0, 1, 2, 3), sensing=sensors)
-    made = stage([cell])
+    made = prepare_episodes([cell])
     law: Any = made.law
     slack = []
 
@@ -202,7 +201,7 @@ def test_a_bias_is_told_from_friction_by_what_the_motor_feels(bias: float) -> No
     quiet = Sensing(torque_noise=0.3, tension_noise=3.0)
     plain = ANKLE["ordinary-exact"]
     walking = dataclasses.replace(plain, duration=6.0, delay=(1, 1), noise=0.0)
-    made = stage([Cell(walking, "predictive", seeds=(0,), sensing=quiet)])
+    made = prepare_episodes([Cell(walking, "predictive", seeds=(0,), sensing=quiet)])
     off = []
 
     def watch(step: int, columns: Any, torque: Any) -> None:
@@ -236,16 +235,18 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     rise = joint_stiffness(drive.cables)
     stepper.move(cables, state, turned, 0.0, 0.01, new, model.work)
     state[:] = new
-    lack = aimed - rollout.made(cables, state, turned)
+    lack = aimed - rollout.joint_torque(cables, state, turned)
     for way in (1.0, -1.0):
-        found = rollout.motor_for(
+        found = rollout.find_motor_angle(
             cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
             0.05, 0.01, False, np.zeros_like(new), new, model.work,
         )  # fmt: skip
         if lack * way > 0.06:
             assert (found - turned) * way > 0.0
             stepper.move(cables, state, found, 0.0, 0.01, new, model.work)
-            assert rollout.made(cables, new, found) == pytest.approx(aimed, abs=0.3)
+            assert rollout.joint_torque(cables, new, found) == pytest.approx(
+                aimed, abs=0.3
+            )
         elif lack * way < -0.06:
             assert found == turned
 
@@ -282,7 +283,7 @@ def test_a_cable_that_is_believed_not_to_rub_is_learned_too() -> None:
 def scores_of_belief(friction: float, duration: float) -> float:
     """RMS error of `adaptive` at the wrist over that of `none` [-]."""
     short = dataclasses.replace(WRIST["ordinary-rough"], duration=duration)
-    made = stage([Cell(short, "adaptive", seeds=(0,))])
+    made = prepare_episodes([Cell(short, "adaptive", seeds=(0,))])
     rows = tuple(
         tuple(
             dataclasses.replace(one, cable=one.cable.replace(

@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.findings import DataFinding, errors
-from cc_mujoco.diagnosis.data.trials import Dataset, Trial
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets import Dataset, Trial
+from cc_mujoco.datasets._data_findings import DataFinding, errors
+from cc_mujoco.diagnosis import load
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -28,7 +28,7 @@ DRIVE, SPRING, FRICTION = 5.0, 2.0, 0.15
 def recording(
     seconds: float = 20.0, rate: float = 500.0, seed: int = 0, noise: float = 1.0
 ) -> Columns:
-    """A trial with sensor noise and quantised angles."""
+    """Return a trial with sensor noise and quantised angles."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds * rate)) / rate
     angle = np.zeros_like(time)
@@ -83,13 +83,13 @@ def loaded(
 
 
 def only_fix(findings: list[DataFinding]) -> DataFinding:
-    """The one finding that must be put right."""
+    """Return the only finding that must be corrected."""
     (found,) = errors(findings)
     return found
 
 
 def one(folder: Path, columns: Columns, toml: str = "") -> Trial:
-    """The trial of columns in which nothing needs repair."""
+    """Return the trial of columns in which nothing needs repair."""
     dataset, findings = loaded(folder, columns, toml)
     assert errors(findings) == []
     (trial,) = dataset.trials

@@ -9,20 +9,21 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, Source
-from cc_mujoco.diagnosis.data.instruments import Instruments
-from cc_mujoco.diagnosis.data.torques import completed, derived_noise
-from cc_mujoco.diagnosis.data.trials import Constant, Dataset, Noise, Trial
-from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
-from cc_mujoco.transmission import Transmission
+from cc_mujoco.cable import Transmission
+from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
+from cc_mujoco.datasets._dataset_file import DatasetFile, Source
+from cc_mujoco.datasets._instruments import Instruments
+from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, CELL, DT, NOISE, dataset, motions
 
 MOTOR = {"torque_constant": Constant(0.5), "gear_ratio": Constant(5.0)}
 FRICTION, DRAG = 0.3, 0.05
-"""Of motor and gear, at the pulley [Nm], [Nm s/rad]."""
+"""Coulomb friction [N m] and damping [N m s/rad] of motor and gear, at the pulley."""
 SPRING = 4.0
-"""Stiffness of a load that is declared [Nm/rad]."""
+"""Declared stiffness of the load [N m/rad]."""
 Hidden = Mapping[str, Mapping[str, float]]
 
 
@@ -33,14 +34,14 @@ def told_by(
     duration: float = 1.6,
     changes: Mapping[str, float] | None = None,
 ) -> Dataset:
-    """Trials of `dataset` in which the torques are told by other instruments.
+    """Return trials of `dataset` whose torques are measured by other instruments.
 
     Args:
         kind: `cells` at both ends, `current`, or one end only: `motor`, `joint`.
-        effects: that are hidden.
-        bench: on which they were recorded.
-        duration: of each [s].
-        changes: of the cables.
+        effects: hidden effects.
+        bench: bench of the recording.
+        duration: duration of each trial [s].
+        changes: changes of the cables.
     """
     data = dataset(effects, duration, 3, changes, bench=bench, cells=kind == "cells")
     columns: dict[str, Source] = {}
@@ -58,7 +59,7 @@ def told_by(
         other = {"motor": "joint_torque_nm", "joint": "motor_torque_nm"}[kind]
         columns[other] = Source(measured=False)
     file = DatasetFile(columns=columns, rig=rig)
-    made, instruments, _ = completed(trials, file, bench)
+    made, instruments, _ = add_derived_torques(trials, file, bench)
     noise |= derived_noise(noise, instruments, rig, bench)
     return replace(
         data,
@@ -70,7 +71,7 @@ def told_by(
 
 
 def driven(trial: Trial) -> Trial:
-    """A trial that has the motor's current in place of its torque."""
+    """Return a trial with the motor's current in place of its torque."""
     speed = np.gradient(trial.motor_angle, DT)
     smooth = np.convolve(speed, np.ones(9) / 9.0, "same")
     own = FRICTION * np.tanh(smooth / 0.005) + DRAG * smooth
@@ -82,12 +83,12 @@ def driven(trial: Trial) -> Trial:
 def loaded(
     cable_changes: Mapping[str, float], stiffness: float = SPRING, duration: float = 2.0
 ) -> Dataset:
-    """Trials in which the joint turns a spring, which is declared, and has no sensor.
+    """Return trials of a joint that turns a declared spring and has no torque sensor.
 
     Args:
-        cable_changes: of both cables.
-        stiffness: of the spring that is there [Nm/rad].
-        duration: of each trial [s].
+        cable_changes: changes of both cables.
+        stiffness: true stiffness of the spring [N m/rad].
+        duration: duration of each trial [s].
     """
     cables = tuple(cable.replace(**dict(cable_changes)) for cable in BENCH.cables)
     drive = Transmission(cables, BENCH.motor_radius, BENCH.joint_radius)
@@ -129,12 +130,12 @@ ANKLE = Bench.of(scene_path("ankle"))
 def walked(
     effects: Hidden, duration: float = 3.0, changes: Mapping[str, float] | None = None
 ) -> Dataset:
-    """Trials of the ankle, whose cable pulls a lever: swings, and pulls against it.
+    """Return trials of the ankle, whose cable pulls a lever: swings, and loaded pulls.
 
     Args:
-        effects: that are hidden in the cable.
-        duration: of each trial [s].
-        changes: of the cable.
+        effects: effects hidden in the cable.
+        duration: duration of each trial [s].
+        changes: changes of the cable.
     """
     lever = ANKLE.lever
     assert lever is not None
@@ -184,7 +185,7 @@ def walked(
 def played_by_mujoco(
     bench: Bench, step: float, motor: np.ndarray, joint: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Forces of both ends of a single cable [N], and the arm of its lever [m].
+    """Return the forces at the ends of a single cable [N] and its moment arm [m].
 
     MuJoCo steps the scene while motor and joint are held to their angles, in the
     scene's signs.
@@ -215,7 +216,7 @@ def played_by_mujoco(
 
 
 def _arm(model: mujoco.MjModel, tendon: int, place: int, angle: float) -> float:
-    """Change of a tendon's length with a joint, by a difference [m/rad]."""
+    """Return the change of a tendon's length with a joint, by a difference [m/rad]."""
     data, lengths = mujoco.MjData(model), []
     for side in (-1e-5, 1e-5):
         data.qpos[place] = angle + side

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
-from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry, Torques
-from cc_mujoco.transmission import Transmission
+from cc_mujoco.cable import Transmission
+from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
+from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.diagnosis.effects import RigGeometry, Torques
 
 DT = 0.004
 BENCH = Bench.of(scene_path("bench"))

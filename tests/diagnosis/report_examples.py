@@ -1,19 +1,19 @@
-"""Diagnoses made up for the tests of the report: one for each verdict."""
+"""Synthetic diagnoses for the tests of the report: one for each verdict."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.diagnosis.evidence import (
-    CHANNELS,
+from cc_mujoco.diagnosis import Diagnosis
+from cc_mujoco.diagnosis._report_data import (
+    PREDICTED_CHANNELS,
     Evidence,
     Isolability,
     Map,
     TrialTrace,
 )
-from cc_mujoco.diagnosis.verdict import (
+from cc_mujoco.diagnosis._verdict import (
     Baseline,
-    Diagnosis,
     FoundEffect,
     Gap,
     NextExperiment,
@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis.verdict import (
     TrialError,
     Where,
 )
-from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.estimation import Estimate
 
 IDS = (
     "viscous_friction",
@@ -204,13 +204,13 @@ DIAGNOSES = {
 
 
 def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> TrialTrace:
-    """A trial of slow sines whose friction the baseline underrates."""
+    """Return a trial of slow sines whose friction the baseline underestimates."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.004)
     joint = 0.6 * np.sin(1.5 * time) * (0.5 + time / (2 * seconds))
     speed = np.gradient(joint, time)
     measured, before, after = {}, {}, {}
-    for size, channel in enumerate(CHANNELS, start=1):
+    for size, channel in enumerate(PREDICTED_CHANNELS, start=1):
         torque = size * (1.5 * joint + 0.6 * np.tanh(speed / 0.05))
         missing = size * 0.25 * speed * np.abs(speed)
         noise = 0.03 * rng.standard_normal(len(time))
@@ -223,9 +223,9 @@ def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> TrialTrace:
 
 
 def maps(closed: bool = True) -> tuple[Map, ...]:
-    """Maps over speed, time and motion since reversal (in decades)."""
+    """Return maps over speed, time and motion since reversal, in decades."""
     found = []
-    for number, channel in enumerate(CHANNELS):
+    for number, channel in enumerate(PREDICTED_CHANNELS):
         speed = np.linspace(-0.9, 0.9, 15)
         error = (0.3 - 0.1 * number) * speed * np.abs(speed)
         error[3] = np.nan
@@ -260,7 +260,7 @@ def maps(closed: bool = True) -> tuple[Map, ...]:
 
 
 def isolability() -> Isolability:
-    """Signatures at random, of which two pairs are much alike."""
+    """Return random signatures, two pairs of which are nearly collinear."""
     rng = np.random.default_rng(3)
     signs = rng.standard_normal((len(IDS), 8))
     signs[2] = signs[1] + 0.2 * rng.standard_normal(8)
@@ -271,10 +271,10 @@ def isolability() -> Isolability:
 
 
 def evidence(closed: bool = True) -> Evidence:
-    """Everything there is to draw, with the gap closed or not."""
+    """Return evidence with all figures, with the gap closed or not."""
     traces = (trace("a", 20.0, closed), trace("b & <c>", 9.0, closed, seed=1))
     return Evidence(traces, maps(closed), isolability())
 
 
 NOTHING = Evidence((), (), Isolability((), np.zeros((0, 0)), np.zeros(0)))
-"""What there is if nothing could be simulated."""
+"""Evidence of a diagnosis without any simulation."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.datasets import Bench
 
 Signal = np.ndarray
 Torques = tuple[Signal, Signal]
@@ -27,12 +27,12 @@ def acceleration(angle: Signal) -> Signal:
 
 
 def late(torque: Signal, by: float) -> Signal:
-    """A torque as it was `by` seconds earlier, the first one before the start."""
+    """Return a torque delayed by `by` seconds, its first value held at the start."""
     return np.interp(TIME - by, TIME, torque)
 
 
 def alone(folder: Path) -> Path:
-    """A scene with the agonist of the shipped bench only, without instruments."""
+    """Return a scene with the agonist of the shipped bench, without instruments."""
     root = ElementTree.parse(BENCH.path).getroot()
     plugins = root.find("extension/plugin")
     assert plugins is not None

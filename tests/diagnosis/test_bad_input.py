@@ -1,4 +1,4 @@
-"""What may be given to `cc-mujoco diagnose` by mistake: a sentence, no traceback."""
+"""Invalid input of `cc-mujoco diagnose`: one sentence, no traceback."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli
+from cc_mujoco._utils.atomic_io import checksum_line
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.checks.checks import check_bench
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import DataFinding, errors
-from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
-from cc_mujoco.diagnosis.inference.plant import tuned
-from cc_mujoco.diagnosis.intake import load
-from cc_mujoco.diagnosis.report.output import SOMETIMES
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
-from cc_mujoco.diagnosis.scene.repair import added, repaired, write
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._data_findings import DataFinding, errors
+from cc_mujoco.diagnosis import EFFECTS, load, repair_scene, write
+from cc_mujoco.diagnosis._checks.run import check_bench
+from cc_mujoco.diagnosis._inference.bench_simulation import baseline_parameters
+from cc_mujoco.diagnosis._report.output import OPTIONAL_FILES
+from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis._scene.repair import existing_effects
+from cc_mujoco.diagnosis.effects import RigGeometry
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import as_written
 from diagnosis import recorded
 from diagnosis.bench import RATIO, Columns, recording
 from diagnosis.bench import write as record
@@ -33,7 +33,7 @@ BENCH = recorded.BENCH
 
 
 def diagnose(data: Path, out: Path, *more: str, scene: str | Path = "bench") -> int:
-    """Exit code of the command."""
+    """Run the command and return its exit code."""
     return cli.main(
         ["diagnose", str(data), "--scene", str(scene), "--out", str(out), *more]
     )
@@ -44,7 +44,7 @@ def files(folder: Path) -> list[str]:
 
 
 def first(folder: Path, columns: Columns) -> DataFinding:
-    """What must be put right of a trial."""
+    """Return the first error of a trial."""
     record(folder / "run.csv", columns)
     return errors(load(folder)[1])[0]
 
@@ -116,7 +116,7 @@ def test_rig_constants_that_no_rig_has(tmp_path: Path, text: str, message: str) 
 
 
 def geared(ratio: float) -> Bench:
-    """A bench whose motor turns so much more than its joint."""
+    """Return a bench whose motor turns `ratio` times as far as its joint."""
     return replace(BENCH, joint_radius=ratio * BENCH.motor_radius)
 
 
@@ -147,13 +147,13 @@ def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
 
 def test_friction_stays_what_a_cable_can_have() -> None:
     records, _ = recorded_records()
-    most = {t.name: t.value(t.high) for t in tuned(BENCH, records, {})}
+    most = {t.name: t.value(t.high) for t in baseline_parameters(BENCH, records, {})}
     cable = BENCH.cables[0].replace(friction=1.3 * most["friction"])
     assert cable.friction > 4.0
 
 
 def recorded_records() -> Any:
-    from cc_mujoco.diagnosis.inference.records import prepare
+    from cc_mujoco.diagnosis import prepare
 
     return prepare(recorded.dataset(duration=2.0), BENCH)
 
@@ -166,7 +166,7 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
     record(data / "run.csv", cut(0.1)(recording(1.0)))
     (data / "empty.csv").touch()
     out.mkdir()
-    for name in (*SOMETIMES, "verdict.json", "mine.txt"):
+    for name in (*OPTIONAL_FILES, "verdict.json", "mine.txt"):
         (out / name).touch()
     assert diagnose(data, out) == 2
     assert "verdict.json, scene.xml" in capsys.readouterr().err  # no verdict of ours
@@ -188,7 +188,7 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
 def test_what_is_not_ours_is_not_replaced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], earlier: bool
 ) -> None:
-    """Neither a scene where ours would go, nor files of the same names."""
+    """Neither a scene at the output path nor files of the same names are replaced."""
     scene = tmp_path / "scene.xml"
     scene.write_text(scene_path("bench").read_text())
     if earlier:
@@ -212,7 +212,7 @@ def test_a_repaired_scene_that_was_changed_is_not_replaced(
     out.mkdir()
     scene = out / "scene.xml"
     scene.write_text("<mujoco/>")
-    known = {"data": {str(data): ""}, "written": as_written(scene)}
+    known = {"data": {str(data): ""}, "written": checksum_line(scene)}
     kept = json.dumps({"verdict": "none", "provenance": known})
     (out / "verdict.json").write_text(kept)
     scene.write_text("<mujoco><!-- mine --></mujoco>")
@@ -305,7 +305,7 @@ def test_an_interrupt_while_writing_leaves_nothing(
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cc_mujoco.diagnosis.verdict.Diagnosis.write", stop)
+    monkeypatch.setattr("cc_mujoco.diagnosis._verdict.Diagnosis.write", stop)
     (tmp_path / "run.csv").touch()
     assert diagnose(tmp_path / "run.csv", tmp_path / "out") == 130
     assert "nothing was written" in capsys.readouterr().err
@@ -319,27 +319,27 @@ def test_a_repaired_scene_is_a_bench_again(tmp_path: Path, name: str) -> None:
     cables = tuple(cable.replace(friction=0.13) for cable in BENCH.cables)
     if effect.cables is not None:
         cables = effect.cables(cables, values, RigGeometry(0.05, 0.05, math.pi))
-    write(path, repaired(BENCH, cables, {name: values}))
+    write(path, repair_scene(BENCH, cables, {name: values}))
     again = Bench.of(path)
     assert (again.motor, again.joint) == ("motor", "joint")
     assert again.cables == cables
     assert (again.motor_radius, again.joint_radius) == (0.05, 0.05)
     if name not in REALISATIONS:
-        assert added(path) == ()
-        repaired(again, cables, {})
+        assert existing_effects(path) == ()
+        repair_scene(again, cables, {})
     else:
-        assert added(path) == (name,)
+        assert existing_effects(path) == (name,)
 
 
 def test_a_scene_repaired_outside_its_cables_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = tmp_path / "scene.xml"
-    write(scene, repaired(BENCH, BENCH.cables, {"backlash": {"backlash": 0.02}}))
+    write(scene, repair_scene(BENCH, BENCH.cables, {"backlash": {"backlash": 0.02}}))
     record(tmp_path / "run.csv", recording(1.0))
     assert diagnose(tmp_path / "run.csv", tmp_path / "out", scene=scene) == 2
     assert "has backlash outside its cables" in capsys.readouterr().err
-    assert added(scene_path("bench")) == ()
+    assert existing_effects(scene_path("bench")) == ()
 
 
 def test_a_run_that_was_cut_short_is_told_of(tmp_path: Path) -> None:

@@ -7,11 +7,9 @@ from pathlib import Path
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis import Options, load, run_inference
 from shared_folder import SHARED
 
 STUDY = Path(__file__).parents[2] / "scripts" / "diagnosis_study"
@@ -36,7 +34,9 @@ def test_compliance_and_friction_without_load_close_the_gap_on_other_loads(
     files = sorted(tmp_path.iterdir())
     dataset, findings = load(files, STUDY / "davinci.toml")
     assert not errors(findings)
-    found = reason(dataset, Bench.of(scene_path("bench")), Settings(SUSPECTS)).diagnosis
+    found = run_inference(
+        dataset, Bench.of(scene_path("bench")), Options(SUSPECTS)
+    ).diagnosis
     named = [effect.id for effect in found.effects]
     assert named[0] == "end_compliance"
     assert "viscous_friction" not in named

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from cc_mujoco.diagnosis.earlier import VERDICT, Earlier
+from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier
 from cc_mujoco.errors import CableError
 
 
 @pytest.fixture
 def diagnosed(tmp_path: Path) -> Path:
-    """What a diagnosis of two trials leaves of where it came from."""
+    """Return the folder of a diagnosis of two trials with its provenance."""
     texts = {"a.csv": "1", "b.csv": "2", "bench.xml": "<m/>", "dataset.toml": ""}
     told = {}
     for name, text in texts.items():
@@ -35,7 +35,9 @@ def diagnosed(tmp_path: Path) -> Path:
         "scene": both("bench.xml"),
         "dataset": both("dataset.toml"),
     }
-    (out / VERDICT).write_text(json.dumps({"provenance": provenance}), encoding="utf-8")
+    (out / VERDICT_FILE).write_text(
+        json.dumps({"provenance": provenance}), encoding="utf-8"
+    )
     return out
 
 
@@ -50,9 +52,9 @@ def test_it_is_found_with_everything_it_was_made_from(diagnosed: Path) -> None:
 def test_files_are_found_from_another_folder(
     diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = (diagnosed / VERDICT).read_text(encoding="utf-8")
+    text = (diagnosed / VERDICT_FILE).read_text(encoding="utf-8")
     text = text.replace(f"{tmp_path}{os.sep}", "")
-    (diagnosed / VERDICT).write_text(text, encoding="utf-8")
+    (diagnosed / VERDICT_FILE).write_text(text, encoding="utf-8")
     for here, folder in ((tmp_path, "out"), (tmp_path / "out", ".")):
         monkeypatch.chdir(here)
         found = Earlier.of(folder)
@@ -75,7 +77,7 @@ def test_what_has_changed_or_gone_is_told(diagnosed: Path, name: str) -> None:
 
 
 def test_trials_of_several_files_are_diagnosed_anew(diagnosed: Path) -> None:
-    verdict = diagnosed / VERDICT
+    verdict = diagnosed / VERDICT_FILE
     said = json.loads(verdict.read_text(encoding="utf-8"))
     said["provenance"]["several_files"] = ["a.csv"]
     verdict.write_text(json.dumps(said), encoding="utf-8")
@@ -86,7 +88,7 @@ def test_trials_of_several_files_are_diagnosed_anew(diagnosed: Path) -> None:
 def test_a_folder_without_a_diagnosis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="holds no diagnosis that can be continued"):
         Earlier.of(tmp_path)
-    (tmp_path / VERDICT).write_text("[]", encoding="utf-8")
+    (tmp_path / VERDICT_FILE).write_text("[]", encoding="utf-8")
     with pytest.raises(CableError, match="holds no diagnosis that can be continued"):
         Earlier.of(tmp_path)
 

@@ -11,14 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter, RigGeometry
-from cc_mujoco.diagnosis.inference.fitting import knob_as_tuned
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
-from cc_mujoco.transmission import TERMS, Cable, Parameter
+from cc_mujoco.cable import TERMS, Cable, Parameter
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    EffectParameter,
+    Options,
+    prepare,
+    run_inference,
+)
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.fitting import tuned_effect_parameter
+from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction grease_drag stribeck_friction presliding
@@ -55,7 +62,7 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(
     name: str, plant: SimulatedRig
 ) -> None:
     effect = EFFECTS[name]
-    values = {p.name: p.start for p in tuned(BENCH, plant.records, {})}
+    values = {p.name: p.start for p in baseline_parameters(BENCH, plant.records, {})}
     plain = plant.simulate(values)
     off = {
         parameter.name: 0.0 if parameter.linear else effect.starts[0][parameter.name]
@@ -79,11 +86,11 @@ def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
     plant = replace(plant, bench=bench)
     values = {
         p.name: p.value(corner.choice((p.low, 0.0, p.high)))
-        for p in tuned(bench, plant.records, {})
+        for p in baseline_parameters(bench, plant.records, {})
     }
     start = corner.choice(EFFECTS[name].starts)
     for parameter in EFFECTS[name].parameters:
-        knob = knob_as_tuned(parameter, start[parameter.name], plant)
+        knob = tuned_effect_parameter(parameter, start[parameter.name], plant)
         value = knob.value(corner.choice((knob.low, 0.0, knob.high)))
         assert parameter.parameter.admits(value)
         values[parameter.name] = value
@@ -111,8 +118,10 @@ def test_an_effect_that_is_registered_late_is_looked_for(
     later = replace(plant)
     assert later.library.effects["joint_drag"] == drag
     later.simulate({}, ("joint_drag",))
-    found = reason(
-        dataset({"joint_drag": {"joint_drag": 0.3}}, 2.0), BENCH, Settings(DRAG)
+    found = run_inference(
+        dataset({"joint_drag": {"joint_drag": 0.3}}, 2.0),
+        BENCH,
+        Options(DRAG),
     )
     assert [effect.id for effect in found.diagnosis.effects] == ["joint_drag"]
 

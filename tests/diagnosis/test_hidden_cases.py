@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.diagnose import inferred
-from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import Diagnosis, infer
 from shared_folder import ABSENT, SHARED
 
 CASES = SHARED / "cases" / "diagnosis"
@@ -21,7 +20,7 @@ pytestmark = [
 
 def diagnosed(name: str) -> Diagnosis:
     scene = CASES / name / "scene.xml"
-    found = inferred([CASES / name], Bench.of(scene))[0].diagnosis
+    found = infer([CASES / name], Bench.of(scene))[0].diagnosis
     # What is named is not what the data cannot show.
     told = {effect.id for effect in found.effects} | {
         rival for tie in found.ties for rival in tie

@@ -1,13 +1,16 @@
-"""What the rig's file says stands in place of what the scene says."""
+"""Declared constants of the rig replace those of the scene."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.trials import Constant
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis import prepare
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
 from diagnosis.recorded import BENCH, dataset
 
 KNOWN = {
@@ -30,12 +33,14 @@ def test_constants_replace_what_the_scene_says() -> None:
 def test_uncertainties_are_priors_and_what_is_unsure_is_fitted() -> None:
     bench = BENCH.known(KNOWN)
     records, _ = prepare(dataset(), bench)
-    free = {p.name: p for p in tuned(bench, records, KNOWN)}
+    free = {p.name: p for p in baseline_parameters(bench, records, KNOWN)}
     assert free["friction"].prior == np.inf
     assert free["axial_stiffness"].prior == pytest.approx(0.2)
     assert free["pretension"].scale == pytest.approx(0.2)
     assert free["motor_radius"].scale == pytest.approx(0.05)
-    assert "motor_radius" not in {p.name for p in tuned(BENCH, records, {})}
+    assert "motor_radius" not in {
+        p.name for p in baseline_parameters(BENCH, records, {})
+    }
 
 
 def test_a_trial_s_pretension_is_relative_to_the_known_one() -> None:
@@ -51,7 +56,11 @@ def test_a_pretension_as_uncertain_as_large_stays_one_of_a_cable(value: float) -
     constants = {"pretension": Constant(value, value or 5.0)}
     bench = BENCH.known(constants)
     records, _ = prepare(dataset(duration=1.0), bench)
-    (free,) = [p for p in tuned(bench, records, constants) if p.name == "pretension"]
+    (free,) = [
+        p
+        for p in baseline_parameters(bench, records, constants)
+        if p.name == "pretension"
+    ]
     plant = SimulatedRig(bench, records, 8, constants=constants)
     for place in (free.low, 0.0, free.high):
         cable, _ = plant.cables({"pretension": free.value(place)}, ())

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.report.output import compared, scene
+from cc_mujoco.diagnosis import EFFECTS, Options, prepare, run_inference
+from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._report.output import (
+    rollout_difference,
+    write_and_compare_scene,
+)
+from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, dataset
 
 ECCENTRIC = {
@@ -76,11 +77,11 @@ def test_friction_at_a_tension_is_the_same_in_trials_of_any_pretension() -> None
 
 
 def test_the_repaired_scene_plays_what_the_replay_plays(tmp_path: Path) -> None:
-    result = reason(
+    result = run_inference(
         dataset({"joint_gravity": {"gravity_sine": 0.4, "gravity_cosine": 0.1}}),
         BENCH,
-        Settings(("joint_gravity", "motor_inertia")),
+        Options(("joint_gravity", "motor_inertia")),
     )
-    scene(result, tmp_path / "scene.xml")
-    (_, apart), size = compared(result, tmp_path / "scene.xml")
+    write_and_compare_scene(result, tmp_path / "scene.xml")
+    (_, apart), size = rollout_difference(result, tmp_path / "scene.xml")
     assert apart < 1e-4 * size

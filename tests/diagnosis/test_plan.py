@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.columns import DATASET_FILE
-from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
-from cc_mujoco.diagnosis.data.torques import expected
-from cc_mujoco.diagnosis.inference.motions import DT, middle, motions
-from cc_mujoco.diagnosis.inference.planning import TrialPlan, planned
-from cc_mujoco.diagnosis.inference.testable import SEEN
-from cc_mujoco.diagnosis.plan import PAGE, plan
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.datasets._dataset_file import read_dataset_file
+from cc_mujoco.datasets._torques import expected_instruments
+from cc_mujoco.diagnosis import MOTION_STEP, plan
+from cc_mujoco.diagnosis._inference.identifiability import MIN_CLARITY
+from cc_mujoco.diagnosis._inference.motions import middle_angle, motions
+from cc_mujoco.diagnosis._inference.planning import TrialPlan, planned
+from cc_mujoco.diagnosis._next_experiment import PLAN_PAGE
 from cc_mujoco.errors import CableError
 
 REACH, SPEED = 0.8, 3.0
@@ -42,7 +43,7 @@ def test_effects_show_and_are_told_from_each_other(
     found, _ = made
     assert {each.id for each in found.resolved} == set(IDS)
     assert len(found.trials) < 10
-    assert all(each.apart >= SEEN for each in found.resolved)
+    assert all(each.apart >= MIN_CLARITY for each in found.resolved)
     assert all(each.clarity >= each.apart for each in found.resolved)
     assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
 
@@ -74,12 +75,12 @@ def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[TrialPlan, Path]) -
 
 def test_files_are_what_the_page_says(made: tuple[TrialPlan, Path]) -> None:
     found, out = made
-    page = (out / PAGE).read_text(encoding="utf-8")
+    page = (out / PLAN_PAGE).read_text(encoding="utf-8")
     facts = read_dataset_file(out / "dataset.toml").facts
     for k, motion in enumerate(found.trials, start=1):
         table = np.genfromtxt(out / f"motion_{k:02d}.csv", delimiter=",", names=True)
         np.testing.assert_allclose(table["motor_angle_rad"], motion.motor, atol=1e-6)
-        assert np.allclose(np.diff(table["time_s"]), DT)
+        assert np.allclose(np.diff(table["time_s"]), MOTION_STEP)
         assert f"motion_{k:02d}.csv" in page
         told = facts[f"trial_{k:02d}"]
         assert told["pretension"] == pytest.approx(80.0 * motion.pretension)
@@ -93,10 +94,10 @@ def test_motions_stay_within_the_limits_and_have_no_jumps() -> None:
     for motion in motions(bench, REACH, SPEED):
         reach = REACH * (2.0 if "twice" in motion.description else 1.0)
         assert np.max(np.abs(motion.motor)) <= reach * (1.0 + 1e-9)
-        speed = np.abs(np.diff(motion.motor)) / DT
+        speed = np.abs(np.diff(motion.motor)) / MOTION_STEP
         assert np.max(speed) <= SPEED * 1.01, motion.description
         played = bench.transmission.replay(
-            DT, motor_angle=motion.motor, joint_angle=motion.joint
+            MOTION_STEP, motor_angle=motion.motor, joint_angle=motion.joint
         )
         assert np.all(np.isfinite(played.joint_torque))
 
@@ -119,7 +120,9 @@ def test_a_reach_in_degrees_is_refused(tmp_path: Path) -> None:
 def test_what_was_corrected_in_a_plan_is_not_replaced(
     made: tuple[TrialPlan, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cc_mujoco.diagnosis.plan.planned", lambda *_: made[0])
+    monkeypatch.setattr(
+        "cc_mujoco.diagnosis._next_experiment.planned", lambda *_: made[0]
+    )
     for reach in (0.8, 0.4):  # another plan in the place of one that nobody touched
         plan(scene_path("bench"), tmp_path, reach=reach, ids=IDS[:2])
     facts = tmp_path / "dataset.toml"
@@ -161,7 +164,7 @@ def test_instruments_are_expected_by_what_is_declared(
     tmp_path: Path, text: str, wanted: tuple[str | None, str | None]
 ) -> None:
     file = read_dataset_file(told(tmp_path, text))
-    assert expected(file, Bench.of(scene_path("bench"))) == wanted
+    assert expected_instruments(file, Bench.of(scene_path("bench"))) == wanted
 
 
 @pytest.mark.parametrize(
@@ -178,14 +181,16 @@ def test_a_plan_says_what_other_instruments_cannot_show(
     file = told(tmp_path, text)
     ids = IDS[2:]  # those that take no replay
     found = plan(scene_path("bench"), tmp_path / "out", dataset_toml=file, ids=ids)
-    page = (tmp_path / "out" / PAGE).read_text(encoding="utf-8")
+    page = (tmp_path / "out" / PLAN_PAGE).read_text(encoding="utf-8")
     assert said in page
     assert set(found.hidden) == unseen
     assert {each.id for each in found.resolved} == set(ids) - unseen
     assert all(f"| {name} | " in page for name in unseen)
     again = read_dataset_file(tmp_path / "out" / DATASET_FILE)  # of the recordings
     bench = Bench.of(scene_path("bench"))
-    assert expected(again, bench) == expected(read_dataset_file(file), bench)
+    assert expected_instruments(again, bench) == expected_instruments(
+        read_dataset_file(file), bench
+    )
     assert again.columns.keys() == read_dataset_file(file).columns.keys()
     turns = all("turning its load" in motion.description for motion in found.trials)
     assert turns is ("known load" in said)
@@ -203,7 +208,7 @@ def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> Non
     for motion in found.trials:
         assert motion.joint.min() > bench.span[0]
         assert motion.joint.max() < bench.span[1]
-    assert all(each.apart > SEEN for each in found.resolved)
+    assert all(each.apart > MIN_CLARITY for each in found.resolved)
     with pytest.raises(CableError, match="its lever is not known"):
         plan(bench.path, tmp_path / "far", reach=3.0)
 
@@ -218,7 +223,7 @@ def test_motions_stay_where_the_joint_can_turn(limits: tuple[float, float]) -> N
             if motion.usual:
                 assert motion.joint.min() > limits[0] - 1e-3
                 assert motion.joint.max() < limits[1] + 1e-3
-    assert (middle(bench, 0.3 * swing) == 0.0) is (limits == (-1.2, 1.2))
+    assert (middle_angle(bench, 0.3 * swing) == 0.0) is (limits == (-1.2, 1.2))
 
 
 def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:

@@ -7,25 +7,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, TrialTrace
-from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.jacobian import jacobian
-from cc_mujoco.diagnosis.inference.plant import OFFSETS, SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.residual_maps import maps, sentence
-from cc_mujoco.diagnosis.report import sections
-from cc_mujoco.diagnosis.wording import SIGN
-from cc_mujoco.estimation.calibration import Measurement
-from cc_mujoco.transmission import Cable, Section, Transmission
+from cc_mujoco.cable import Cable, Section, Transmission
+from cc_mujoco.diagnosis import Problem, prepare
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    TORQUE_OFFSETS,
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.jacobian import jacobian
+from cc_mujoco.diagnosis._inference.residual_maps import describe_map, error_maps
+from cc_mujoco.diagnosis._phrases import SIGN_NOTE
+from cc_mujoco.diagnosis._report import sections
+from cc_mujoco.diagnosis._report_data import (
+    PREDICTED_CHANNELS,
+    Evidence,
+    Isolability,
+    TrialTrace,
+)
+from cc_mujoco.estimation import Measurement
 from diagnosis.recorded import BENCH, dataset
 
 MORE = 0.1
-"""Torque that a rig shows beyond its simulation [Nm]."""
+"""Torque that a rig shows beyond its simulation [N m]."""
 
 
 def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
     records, _ = prepare(dataset(duration=3.0, chosen=(0,)), BENCH)
-    free = tuned(BENCH, records, {})
+    free = baseline_parameters(BENCH, records, {})
     plant = SimulatedRig(BENCH, records, 8)
     noise = tuple(np.full(r.measured.shape, 0.05) for r in records)
     at = np.zeros(len(free))
@@ -43,7 +51,7 @@ def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
     counts = [record.counts for record in shown]
     slopes = jacobian(problem, at, counts)
     # A simulation that shows more leaves less.
-    index = [parameter.name for parameter in free].index(OFFSETS[0])
+    index = [parameter.name for parameter in free].index(TORQUE_OFFSETS[0])
     assert slopes[:, index].min() < 0.0 <= -slopes[:, index].max()
 
 
@@ -63,17 +71,17 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     """The rig shows more, or less, torque where the motor turns forwards."""
     time = np.arange(0.0, 20.0, 0.01)
     angle = np.sin(time)
-    played = dict.fromkeys(CHANNELS, np.zeros(time.size))
-    measured = dict.fromkeys(CHANNELS, side * MORE * (np.cos(time) > 0.0))
+    played = dict.fromkeys(PREDICTED_CHANNELS, np.zeros(time.size))
+    measured = dict.fromkeys(PREDICTED_CHANNELS, side * MORE * (np.cos(time) > 0.0))
     counts = np.ones(time.size)
     trace = TrialTrace("one", time, angle, angle, measured, played, played, counts)
-    assert np.all(side * trace.error(CHANNELS[0]) >= 0.0)
-    drawn = maps((trace,), seed=0)
+    assert np.all(side * trace.error(PREDICTED_CHANNELS[0]) >= 0.0)
+    drawn = error_maps((trace,), seed=0)
     speed = next(m for m in drawn if "motor speed" in m.axis)
     fast = np.nanargmax(speed.centre)
     assert speed.before[fast] == pytest.approx(side * MORE)
-    statement = sentence(speed)
+    statement = describe_map(speed)
     assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} N m" in statement
     assert f"and {max(0.0, side) * MORE:+.3g} N m" in statement
     nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))
-    assert SIGN in str(sections.maps(Evidence((trace,), drawn, nothing)))
+    assert SIGN_NOTE in str(sections.maps(Evidence((trace,), drawn, nothing)))

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.verdict import Gap
-from cc_mujoco.diagnosis.wording import (
+from cc_mujoco.diagnosis._phrases import (
     MINUS,
     Names,
-    fitted,
+    format_fitted,
+    format_interval,
+    format_number,
     gap_sentence,
     headline,
-    interval,
-    number,
 )
-from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.diagnosis._verdict import Gap
+from cc_mujoco.estimation import Estimate
 from diagnosis.report_examples import DIAGNOSES, TITLES
 
 
@@ -70,15 +70,18 @@ def read(text: str) -> float:
 def test_numbers_keep_the_digits_that_their_spread_leaves(
     value: float, spread: float
 ) -> None:
-    error = abs(read(number(value, spread)) - value)
+    error = abs(read(format_number(value, spread)) - value)
     assert error <= 0.051 * spread + 1e-9 * abs(value)
     if abs(value) > 1e-300:
-        assert read(number(value)) == pytest.approx(value, rel=0.006)
+        assert read(format_number(value)) == pytest.approx(value, rel=0.006)
 
 
 def test_numbers_that_are_not_there_are_said_so() -> None:
-    assert number(float("nan")) == "not determined"
-    assert number(float("-inf")) == f"{MINUS}∞"
-    assert number(-0.0001, 0.1) == "0.00"
+    assert format_number(float("nan")) == "not determined"
+    assert format_number(float("-inf")) == f"{MINUS}∞"
+    assert format_number(-0.0001, 0.1) == "0.00"
     unknown = Estimate(0.0012, "s", (float("nan"), float("nan")))
-    assert (fitted(unknown), interval(unknown)) == ("0.00120", "not determined")
+    assert (format_fitted(unknown), format_interval(unknown)) == (
+        "0.00120",
+        "not determined",
+    )

@@ -17,7 +17,7 @@ ELBOW = Elbow(0.25, 0.5, 2.0, (2.0, 2.0), (1.0, 1.0))
 
 
 def pulled(elbow: Elbow, seconds: float) -> BendingBench:
-    """A bench whose motor draws a cable in against a joint that is held."""
+    """Return a bench whose motor winds a cable against a held joint."""
     bench = BendingBench(RIG, {}, 0.001, elbow, hand=(2e3, 5.0))
     for step in range(round(1e3 * seconds)):
         bench.advance(8.0 * step / (1e3 * seconds), 0.0, 0.0)

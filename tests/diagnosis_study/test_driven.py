@@ -10,9 +10,10 @@ import pytest
 from closed_loop import LIMITS, SECONDS, Case, task
 from driven import Bench, Lockstep
 
-from cc_mujoco.control import Drive, StictionCompensation, controller
+from cc_mujoco.control import StictionCompensation, controller
+from cc_mujoco.device import Drive
 from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
-from cc_mujoco.hardware.desired import constant
+from cc_mujoco.hardware._references import constant_course
 from hardware.fakes import Rows
 from rig import make_rig
 
@@ -25,7 +26,7 @@ def played(seed: int, limits: Limits = LIMITS) -> tuple[Lockstep, np.ndarray]:
         Rows(),
     )
     law = controller("none", drive)
-    loop = Loop(rig, law, constant(1.0), limits, Watchdog(), clock=rig, log=rows)
+    loop = Loop(rig, law, constant_course(1.0), limits, Watchdog(), clock=rig, log=rows)
     assert loop.run(0.4).code == 0
     assert loop.outcome.missed == loop.outcome.without_reading == 0
     return rig, np.array(rows.rows)

@@ -10,7 +10,7 @@ import pytest
 from diagnose_benchmark import off
 from floors import by_trial, told
 
-from cc_mujoco.diagnosis.inference.folds import CrossValidation
+from cc_mujoco.diagnosis import CrossValidation
 
 DT = 0.01
 

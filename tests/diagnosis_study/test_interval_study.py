@@ -1,4 +1,4 @@
-"""What is said of intervals on rigs whose truth is known."""
+"""Coverage of intervals on rigs with known constants."""
 
 from __future__ import annotations
 

@@ -9,16 +9,17 @@ import learned
 import numpy as np
 import pytest
 
-from cc_mujoco.control import Network, Observed, read_policy, write_policy
+from cc_mujoco.control import Network, read_policy, write_policy
+from cc_mujoco.device import Observed
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED
 
 UNITS = (0.02, 2.0, 0.5, 2.0, 1.0, 1.0)
 
 
 def policy(path: Path, device: str, gain: float) -> str:
-    """The file of a policy that gives torque by what is lacking and what is asked."""
-    observed = Observed(device, MEASURED[:6], UNITS, 1.0, 1e-3, 10.0, hold=5)
+    """Return the file of a policy: a gain on the torque error plus feedforward."""
+    observed = Observed(device, MEASURED_COLUMNS[:6], UNITS, 1.0, 1e-3, 10.0, hold=5)
     weights = np.array([[0.0, 0.0, 0.0, 0.0, gain, 0.1]])
     network = Network(
         (weights,), (np.zeros(1),), "tanh", False, np.zeros(6), np.ones(6)

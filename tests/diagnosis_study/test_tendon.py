@@ -9,9 +9,12 @@ import pytest
 from tendon import HIDDEN, OTHERWISE, recorded
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.report.output import compared, scene
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis._report.output import (
+    rollout_difference,
+    write_and_compare_scene,
+)
 
 FINGER = Bench.of(scene_path("finger"))
 FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
@@ -32,7 +35,7 @@ def test_an_effect_in_the_tendon_is_named_and_repaired(
     tmp_path: Path, rig: str, name: str
 ) -> None:
     data = recorded(rig, HIDDEN[name], 1, seconds=4.0)
-    result = reason(data, FINGER, ids=FEW)
+    result = run_inference(data, FINGER, Options(ids=FEW))
     found = result.diagnosis
     wanted = [] if name == "none" else [name]
     assert [each.id for each in found.missing] == wanted, found.statement
@@ -46,15 +49,15 @@ def test_an_effect_in_the_tendon_is_named_and_repaired(
     if wanted:  # viscous friction makes 1.4 floors in RMS, which leaves little to close
         assert all(gap.gap_closed > 0.75 for gap in found.gap.values())
     path = tmp_path / "scene.xml"
-    scene(result, path)
-    (_, apart), size = compared(result, path)
+    write_and_compare_scene(result, path)
+    (_, apart), size = rollout_difference(result, path)
     assert apart < 2e-3 * size
     assert Bench.of(path).cables[0].friction == pytest.approx(0.22, rel=0.02)
 
 
 def test_what_a_tied_tendon_cannot_have_is_told() -> None:
     data = recorded("closed forms", {}, 2, seconds=3.0)
-    found = reason(data, FINGER, ids=FEW).diagnosis
+    found = run_inference(data, FINGER, Options(ids=FEW)).diagnosis
     told = {each.id: each.reason for each in found.not_testable}
     assert "nothing has play" in told["backlash"]
     assert "at every angle" in told["configuration_dependent_wrap"]

@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
 
 
 @pytest.fixture(params=[device.environment for device in DEVICES.values()])

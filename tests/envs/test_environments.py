@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from cc_mujoco import engine, envs
+from cc_mujoco import envs, plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import AnkleExo, WristHandle
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
@@ -32,17 +33,16 @@ from cc_mujoco.human import (
     Spring,
     Walk,
     Wearer,
-    gait,
 )
-from cc_mujoco.recording.columns import columns_for
-from cc_mujoco.sensing import MEASURED
+from cc_mujoco.human import _gait as gait
+from cc_mujoco.simulation import columns_for
 
 WRIST, ANKLE = "cc_mujoco/WristHandle-v1", "cc_mujoco/AnkleExo-v1"
 
 
 def cables_of(env: gymnasium.Env[Any, Any]) -> tuple[str, ...]:
     """Names of the cables of an environment."""
-    return engine.cables(env.unwrapped.model)
+    return plugin.cables(env.unwrapped.model)
 
 
 def roll(env: gymnasium.Env[Any, Any], steps: int, seed: int = 0) -> list[Any]:
@@ -164,7 +164,7 @@ def test_info_agrees_with_the_engine(name: str) -> None:
     model, data = env.unwrapped.model, env.unwrapped.data
     info = roll(env, 150)[-1][-1]
     for cable in cables_of(env):
-        reading = engine.read(model, data, cable)
+        reading = plugin.read(model, data, cable)
         assert info[f"tension_{cable}_proximal_n"] == reading.tension_proximal
         assert info[f"tension_{cable}_distal_n"] == reading.tension_distal
         assert info[f"moving_{cable}_fraction"] == reading.moving_fraction
@@ -279,7 +279,7 @@ def test_a_frame_is_what_the_documentation_says(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def walked() -> tuple[gymnasium.Env[Any, Any], list[Any]]:
-    """The ankle, and what came back of two steps and more."""
+    """Return the ankle environment and its results over more than two strides."""
     env = gymnasium.make(ANKLE, duration=3.0)
     return env, roll(env, 2500)
 
@@ -322,7 +322,7 @@ def test_an_episode_starts_at_rest_with_every_cable_at_pretension(name: str) -> 
         env = gymnasium.make(name, duration=1.0, **chosen)
         _, info = env.reset(seed=0)
         model = env.unwrapped.model
-        for cable, config in engine.from_mjcf(model).items():
+        for cable, config in plugin.from_mjcf(model).items():
             nodes = info[f"tension_{cable}_nodes_n"]
             assert np.array_equal(nodes, np.full_like(nodes, config.pretension))
             assert info[f"moving_{cable}_fraction"] == 0.0
@@ -441,8 +441,8 @@ def test_a_step_takes_what_the_drive_says(skip: int, hold: int) -> None:
 
 def test_a_variant_of_the_scene_is_played_and_pickled() -> None:
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
-    for cable, config in engine.from_mjcf(spec).items():
-        engine.to_mjcf(spec, cable, config.replace(pretension=25.0))
+    for cable, config in plugin.from_mjcf(spec).items():
+        plugin.to_mjcf(spec, cable, config.replace(pretension=25.0))
     env = gymnasium.make(WRIST, duration=0.1, model=spec.compile()).unwrapped
     first = roll(env, 50)
     assert first[0][-1]["tension_extensor_proximal_n"] == 25.0
@@ -482,14 +482,14 @@ def test_every_trajectory_and_every_task_plays(
     name: str, trajectory: str, task: str
 ) -> None:
     (joint,) = (d.joint for d in DEVICES.values() if d.environment == name)
-    if trajectory == "walk" and joint not in gait.ANGLES:
+    if trajectory == "walk" and joint not in gait.GAIT_ANGLES:
         trajectory = "sweep"
     env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.15)
     law = CONTROLLERS["pi"](env.unwrapped.drive)
     _, info = env.reset(seed=1)
     truncated = False
     while not truncated:
-        measured = {column: info[column] for column in MEASURED}
+        measured = {column: info[column] for column in MEASURED_COLUMNS}
         action = env.unwrapped.action(law.torque(measured))
         observation, _, terminated, truncated, info = env.step(action)
         assert not terminated

@@ -1,4 +1,4 @@
-"""What learning needs: past in the observation, plants that are drawn, wrappers."""
+"""Support for learning: history in observations, randomised plants, wrappers."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
-from cc_mujoco import engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control.observed import PLAYS
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
+from cc_mujoco.device._observation import PLAY_HALF_WIDTHS
 from cc_mujoco.envs import WristHandle
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
@@ -41,7 +41,7 @@ ALL: dict[str, Any] = {
 
 
 def rolled(env: Any, steps: int = 60, **reset: Any) -> list[Any]:
-    """Reset, then step with random actions; all that came back."""
+    """Return the results of a reset and of steps with random actions."""
     random = np.random.default_rng(1)
     seen = [env.reset(seed=5, **reset)]
     for _ in range(steps):
@@ -50,7 +50,7 @@ def rolled(env: Any, steps: int = 60, **reset: Any) -> list[Any]:
 
 
 def observations(env: Any, steps: int = 60, **reset: Any) -> np.ndarray:
-    """Those of `rolled`, (steps + 1, size)."""
+    """Return the observations of `rolled`, (steps + 1, size)."""
     return np.array([row[0] for row in rolled(env, steps, **reset)])
 
 
@@ -91,9 +91,9 @@ def test_options_of_one_episode_are_the_same_bits_too(device: Any) -> None:
 
 def test_an_option_is_what_the_physics_has() -> None:
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
-    for name, cable in engine.from_mjcf(spec).items():
+    for name, cable in plugin.from_mjcf(spec).items():
         thinner = cable.replace(friction=0.07, static_friction=0.14, pretension=12.0)
-        engine.to_mjcf(spec, name, thinner)
+        plugin.to_mjcf(spec, name, thinner)
     wearer = WristHandle().exo.device.wearers[0]
     softer = Wearer(0.5 * wearer.stiffness, 0.5 * wearer.damping)
     variant = WristHandle(model=spec.compile(), wearer=softer, duration=0.5)
@@ -112,7 +112,7 @@ def test_an_option_is_what_the_physics_has() -> None:
 def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
     env = WristHandle(duration=0.1)
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
-    nominal = engine.from_mjcf(spec)["flexor"]
+    nominal = plugin.from_mjcf(spec)["flexor"]
     ratio = nominal.static_friction / nominal.friction
     alike = rolled(env, options={"friction": 0.07})
     same = rolled(env, options={"friction": 0.07, "break_away": ratio})
@@ -138,7 +138,7 @@ def test_a_wrap_is_the_bend_of_the_whole_conduit() -> None:
     nominal = env.exo.plants.nominal.cables
     assert env.plant.cables["flexor"].length == nominal["flexor"].length
     assert env.plant.cables["extensor"] == nominal["extensor"]
-    assert engine.from_mjcf(env.model) == env.plant.cables
+    assert plugin.from_mjcf(env.model) == env.plant.cables
 
 
 def test_plants_are_drawn_from_the_seed_and_lie_in_the_ranges() -> None:
@@ -226,7 +226,7 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
         [("motor_angle_rad", ratio), ("joint_angle_rad", 1.0)]
     ):
         angle = np.array([row[-1][column] for row in rows]) / scale
-        for width, play in enumerate(PLAYS):
+        for width, play in enumerate(PLAY_HALF_WIDTHS):
             reach, p = play * unit, angle[0]
             told = [row[0][6 + 3 * place + width] for row in rows]
             for x, found in zip(angle, told, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import controller, read_policy
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
 from cc_mujoco.errors import CableError
 
 algorithms = pytest.importorskip("stable_baselines3")
@@ -28,7 +28,7 @@ PAST: dict[str, Any] = {"hold": 2, "history": 1, "memory": True}
 
 
 def made(count: int = 4, **given: Any) -> Any:
-    """A vector environment for it."""
+    """Return a vector environment for Stable Baselines."""
     about = {"duration": 0.02, "autoreset_mode": "SameStep", **PAST, **given}
     return gymnasium.make_vec(WRIST, count, **about)
 

@@ -1,4 +1,4 @@
-"""What `scripts/train_policy.py` trains on."""
+"""Environments of `scripts/train_policy.py`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import train_policy
 
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
 
 
 def made(scene: str, fixed: bool) -> list[Any]:
-    """Its environments, few and short."""
+    """Return a few short environments of the script."""
     options = {"envs": 4, "seconds": 0.01, "fixed": fixed, "smoothness": 0.01}
     return train_policy.make(argparse.Namespace(scene=scene, **options))
 

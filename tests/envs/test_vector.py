@@ -12,7 +12,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Pace, Paced, Profile, Walk, Wearer
 
@@ -37,7 +37,7 @@ def equal(a: Any, b: Any) -> None:
 
 
 def pair(name: str, threads: int = 0, **given: Any) -> tuple[VectorEnv, VectorEnv]:
-    """The vector environment of an id, and Gymnasium's own."""
+    """Return our vector environment of an id, and Gymnasium's."""
     return (
         gymnasium.make_vec(name, COUNT, threads=threads, **given),
         gymnasium.make_vec(name, COUNT, vectorization_mode="sync", **given),

@@ -11,14 +11,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.device import DEVICES
 from cc_mujoco.envs import RecordVideo
 
 WRIST, SECONDS = "cc_mujoco/WristHandle-v1", 0.3
 
 
 class Counting:
-    """A camera whose pictures show how many it has taken."""
+    """Fake camera whose pictures contain their number."""
 
     taken = 0
 
@@ -34,7 +34,7 @@ class Counting:
 
 
 class Clip:
-    """What would be written to a video file."""
+    """Fake clip that records its frames instead of encoding a video file."""
 
     written: ClassVar[list[Clip]] = []
 
@@ -48,7 +48,7 @@ class Clip:
 
 @pytest.fixture(autouse=True)
 def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("scalar", "vector"):
+    for module in ("_scalar", "_vector"):
         monkeypatch.setattr(f"cc_mujoco.envs.{module}.Camera", Counting)
     for name in ("moviepy", "moviepy.video", "moviepy.video.io"):
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))

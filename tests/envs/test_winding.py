@@ -1,4 +1,4 @@
-"""How far a cable has wound: told to controllers as of a round pulley."""
+"""Winding of a cable, as controllers receive it: that of an equivalent round pulley."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-from cc_mujoco.control import CONTROLLERS, controller
-from cc_mujoco.control.controller import wound
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.device import physics_of
+from cc_mujoco.control import CONTROLLERS, as_round_pulley, controller
+from cc_mujoco.device import DEVICES
+from cc_mujoco.device._device import physics_of
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import WINDING
 
 WRIST, ANKLE, EXOSUIT = (
     DEVICES[name].environment for name in ("wrist", "ankle", "exosuit")
@@ -22,7 +21,7 @@ WRIST, ANKLE, EXOSUIT = (
 
 
 def walked(name: str, steps: int = 600) -> tuple[Any, dict[str, np.ndarray]]:
-    """An environment, and what was told of it under constant torque."""
+    """Return an environment, and the columns of its `info` under constant torque."""
     env = gymnasium.make(name).unwrapped
     env.reset(seed=0)
     told = [env.step(np.array([0.2], np.float32))[-1] for _ in range(steps)]
@@ -64,7 +63,7 @@ def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
     assert np.ptp(off) > 0.2
     for name in set(CONTROLLERS) & {"model", "stiction", "predictive", "disturbance"}:
         law = controller(name, env.drive)
-        seen = {n: v[-1] for n, v in told.items() if n not in WINDING}
+        seen = {n: v[-1] for n, v in told.items() if n not in WINDING_COLUMNS}
         with pytest.raises(CableError, match="joint knee winds the cables too"):
             law.torque(seen)
 
@@ -76,7 +75,7 @@ def test_several_devices_are_read_with_their_own_arms() -> None:
     both = type(longer).over([device.winding, longer])
     physics = physics_of(env.data)
     one, told = device.winding.read(physics), both.read(physics)
-    for name, factor in zip(WINDING, (0.5, 0.5, 0.5), strict=True):
+    for name, factor in zip(WINDING_COLUMNS, (0.5, 0.5, 0.5), strict=True):
         assert told[name] == pytest.approx(one[name] * np.array([1.0, factor]))
 
 
@@ -84,15 +83,15 @@ def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
     env, told = walked(ANKLE, 3)
     seen = {name: values[-1] for name, values in told.items()}
     seen["leverage_ratio"] = 0.5
-    found = wound(seen, env.drive)
+    found = as_round_pulley(seen, env.drive)
     assert found["joint_torque_nm"] == 2.0 * seen["joint_torque_nm"]
     assert found["desired_torque_nm"] == 2.0 * seen["desired_torque_nm"]
     assert found["joint_angle_rad"] == seen["winding_angle_rad"]
     assert found["motor_angle_rad"] == seen["motor_angle_rad"]
-    bare = {name: value for name, value in seen.items() if name not in WINDING}
+    bare = {name: value for name, value in seen.items() if name not in WINDING_COLUMNS}
     with pytest.raises(CableError, match="pull a lever"):
-        wound(bare, env.drive)
-    assert wound(bare, dataclasses.replace(env.drive, lever=False)) is bare
+        as_round_pulley(bare, env.drive)
+    assert as_round_pulley(bare, dataclasses.replace(env.drive, lever=False)) is bare
     crossing = dataclasses.replace(env.drive, crossed=("hip", "knee"))
     with pytest.raises(CableError, match="joint hip, knee winds"):
-        wound(bare, crossing)
+        as_round_pulley(bare, crossing)

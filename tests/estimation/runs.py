@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.estimation.slope import next_run
-from cc_mujoco.transmission import Cable, Section, replay
+from cc_mujoco.cable import Cable, Section, replay
+from cc_mujoco.estimation._tension_slope import next_run
 
 DT = 0.01
 CABLE = Cable(
@@ -52,7 +52,7 @@ def pulls(seconds: float, depth: float = 0.012) -> np.ndarray:
 
 
 def played(cable: Cable, motion: np.ndarray) -> Run:
-    """A cable whose parameters stay."""
+    """Return a run of a cable with constant parameters."""
     proximal, distal = motion
     run = replay(cable, DT, u_proximal=proximal, u_distal=distal, profile=True)
     assert run.tension is not None and run.direction is not None
@@ -60,7 +60,7 @@ def played(cable: Cable, motion: np.ndarray) -> Run:
 
 
 def drifting(cable: Cable, motion: np.ndarray, name: str, values: np.ndarray) -> Run:
-    """The same while a parameter takes these values in turn, in equal spells."""
+    """Return a run in which a parameter takes these values in equal periods."""
     tension, direction = [], []
     last: np.ndarray | None = None
     edges = np.linspace(0, motion.shape[1], values.size + 1).astype(int)

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.calibration import Measurement, calibrate
-from cc_mujoco.transmission import Cable, Section, Transmission
+from cc_mujoco.estimation import Measurement, calibrate
 
 CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(1.0, 0.3),), segments=12)
 TIME = np.arange(0.0, 3.0, 0.01)
@@ -21,7 +21,7 @@ def rig(cable: Cable) -> Transmission:
 
 
 def trial(seed: int, memory: float = 0.0, cable: Cable = CABLE) -> Measurement:
-    """A wearer moves the joint against a motor that pulls; noise of given memory."""
+    """Return a trial with motor torque, joint motion and noise of the given memory."""
     inputs = {
         "motor_torque": 0.25 * np.sin(5.0 * TIME),
         "joint_angle": 0.2 * np.sin(3.0 * TIME),

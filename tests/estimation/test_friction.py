@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco.cable import Cable
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.estimation.recursive import RecursiveLeastSquares
-from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.transmission import Cable
+from cc_mujoco.estimation import FrictionEstimator
+from cc_mujoco.estimation._recursive import RecursiveLeastSquares
+from cc_mujoco.estimation._tracks import wrap_angles
 from estimation.runs import (
     CABLE,
     Run,

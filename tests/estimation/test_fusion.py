@@ -9,14 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cc_mujoco  # noqa: F401  registers the environments
-from cc_mujoco import engine
+from cc_mujoco import plugin
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.fusion import TensionFusion, fuse, gains
-from cc_mujoco.recording.log import Recorder
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.solver import Constraint, sign_patterns, system
-from cc_mujoco.transmission import Cable, Section
-from cc_mujoco.transmission.segments import Mesh
+from cc_mujoco.estimation import TensionFusion, fuse
+from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.simulation import Recorder
+from cc_mujoco.thesis._literal_solver import (
+    Constraint,
+    sign_pattern_system,
+    sign_patterns,
+)
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)
@@ -24,7 +29,7 @@ EVERY = np.arange(11)
 
 
 def exact(direction: np.ndarray, start: float = 30.0) -> np.ndarray:
-    return start * gains(MESH, direction, np.array([0]), through_rest=True)[0]
+    return start * tension_gains(MESH, direction, np.array([0]), through_rest=True)[0]
 
 
 @given(st.integers(0, 35), st.integers(0, 10), st.floats(1.0, 200.0))
@@ -34,14 +39,14 @@ def test_gains_are_what_the_thesis_s_matrix_gives(
 ) -> None:
     direction = sign_patterns(10)[pattern]
     known = [Constraint("displacement", 0, 0.0), Constraint("tension", node, value)]
-    x = np.linalg.solve(*system(MESH, direction, known))
-    gain = gains(MESH, direction, np.array([node]), through_rest=True)
+    x = np.linalg.solve(*sign_pattern_system(MESH, direction, known))
+    gain = tension_gains(MESH, direction, np.array([node]), through_rest=True)
     assert gain[0] * value == pytest.approx(x[:11], rel=1e-9)
 
 
 def test_resting_segment_ties_nothing_together() -> None:
     direction = np.array([-1.0] * 3 + [0.0] * 4 + [1.0] * 3)
-    tied = np.isfinite(gains(MESH, direction, np.array([0, 5, 10])))
+    tied = np.isfinite(tension_gains(MESH, direction, np.array([0, 5, 10])))
     assert tied.sum(axis=1).tolist() == [4, 1, 4]
     assert tied[0, :4].all() and tied[1, 5] and tied[2, 7:].all()
 
@@ -49,7 +54,7 @@ def test_resting_segment_ties_nothing_together() -> None:
 def test_inverse_variance_has_less_variance_than_any_other_unbiased_weights() -> None:
     """Gauss-Markov, against the mean and against random weights that add up to 1."""
     random = np.random.default_rng(1)
-    gain = gains(MESH, -np.ones(10), EVERY)
+    gain = tension_gains(MESH, -np.ones(10), EVERY)
     deviation = random.uniform(0.5, 3.0, 11)
     carried = gain[:, -1] * deviation
     best = fuse(np.zeros(11), gain, deviation).deviation[-1]
@@ -66,7 +71,7 @@ def test_error_has_the_stated_size_and_no_bias(weights: str) -> None:
     truth = exact(np.ones(10))
     deviation = np.linspace(0.5, 2.0, 11)
     reading = truth + deviation * random.normal(size=(20_000, 11))
-    gain = gains(MESH, np.ones(10), EVERY)
+    gain = tension_gains(MESH, np.ones(10), EVERY)
     fused = fuse(reading, gain, deviation, weights)  # type: ignore[arg-type]
     error = (fused.tension - truth) / fused.deviation
     assert np.all(np.abs(error.mean(axis=0)) < 4.0 / np.sqrt(20_000))
@@ -74,7 +79,7 @@ def test_error_has_the_stated_size_and_no_bias(weights: str) -> None:
 
 
 def test_mean_is_best_where_noise_is_in_proportion_to_tension() -> None:
-    gain = gains(MESH, np.ones(10), EVERY)
+    gain = tension_gains(MESH, np.ones(10), EVERY)
     deviation = 0.02 * exact(np.ones(10))
     reading = exact(np.ones(10)) + np.arange(11.0)
     mean = fuse(reading, gain, deviation, "mean")
@@ -84,7 +89,7 @@ def test_mean_is_best_where_noise_is_in_proportion_to_tension() -> None:
 
 def test_loss_of_the_mean_tends_to_sinh_a_over_a() -> None:
     fine = CABLE.replace(segments=400)
-    gain = gains(Mesh.of(fine), np.ones(400), np.arange(401))
+    gain = tension_gains(Mesh.of(fine), np.ones(400), np.arange(401))
     ones, zeros = np.ones(401), np.zeros(401)
     loss = fuse(zeros, gain, ones, "mean").deviation / fuse(zeros, gain, ones).deviation
     angle = CABLE.friction * CABLE.wrap
@@ -147,11 +152,11 @@ def test_many_cables_at_once_are_the_same_as_one_by_one(at_rest: str) -> None:
 def test_inside_an_environment_step_and_on_its_recording() -> None:
     env = gymnasium.make("cc_mujoco/WristHandle-v1", trajectory="reach", duration=0.5)
     inner = env.unwrapped
-    cable = engine.from_mjcf(inner.model)["flexor"]
+    cable = plugin.from_mjcf(inner.model)["flexor"]
     sensors = Sensors.at(cable, np.linspace(0.0, cable.length, 11).tolist(), 0.5)
     fusion = TensionFusion(cable, sensors)
     random = np.random.default_rng(5)
-    recorder = Recorder(engine.from_mjcf(inner.model), {})
+    recorder = Recorder(plugin.from_mjcf(inner.model), {})
     _, info = env.reset(seed=0)
     recorder.record(info)
     fusion.reset(tension=info["tension_flexor_nodes_n"], deviation=0.01)
@@ -159,7 +164,7 @@ def test_inside_an_environment_step_and_on_its_recording() -> None:
     while not over:
         _, _, _, over, info = env.step(np.array([0.3], dtype=np.float32))
         recorder.record(info)
-        reading = engine.read(inner.model, inner.data, "flexor")
+        reading = plugin.read(inner.model, inner.data, "flexor")
         seen = reading.tension[list(sensors.nodes)]
         measured.append(seen + 0.5 * random.normal(size=seen.shape))
         live.append(fusion.update(measured[-1], reading.slip))

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import cc_mujoco  # noqa: F401  registers the environments
-from cc_mujoco import engine
-from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.sensing import Sensors
+from cc_mujoco import plugin
+from cc_mujoco.device import Sensors
+from cc_mujoco.estimation import FrictionEstimator
 
 
 def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:
     env = gymnasium.make("cc_mujoco/WristHandle-v1", duration=1.0)
     inner = env.unwrapped
-    cable = engine.from_mjcf(inner.model)["flexor"]
+    cable = plugin.from_mjcf(inner.model)["flexor"]
     sensors = Sensors.at(cable, np.linspace(0.0, cable.length, 11).tolist(), 0.5)
     estimator = FrictionEstimator(cable, sensors, start=2.0 * cable.friction)
     random = np.random.default_rng(1)
@@ -25,7 +25,7 @@ def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:
         push = np.array([0.4 * np.sin(0.2 * step)], dtype=np.float32)
         _, _, terminated, truncated, _ = env.step(push)
         over, step = terminated or truncated, step + 1
-        reading = engine.read(inner.model, inner.data, "flexor")
+        reading = plugin.read(inner.model, inner.data, "flexor")
         seen = reading.tension[list(sensors.nodes)]
         estimator.update(seen + 0.5 * random.normal(size=seen.shape), reading.slip)
     env.close()

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from cc_mujoco.estimation.least_squares import (
+from cc_mujoco.cable import Parameter
+from cc_mujoco.estimation._least_squares import (
     Tuned,
     bounded_step,
     covariance,
     differences,
     estimate,
     fit,
-    untold,
+    undetermined_directions,
 )
-from cc_mujoco.transmission import Parameter
 
 RANDOM = np.random.default_rng(0)
 DESIGN = RANDOM.standard_normal((400, 3)) * [1.0, 50.0, 0.2]
@@ -79,7 +79,7 @@ def test_two_that_act_alike_are_told_apart_from_the_rest(sequences: int) -> None
     parts = np.split(residual(TRUTH), 2)
     residuals = [[], [np.concatenate(parts)], parts][sequences]
     found = covariance(twins, residuals)
-    (shares,) = untold(found, 0.5)
+    (shares,) = undetermined_directions(found, 0.5)
     np.testing.assert_allclose(np.abs(shares), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-6)
     assert shares[0] == pytest.approx(-shares[1])
     alone = covariance(1e3 * DESIGN[:, :2], residuals)
@@ -88,7 +88,7 @@ def test_two_that_act_alike_are_told_apart_from_the_rest(sequences: int) -> None
 
 
 def test_combinations_are_told_from_the_least_certain_on() -> None:
-    found = untold(np.diag([1.0, 9.0, 0.01, 4.0]), 1.0)
+    found = undetermined_directions(np.diag([1.0, 9.0, 0.01, 4.0]), 1.0)
     np.testing.assert_allclose(np.abs(found), np.eye(4)[[1, 3, 0]])
 
 

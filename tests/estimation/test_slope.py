@@ -7,16 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from cable.terms_on import TERMS_ON
+from cc_mujoco.cable import Cable, replay
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.bend import BendEstimator
-from cc_mujoco.thesis.estimators.slope_law import SlopeLaw
-from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
-from cc_mujoco.transmission import Cable, replay
+from cc_mujoco.estimation import FrictionEstimator
+from cc_mujoco.estimation._tracks import wrap_angles
+from cc_mujoco.thesis.estimators import BendEstimator, SlopeLaw, StiffnessEstimator
 from estimation.runs import CABLE, DT, moving_runs, strokes
-from transmission.terms_on import TERMS_ON
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 OF_SLOPE = {

@@ -22,23 +22,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cc_mujoco.commands.export import Export
-from cc_mujoco.control import Controller, Drive, controller
-from cc_mujoco.control.controller import wound
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.cable import TERMS
+from cc_mujoco.cli._export import Export
+from cc_mujoco.control import Controller, as_round_pulley, controller
+from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import (
-    EXPORTED,
-    FILES,
-    TARGETS,
-    ExportPlan,
-    Target,
-    write,
-    writing,
-)
-from cc_mujoco.export.writing import HEADER, TEXTS
-from cc_mujoco.sensing import TENSIONS, WINDING
-from cc_mujoco.transmission.parameters import TERMS
+from cc_mujoco.export import EXPORT_FILES, EXPORTED, TARGETS, ExportPlan, Target, write
+from cc_mujoco.export import _files as files
+from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
 
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, ExportPlan]]
@@ -90,9 +82,9 @@ def plan_of(scene: str, name: str) -> ExportPlan:
 
 
 def drive_of(scene: str, name: str) -> Drive:
-    """The device; what learns friction has to, and packs its cables anew.
+    """Return the drive of a scene, modified for controllers that adapt to friction.
 
-    Beyond the wrist the motor lags, and its rate is limited.
+    Except for the wrist, these drives also have a motor lag and a rate limit.
     """
     drive: Drive = device(scene).drive
     if name not in PLANNED:
@@ -110,7 +102,7 @@ def drive_of(scene: str, name: str) -> Drive:
 
 @functools.cache
 def episode(scene: str, name: str) -> tuple[Array, Array]:
-    """Readings and torques of a controller that drives its device, with noise."""
+    """Return the readings and torques of a controller that drives a noisy device."""
     env = device(scene)
     law = controller(name, drive_of(scene, name))
     _, info = env.reset(seed=3)
@@ -118,13 +110,16 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
     random = np.random.default_rng(4)
     plan, drive = plan_of(scene, name), drive_of(scene, name)
     noise = [NOISE.get(key, 0.0) for key in plan.law.seen]
-    noise += [one for own in drive.sensors for one in own.deviation][: len(plan.tapped)]
+    noise += [one for own in drive.sensors for one in own.deviation][
+        : len(plan.tension_readings)
+    ]
     readings, torques = [], []
     for _ in range(1_500):
-        columns = wound(info, drive)
+        columns = as_round_pulley(info, drive)
         readings.append([columns[key] for key in plan.law.seen])
         readings[-1] += [
-            info[f"tension_{cable}_nodes_n"][node] for _, cable, node in plan.tapped
+            info[f"tension_{cable}_nodes_n"][node]
+            for _, cable, node in plan.tension_readings
         ]
         readings[-1] += random.normal(size=len(noise)) * noise
         torques.append(law.torque(seen(plan, readings[-1])))
@@ -133,10 +128,10 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
 
 
 def seen(plan: ExportPlan, readings: Any) -> dict[str, Any]:
-    """What Python is told where C is told these readings, of round pulleys."""
+    """Return the Python readings that match these C readings, for round pulleys."""
     row, count = np.asarray(readings).tolist(), len(plan.law.seen)
     told = dict(zip(plan.law.seen, row, strict=False))
-    told |= dict.fromkeys(WINDING, 1.0)
+    told |= dict.fromkeys(WINDING_COLUMNS, 1.0)
     told |= {
         own: told[name]
         for name, own in (
@@ -147,7 +142,7 @@ def seen(plan: ExportPlan, readings: Any) -> dict[str, Any]:
     }
     told["joint_velocity_rad_s"] = told["winding_velocity_rad_s"]
     if plan.taps is not None:
-        told[TENSIONS] = np.array(row[count:]).reshape(plan.taps.nodes.shape)
+        told[TENSION_COLUMN] = np.array(row[count:]).reshape(plan.taps.nodes.shape)
     return told
 
 
@@ -160,7 +155,7 @@ def python(
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """Exports of this machine, each written once."""
+    """Return the exports for this machine, each written once."""
 
     @functools.cache
     def written(scene: str, name: str) -> tuple[Path, ExportPlan]:
@@ -173,7 +168,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 class Library:
-    """An exported controller, called from here."""
+    """Exported controller, called through a shared library."""
 
     def __init__(self, folder: Path, plan: ExportPlan) -> None:
         assert COMPILER is not None
@@ -220,7 +215,7 @@ def run(*words: Any, **how: Any) -> str:
 
 
 def symbols(path: Path) -> tuple[set[str], set[str]]:
-    """Names that an object file defines for others, and those that it needs."""
+    """Return the external names that an object file defines, and those it requires."""
     nm = shutil.which("nm")
     if nm is None:
         pytest.skip("there is no nm to list symbols with")
@@ -231,7 +226,7 @@ def symbols(path: Path) -> tuple[set[str], set[str]]:
     )
 
 
-@pytest.mark.parametrize("name", [HEADER, *TEXTS])
+@pytest.mark.parametrize("name", [HEADER_FILE, *TEXT_FILES])
 def test_what_a_user_changed_is_not_replaced(tmp_path: Path, name: str) -> None:
     plan, host = plan_of("wrist", "pi"), TARGETS["host"]
     for _ in range(2):  # an export that nobody touched is replaced
@@ -268,7 +263,7 @@ def example(
     *emulator: str,
     **how: Any,
 ) -> Array:
-    """What the program that is written beside the object file prints."""
+    """Return the output of the program that is written next to the object file."""
     program = folder / "example"
     sources = [folder / f"cc_{part}" for part in ("example.c", "parameters.c")]
     run(
@@ -412,7 +407,7 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
 @needs_compiler
 @pytest.mark.parametrize("name", ["pi", "stiction"])
 def test_the_guard_is_exported(name: str, made: Made) -> None:
-    """A joint that is pulled too hard, and a motor that winds up slack too fast."""
+    """It limits excessive joint torque and the speed of winding up slack."""
     readings = episode("wrist", name)[0][:400].copy()
     plan, drive = plan_of("wrist", name), drive_of("wrist", name)
     torque, speed = map(plan.seen.index, ("joint_torque_nm", "motor_velocity_rad_s"))
@@ -611,7 +606,7 @@ MACHINES = {
     "armv7": ("arm-linux-gnueabihf-gcc", "qemu-arm"),
 }
 BRIEFLY = [("exosuit", "stiction"), ("exosuit", "adaptive"), ("wrist", "pi")]
-"""Tried each time; all others where there is time."""
+"""Cases of every run; all others belong to the study tests."""
 WITHOUT_FUSED = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"}
 
 
@@ -626,10 +621,10 @@ WITHOUT_FUSED = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"}
 def test_other_machines_give_the_same_bits(
     target: str, scene: str, name: str, made: Made, tmp_path: Path
 ) -> None:
-    """Of a C library whose mathematics rounds alike.
+    """Torques are equal bit for bit if the C libraries round equally.
 
-    The one here has it with and without fused multiplication and addition, by the
-    processor; that of 32-bit ARM has none.
+    The library of this machine uses fused multiply-add if the processor has it; that of
+    32-bit ARM does not.
     """
     compiler, machine = map(shutil.which, MACHINES[target])
     if compiler is None or machine is None or COMPILER is None:
@@ -674,7 +669,7 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
 
 @needs_compiler
 def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> None:
-    """Of viscous friction the estimates of friction would be wrong without a word."""
+    """Viscous friction would bias the estimates of friction without warning."""
     folder, plan = made("wrist", "adaptive")
     exported = Library(folder, plan)
     names = [field.name for field in plan.fields]
@@ -726,14 +721,14 @@ def test_a_machine_that_llvm_does_not_know_is_one_sentence(tmp_path: Path) -> No
 
 def test_the_files_are_those_that_are_told(made: Made) -> None:
     folder, _ = made("wrist", "pi")
-    assert {path.name for path in folder.iterdir()} - {"shared.so"} == set(FILES)
+    assert {path.name for path in folder.iterdir()} - {"shared.so"} == set(EXPORT_FILES)
 
 
 def test_only_a_controller_that_is_passive_in_simulation_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`pi` shakes a finger with some inertia at its tip, and `feedback` no ankle."""
-    monkeypatch.setattr(writing, "emit", lambda *_: b"")  # seconds of LLVM
+    """`pi` is active on a finger with an inertia at its tip; `feedback` is passive."""
+    monkeypatch.setattr(files, "emit", lambda *_: b"")  # seconds of LLVM
     refused = tmp_path / "finger"
     with pytest.raises(CableError, match=r"'pi' is not passive .* --allow-active"):
         Export("finger", "pi", refused).run()
@@ -741,4 +736,4 @@ def test_only_a_controller_that_is_passive_in_simulation_is_written(
     Export("finger", "pi", refused, allow_active=True).run()
     Export("ankle", "feedback", tmp_path / "ankle").run()
     for folder in (refused, tmp_path / "ankle"):
-        assert {path.name for path in folder.iterdir()} == set(FILES)
+        assert {path.name for path in folder.iterdir()} == set(EXPORT_FILES)

@@ -1,4 +1,4 @@
-"""The rig's end of a link: loopback UDP, a CAN bus in this process, or between two."""
+"""End of a link at the rig: loopback UDP, or a CAN bus within or between processes."""
 
 from __future__ import annotations
 
@@ -12,41 +12,40 @@ import can
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import CanAddress, CanRig, UdpRig
-from cc_mujoco.hardware.can_rig import CanLink
-from cc_mujoco.hardware.rig import PacketRig
+from cc_mujoco.hardware import CanAddress, CanLink, CanRig, UdpRig
+from cc_mujoco.hardware._rig import PacketRig
 
 PATIENCE = 0.05
-"""How long an end waits for a packet [s]."""
+"""Time for which an end waits for a packet [s]."""
 GROUP = "239.74.163.2"
-"""The multicast address that python-can usually takes."""
+"""Default multicast address of python-can."""
 _numbers = itertools.count()
 
 
 class End(Protocol):
-    """What a peer sends and receives by."""
+    """Interface by which a peer sends and receives."""
 
     rig: str
-    """The lines of `[rig]` that lead here."""
+    """Lines of `[rig]` that address this end."""
 
     def host(self) -> PacketRig:
-        """What the host has at its own end."""
+        """Return the host's end of the link."""
 
     def receive(self) -> bytes | None:
-        """The next packet of the host, None if none came in `PATIENCE`."""
+        """Return the next packet of the host, or None if none came in `PATIENCE`."""
 
     def send(self, data: bytes) -> None:
-        """Send to whom the last packet came from."""
+        """Send to the sender of the last packet."""
 
     def stray(self, data: bytes) -> None:
-        """Send what the host must not take for a packet of its rig."""
+        """Send data that the host must reject."""
 
     def close(self) -> None:
-        """Leave."""
+        """Close the end."""
 
 
 class UdpEnd:
-    """A socket."""
+    """End on a UDP socket of the loopback interface."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -77,7 +76,7 @@ class UdpEnd:
 
 
 class CanEnd:
-    """A bus of python-can in this process."""
+    """End on a bus of python-can in this process."""
 
     def __init__(self) -> None:
         self.address = self._address()
@@ -125,7 +124,7 @@ class CanEnd:
 
 
 class MulticastEnd(CanEnd):
-    """A bus of python-can between processes of this machine."""
+    """End on a bus of python-can between processes of this machine."""
 
     def _address(self) -> CanAddress:
         pytest.importorskip("msgpack", reason="udp_multicast of python-can needs it")

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cc_mujoco.control import Controller, Drive, controller
-from cc_mujoco.control.external import External
+from cc_mujoco.control import Controller, External, controller
+from cc_mujoco.device import Drive
 from cc_mujoco.hardware import Ending, Limits, Loop, Readings, RunOutcome, Watchdog
-from cc_mujoco.hardware.desired import Desired, constant
+from cc_mujoco.hardware._references import Desired, constant_course
 
 PERIOD = 0.002
 LIMITS = Limits(
@@ -24,7 +24,7 @@ RATIO = 2.0
 
 
 class SimulatedClock:
-    """Time that passes only while the loop waits, or is told to."""
+    """Clock whose time passes only while the loop waits or when it is set."""
 
     def __init__(self) -> None:
         self.time = 100.0
@@ -40,11 +40,11 @@ class SimulatedClock:
 
 @dataclass
 class FakeRig:
-    """A motor with inertia and a joint that follows it; faults by a function."""
+    """Fake of a motor with inertia and a joint that follows it, with faults."""
 
     clock: SimulatedClock
     fault: Callable[[int, Readings], Readings | None] = lambda count, seen: seen
-    """Of the number of the reading and the reading; None loses it."""
+    """Function of the reading's number and the reading; it returns None to lose it."""
     written: list[float] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     reads: int = 0
@@ -80,7 +80,7 @@ class FakeRig:
 
 @dataclass
 class Rows:
-    """Keeps what a log would write."""
+    """Log that keeps its rows in memory."""
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -98,7 +98,7 @@ def law_of(torque: Callable[[dict[str, float]], object]) -> Controller:
 
 @dataclass
 class Played:
-    """A loop that has run in simulated time."""
+    """Outcome, rig and log of a loop in simulated time."""
 
     outcome: RunOutcome
     rig: FakeRig
@@ -122,7 +122,7 @@ def play(
     loop = Loop(
         rig,
         law or controller("none", drive()),
-        desired or constant(2.0),
+        desired or constant_course(2.0),
         limits,
         watchdog,
         clock=clock,

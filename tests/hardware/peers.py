@@ -1,4 +1,4 @@
-"""A rig at the other end of a link, in a thread; it can spoil what it sends."""
+"""Rig at the other end of a link, in a thread; it can corrupt its packets."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import TracebackType
 
-from cc_mujoco.hardware import Readings, Status, packet
-from cc_mujoco.hardware.packet import Command
+from cc_mujoco.hardware import Readings, Status
+from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._packet import Command
 from hardware.ends import End, UdpEnd
 
 
 @dataclass
 class Peer:
-    """Answers every command with a reading; at rest but for its last digits."""
+    """Rig that answers every command with a reading, at rest except for noise."""
 
     spoil: Callable[[int, bytes], Iterable[bytes]] = lambda count, data: [data]
-    """Of the number of the reading and its packet: what is sent instead."""
+    """Function of the reading's number and packet that returns the packets to send."""
     end: End = field(default_factory=UdpEnd)
     commands: list[Command] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
@@ -53,7 +54,7 @@ class Peer:
         return bool(self.commands) and bool(self.commands[-1].status & Status.STOPPED)
 
     def kill(self) -> None:
-        """As if the machine were gone."""
+        """Stop answering, as after a loss of the machine."""
         self._over.set()
 
     def _serve(self) -> None:
@@ -72,7 +73,7 @@ class Peer:
             self.times.append(time.perf_counter())
             count += 1
             noise = [1e-4 * draw.gauss(0.0, 1.0) for _ in range(5)]
-            sent = packet.reading(
+            sent = packet.pack_reading(
                 count, time.perf_counter_ns(), Readings(0.0, *noise, Status.ENABLED)
             )
             for each in self.spoil(count, sent):
@@ -83,7 +84,7 @@ NOWHERE = 'address = "127.0.0.1:5005"'
 
 
 def toml(rig: str = NOWHERE, task: str = "torque = 0.5") -> str:
-    """A `rig.toml` that a busy machine can follow."""
+    """Return a `rig.toml` with limits that a busy machine can meet."""
     return f"""
 scene = "bench"
 period = 0.002
@@ -109,5 +110,5 @@ missed_deadlines = 99999
 
 
 def sine(_: object) -> Callable[[dict[str, float]], float]:
-    """A controller for `module:function`."""
+    """Return a controller for `module:function`."""
     return lambda seen: math.sin(100.0 * seen["motor_angle_rad"])

@@ -1,4 +1,4 @@
-"""A rig on CAN: its frames, and what is said of a bus that fails."""
+"""Rig on CAN: frames, and errors of a failing bus."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     CanAddress,
+    CanLink,
     CanRig,
     Loop,
     Readings,
     RunOutcome,
     Watchdog,
-    can_rig,
-    packet,
     read_settings,
 )
-from cc_mujoco.hardware.can_rig import DRAINED, FAILURES, CanLink
-from cc_mujoco.hardware.desired import constant
-from cc_mujoco.hardware.rig import PacketRig
+from cc_mujoco.hardware import _can_rig as can_rig
+from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._can_rig import MAX_DRAINED_FRAMES, MAX_FAILURES
+from cc_mujoco.hardware._references import constant_course
+from cc_mujoco.hardware._rig import PacketRig
 from hardware.ends import GROUP, CanEnd
 from hardware.fakes import LIMITS, Rows, SimulatedClock, drive
 from hardware.peers import toml
 
-READING = packet.reading(1, 1000, Readings(0.0, 0.1, 0.0, 0.0, 0.0, 0.0))
+READING = packet.pack_reading(1, 1000, Readings(0.0, 0.1, 0.0, 0.0, 0.0, 0.0))
 
 
 class Broken(can.BusABC):
-    """A bus that hands out what it was given, and may take nothing."""
+    """Fake bus that returns the given frames and can refuse to send."""
 
     def __init__(self, frames: Iterable[can.Message | Exception] = ()) -> None:
         super().__init__("none")
         self._can_protocol = can.CanProtocol.CAN_FD
         self.frames = list(frames)
         self.refused: list[Exception] = []
-        """What the next frames to be sent meet with."""
+        """Exceptions that the next sends raise, in order."""
         self.sent: list[can.Message] = []
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -63,7 +64,7 @@ Opened = Callable[[Broken], CanLink]
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch) -> Opened:
-    """Opens a bus as if it were one of SocketCAN."""
+    """Return a function that opens a fake bus in place of SocketCAN."""
 
     def link(bus: Broken) -> CanLink:
         monkeypatch.setattr(can, "Bus", lambda **_: bus)
@@ -113,9 +114,9 @@ def test_frames_of_others_hide_no_reading(opened: Opened) -> None:
 
 
 def test_a_bus_full_of_others_does_not_hold_up(opened: Opened) -> None:
-    bus = Broken([frame(arbitration_id=1) for _ in range(3 * DRAINED)])
+    bus = Broken([frame(arbitration_id=1) for _ in range(3 * MAX_DRAINED_FRAMES)])
     assert opened(bus).receive() is None
-    assert len(bus.frames) == 2 * DRAINED
+    assert len(bus.frames) == 2 * MAX_DRAINED_FRAMES
 
 
 def test_a_frame_of_classical_can_is_no_reading(opened: Opened) -> None:
@@ -130,7 +131,7 @@ def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> RunOutco
     loop = Loop(
         CanRig(CanAddress("can7")),
         controller("none", drive()),
-        constant(2.0),
+        constant_course(2.0),
         LIMITS,
         dog,
         clock=SimulatedClock(),
@@ -141,13 +142,15 @@ def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> RunOutco
 
 def readings(count: int) -> list[can.Message]:
     return [
-        frame(packet.reading(k, 2_000_000 * k, Readings(0.0, 1e-4 * k, *[0.0] * 4)))
+        frame(
+            packet.pack_reading(k, 2_000_000 * k, Readings(0.0, 1e-4 * k, *[0.0] * 4))
+        )
         for k in range(1, count)
     ]
 
 
 class Answering(Broken):
-    """Gives a reading each time it is asked, and none twice in a row."""
+    """Bus that returns a frame on every second request."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         self.asked = not getattr(self, "asked", False)
@@ -173,15 +176,15 @@ def test_a_bus_that_takes_nothing_ends_the_run(
         "buffer full [Error Code 105]; is the rig on, with the same bit rates, and is "
         "the bus terminated?"
     )
-    assert outcome.ignored["unsent"] >= FAILURES - 1
+    assert outcome.ignored["unsent"] >= MAX_FAILURES - 1
 
 
 def test_frames_that_are_not_sent_now_and_then_are_only_lost(opened: Opened) -> None:
     bus = Broken()
     link = opened(bus)
     for _ in range(3):
-        bus.refused = [can.CanOperationError("full") for _ in range(FAILURES - 1)]
-        for _ in range(FAILURES - 1):
+        bus.refused = [can.CanOperationError("full") for _ in range(MAX_FAILURES - 1)]
+        for _ in range(MAX_FAILURES - 1):
             with pytest.raises(OSError, match="full"):
                 link.send(b"lost")
         link.send(b"sent")
@@ -252,7 +255,7 @@ def test_settings_outside_of_rig_toml_are_not_used(
 def test_a_network_without_can_fd_is_said(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: Opened
 ) -> None:
-    monkeypatch.setattr(can_rig, "NETWORKS", tmp_path)
+    monkeypatch.setattr(can_rig, "NETWORK_FOLDER", tmp_path)
     (tmp_path / "can7").mkdir()
     mtu = tmp_path / "can7" / "mtu"
     mtu.write_text("72\n")

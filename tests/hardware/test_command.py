@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.diagnosis import load
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Readings, RunLog, listening, require_free
-from cc_mujoco.hardware.log import COLUMNS
-from cc_mujoco.hardware.stops import SIGNALS
-from cc_mujoco.recording.columns import DEVICE
+from cc_mujoco.hardware import Readings, RunLog, require_free, watch_for_stop
+from cc_mujoco.hardware._run_log import RUN_COLUMNS
+from cc_mujoco.hardware._stop_signals import SIGNALS
+from cc_mujoco.simulation._log_columns import DEVICE_COLUMNS
 from hardware.ends import End, MulticastEnd, UdpEnd
 from hardware.peers import NOWHERE, Peer, toml
 
@@ -35,7 +35,7 @@ WORDS = [sys.executable, "-m", "cc_mujoco.cli"]
 
 @pytest.fixture(params=[UdpEnd, MulticastEnd])
 def end(request: pytest.FixtureRequest) -> Iterable[End]:
-    """That the process of a host finds."""
+    """Yield the rig's end of a link to the process of a host."""
     made: End = request.param()
     yield made
     made.close()
@@ -74,7 +74,7 @@ def test_a_run_leaves_its_log_and_how_it_went(
     said = capsys.readouterr().out
     assert "cycles of 2 ms" in said and "the 0.3 s are over." in said
     found = rows(tmp_path / "out" / "log.csv")
-    assert tuple(found[0]) == COLUMNS
+    assert tuple(found[0]) == RUN_COLUMNS
     assert all(np.diff([row["time_s"] for row in found]) > 0.0)
     commands = [row["command_torque_nm"] for row in found]
     assert max(commands) > 0.1
@@ -112,7 +112,9 @@ def test_a_model_is_refused_where_a_joint_is_not_told(
 def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
     tmp_path: Path,
 ) -> None:
-    assert {name for name in COLUMNS[:8]} <= {column.name for column in DEVICE}
+    assert {name for name in RUN_COLUMNS[:8]} <= {
+        column.name for column in DEVICE_COLUMNS
+    }
     log = RunLog(tmp_path / "out", {}, 50)
     for k in range(1000):
         turn = 0.3 * np.sin(0.02 * k)
@@ -148,7 +150,7 @@ def test_a_log_survives_the_death_of_the_host(tmp_path: Path, end: End) -> None:
     found = rows(tmp_path / "out" / "log.csv")
     # All but the last block of 50 and what came before the first cycle.
     assert sent >= len(found) >= 100
-    assert all(len(row) == len(COLUMNS) and None not in row for row in found)
+    assert all(len(row) == len(RUN_COLUMNS) and None not in row for row in found)
     assert about(tmp_path)["outcome"] == "running, or killed"
 
 
@@ -161,7 +163,7 @@ def test_a_log_without_an_end_lacks_less_than_a_block(
         log.row(Readings(0.002 * k, *[0.1] * 5), 0.0, *[0.0] * 6)
     found = rows(tmp_path / "out" / "log.csv")
     assert len(found) == count - count % 50
-    assert all(len(row) == len(COLUMNS) for row in found)
+    assert all(len(row) == len(RUN_COLUMNS) for row in found)
     log.close({})
     assert len(rows(tmp_path / "out" / "log.csv")) == count
 
@@ -209,7 +211,7 @@ def test_a_full_disk_leaves_whole_lines_and_the_outcome(
     log.close({"outcome": "it is full", "exit_code": 3})
     found = rows(path)
     assert path.read_bytes().endswith(b"\n") and len(found) <= written
-    assert all(len(row) == len(COLUMNS) and None not in row for row in found)
+    assert all(len(row) == len(RUN_COLUMNS) and None not in row for row in found)
     assert about(tmp_path)["outcome"] == "it is full"
     assert about(tmp_path)["duration_s"] == 1.0
     assert (tmp_path / "out" / "run.json").stat().st_size == size
@@ -295,7 +297,7 @@ def test_a_lost_rig_is_exit_code_3(
 @pytest.mark.parametrize("number", SIGNALS)
 def test_the_first_signal_counts_and_handlers_come_back(number: int) -> None:
     before = [signal.getsignal(each) for each in SIGNALS]
-    with listening() as stop:
+    with watch_for_stop() as stop:
         assert stop() is None
         signal.raise_signal(number)
         signal.raise_signal(SIGNALS[0])
@@ -311,7 +313,7 @@ def test_the_return_key_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     keyboard, terminal = os.openpty()
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        with listening() as stop:
+        with watch_for_stop() as stop:
             assert stop() is None
             os.write(keyboard, b"\n")
             ending = stop()

@@ -11,17 +11,10 @@ import pytest
 
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import (
-    Loop,
-    Readings,
-    RunOutcome,
-    Status,
-    UdpRig,
-    Watchdog,
-    packet,
-)
-from cc_mujoco.hardware.desired import constant
-from cc_mujoco.hardware.packet import Command
+from cc_mujoco.hardware import Loop, Readings, RunOutcome, Status, UdpRig, Watchdog
+from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._packet import Command
+from cc_mujoco.hardware._references import constant_course
 from hardware.ends import CanEnd, End, UdpEnd
 from hardware.fakes import LIMITS, Rows, drive
 from hardware.peers import Peer
@@ -48,7 +41,7 @@ def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> RunOutcome
     loop = Loop(
         peer.end.host(),
         controller("none", drive()),
-        constant(2.0),
+        constant_course(2.0),
         LIMITS,
         watchdog,
         clock=PacedClock(),
@@ -91,7 +84,9 @@ def received(end: End) -> Iterable[Received]:
 
 def sent(sequence: int, angle: float, stamp: int | None = None) -> bytes:
     values = Readings(0.0, angle, 0.0, 0.0, 0.0, 0.0)
-    return packet.reading(sequence, 1000 * sequence if stamp is None else stamp, values)
+    return packet.pack_reading(
+        sequence, 1000 * sequence if stamp is None else stamp, values
+    )
 
 
 def test_the_newest_reading_counts_and_others_are_counted(received: Received) -> None:

@@ -1,4 +1,4 @@
-"""The loop in simulated time: limits that hold, and everything that must stop it."""
+"""Loop in simulated time: limits that hold, and all causes of a stop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.control.model import CableModel
+from cc_mujoco.control import CableModel
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     Ending,
@@ -21,14 +22,13 @@ from cc_mujoco.hardware import (
     Limits,
     Readings,
     Status,
+    Watch,
     Watchdog,
     drive_of,
-)  # fmt: skip
-from cc_mujoco.hardware.desired import constant
-from cc_mujoco.hardware.drives import require_told
-from cc_mujoco.hardware.loop import ZEROS
-from cc_mujoco.hardware.watch import Watch
-from cc_mujoco.sensing import MEASURED
+)
+from cc_mujoco.hardware._drive_model import require_tension_limit
+from cc_mujoco.hardware._loop import ZERO_TORQUE_CYCLES
+from cc_mujoco.hardware._references import constant_course
 from hardware.fakes import (
     LIMITS,
     PERIOD,
@@ -47,7 +47,7 @@ FULL = 1e6
 
 
 def require_within_limits(played: Played, limits: Limits = LIMITS) -> None:
-    """Everything written is within torque and rate; all ends at zero."""
+    """Require that written torques keep their limits and end at zero."""
     written = [0.0, *played.rig.written]
     assert all(abs(torque) <= limits.torque for torque in written)
     step = limits.torque_rate * PERIOD + ROUNDING
@@ -57,7 +57,7 @@ def require_within_limits(played: Played, limits: Limits = LIMITS) -> None:
 
 
 def require_stopped(played: Played, why: str, code: int = 3) -> None:
-    """It ended for this reason, and the torque was at zero within the stop time."""
+    """Require that it ended for this reason, with zero torque within the stop time."""
     assert why in played.outcome.sentence
     assert played.outcome.code == code
     require_within_limits(played)
@@ -82,7 +82,7 @@ def test_a_run_reaches_its_end_and_goes_down() -> None:
 
 
 def test_a_controller_hears_what_the_motor_got_instead_of_its_wish() -> None:
-    """By the soft start, then by the limit of the rate."""
+    """The soft start changes the torque first, the rate limit later."""
     law = law_of(lambda seen: 1.5 if seen["motor_angle_rad"] < 0.1 else -1.5)
     heard: list[float] = []
     law.given = heard.append  # type: ignore[method-assign]
@@ -244,7 +244,7 @@ def test_a_rig_that_never_answers_ends_the_run() -> None:
 
 
 class Freezing:
-    """Repeats the values of one reading, with new times, from the hundredth on."""
+    """Fault that freezes channels from the hundredth reading on, with new times."""
 
     def __init__(self, *names: str) -> None:
         self.names = names
@@ -271,7 +271,9 @@ def test_frozen_sensors_end_the_run_of_a_motor_that_is_told_to_move() -> None:
 
 def test_equal_readings_of_a_motor_at_rest_do_not() -> None:
     rest = Readings(0.0, 0.1, 0.0, 0.1, 0.0, 0.0)
-    played = play(desired=constant(0.0), fault=lambda k, s: rest._replace(time=s.time))
+    played = play(
+        desired=constant_course(0.0), fault=lambda k, s: rest._replace(time=s.time)
+    )
     require_stopped(played, "are over", 0)
 
 
@@ -339,7 +341,7 @@ def test_a_late_host_skips_cycles_and_makes_no_larger_steps() -> None:
 
 @pytest.mark.parametrize("asked_at", [300, 301])
 def test_a_stop_always_wins(asked_at: int) -> None:
-    """Before the controller is asked, and after: its torque is not written."""
+    """The stop comes before or after the controller runs; its torque is not written."""
     asked = iter(range(10**6))
     calls = iter(range(10**6))
 
@@ -395,7 +397,10 @@ def test_a_rig_that_raises_for_good_is_told_zero_until_the_end(
     monkeypatch.setattr(FakeRig, "read", read)
     played = play()
     assert (played.outcome.sentence, played.outcome.code) == (why, 3)
-    assert asked[-ZEROS:] == [0.0] * ZEROS and played.rig.closed == 1
+    assert (
+        asked[-ZERO_TORQUE_CYCLES:] == [0.0] * ZERO_TORQUE_CYCLES
+        and played.rig.closed == 1
+    )
 
 
 def test_limits_that_cannot_be_kept_together_are_refused() -> None:
@@ -419,7 +424,7 @@ def test_controllers_get_what_is_measured() -> None:
     names = ("motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad")
     assert [seen[-1][name] for name in names] == list(last[1:4])
     assert seen[-1]["desired_torque_nm"] == 2.0
-    assert set(seen[-1]) == set(MEASURED)
+    assert set(seen[-1]) == set(MEASURED_COLUMNS)
 
 
 def test_a_rig_that_takes_the_torque_away_ends_the_run() -> None:
@@ -480,7 +485,7 @@ def test_a_cable_that_carries_too_much_by_the_model_ends_the_run() -> None:
     twist = 0.1 * np.sin(np.linspace(0.0, np.pi, 200))
 
     def said(limit: float) -> list[str]:
-        """Of a joint that is held while the motor turns to and fro."""
+        """Return the stop reasons for a held joint and an oscillating motor."""
         watch = Watch(dataclasses.replace(LIMITS, tension=limit), Watchdog(), drive)
         model = CableModel(drive)
         found = []
@@ -513,7 +518,7 @@ def test_the_tension_of_a_cable_that_another_joint_winds_is_not_limited() -> Non
     with pytest.raises(CableError, match="above the scene's pretension of 80 N"):
         Watch(dataclasses.replace(LIMITS, tension=80.0), Watchdog(), bench)
     with pytest.raises(CableError, match="pulls a lever, whose arm changes"):
-        require_told("ankle", limits)
-    require_told("wrist", limits)
+        require_tension_limit("ankle", limits)
+    require_tension_limit("wrist", limits)
     with pytest.raises(CableError, match="tension must be above 0 N, not 0"):
         dataclasses.replace(LIMITS, tension=0.0)

@@ -18,14 +18,15 @@ from driven import HAND, Bench, Instruments
 from play_rig import PERIOD, SILENCE, Host, end_of
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Readings, Status, packet, read_settings
-from cc_mujoco.hardware.packet import Command
+from cc_mujoco.hardware import Readings, Status, read_settings
+from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._packet import Command
 from hardware.peers import toml
 from rig import make_rig
 
 
 def held(torque: float, seconds: float = 1.5) -> Bench:
-    """A bench whose motor was turned on slowly while a hand holds the joint."""
+    """Return a bench with a slowly increased motor torque and a held joint."""
     bench = Bench(make_rig(1, make="guides"), {}, PERIOD)
     steps = round(seconds / PERIOD)
     for k in range(steps):
@@ -80,7 +81,7 @@ ADDRESS = ("127.0.0.1", 5)
 
 def taken(host: Host, *commands: tuple[int, float, Status], now: float) -> float:
     for sequence, torque, status in commands:
-        data = packet.command(Command(sequence, 0, torque, status))
+        data = packet.pack_command(Command(sequence, 0, torque, status))
         host.take(data, ADDRESS, now)
     host.watch(now)
     return host.torque
@@ -118,14 +119,14 @@ def test_it_is_where_rig_toml_says(rig: str, tmp_path: Path) -> None:
     made.write(0.0)
     found = arrived(end.receive)
     assert packet.read_command(found[0]) == Command(1, 0, 0.0, Status.NONE)
-    end.send(packet.reading(1, 5, Readings(0.0, 0.5, *[0.0] * 4)), found[1])
+    end.send(packet.pack_reading(1, 5, Readings(0.0, 0.5, *[0.0] * 4)), found[1])
     assert arrived(made.read).motor_angle == 0.5
     made.close()
     end.close()
 
 
 def arrived(asked: Callable[[], Any]) -> Any:
-    """What comes within a second."""
+    """Return the first result within a second."""
     for _ in range(1000):
         if (found := asked()) is not None:
             return found

@@ -1,4 +1,4 @@
-"""What the page promises: every sentence names tests, and they are there."""
+"""Guarantees of the page: every sentence names existing tests."""
 
 from __future__ import annotations
 

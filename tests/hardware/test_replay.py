@@ -13,18 +13,18 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.run_page import MARK, page_of
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._run_log import RUN_MARK, page_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, RunLog
-from cc_mujoco.hardware.replay import as_episode, read_rows
+from cc_mujoco.hardware._replay import as_episode, read_rows
 
 BENCH = Bench.of(scene_path("bench"))
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """The bench without noise, by its own model: a motor that swings, a joint held."""
+    """Return a noise-free log of the bench: its motor swings, its joint is held."""
     period = 0.002
     time = period * np.arange(400)
     motor = 0.05 * np.sin(8.0 * time)
@@ -117,7 +117,7 @@ def test_what_cannot_be_shown_is_said_in_one_sentence(
 def test_a_log_of_another_scene_is_refused(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = {**MARK, "rig": 'scene = "bench"', "outcome": "", "exit_code": 0}
+    page = {**RUN_MARK, "rig": 'scene = "bench"', "outcome": "", "exit_code": 0}
     page_of(log).write_text(json.dumps(page))
     assert cli.main(["play", "wrist", "--replay", str(log)]) == 2
     assert "was recorded with scene 'bench', not 'wrist'" in capsys.readouterr().err

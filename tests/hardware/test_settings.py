@@ -11,11 +11,18 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Drive, controller
+from cc_mujoco.control import controller
+from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Limits, Readings, Rig, drive_of, read_settings
-from cc_mujoco.hardware.desired import TorqueTable
-from cc_mujoco.hardware.servo import Stiffness
+from cc_mujoco.hardware import (
+    Limits,
+    Readings,
+    Rig,
+    Stiffness,
+    TorqueTable,
+    drive_of,
+    read_settings,
+)
 from cc_mujoco.human import TRAJECTORIES
 from hardware.peers import toml
 

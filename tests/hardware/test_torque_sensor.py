@@ -13,10 +13,17 @@ import pytest
 from driven import Bench, Lockstep, Swing
 
 from cc_mujoco.control import CONTROLLERS, controller
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.hardware import Limits, Loop, Readings, RunOutcome, Watchdog, drive_of
-from cc_mujoco.hardware.desired import TorqueTable
-from cc_mujoco.hardware.torque_sensor import TorqueSensor
+from cc_mujoco.device import DEVICES
+from cc_mujoco.hardware import (
+    Limits,
+    Loop,
+    Readings,
+    RunOutcome,
+    TorqueTable,
+    Watchdog,
+    drive_of,
+)
+from cc_mujoco.hardware._torque_sensor import TorqueSensor
 from hardware.fakes import Rows
 from rig import make_rig
 

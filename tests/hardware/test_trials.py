@@ -13,15 +13,24 @@ import pytest
 from driven import Bench, Lockstep
 
 from cc_mujoco import cli
-from cc_mujoco.control import Drive, controller
-from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
-from cc_mujoco.diagnosis.data.folders import data_files
-from cc_mujoco.diagnosis.data.run_page import cut_short
+from cc_mujoco.control import controller
+from cc_mujoco.datasets._dataset_file import read_dataset_file
+from cc_mujoco.datasets._folders import data_files
+from cc_mujoco.datasets._run_log import truncation_reason
+from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Limits, Loop, Readings, RunLog, Watchdog
-from cc_mujoco.hardware.packet import Status
-from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
-from cc_mujoco.hardware.trials import planned
+from cc_mujoco.hardware import (
+    APPROACH_TIME,
+    Limits,
+    Loop,
+    Readings,
+    RunLog,
+    Servo,
+    Status,
+    Stiffness,
+    Watchdog,
+)
+from cc_mujoco.hardware._trials import read_plan
 from hardware.fakes import Rows
 from hardware.peers import Peer, toml
 from rig import make_rig
@@ -32,7 +41,7 @@ LIMITS = Limits(10.0, 1000.0, 100.0, (-3.0, 3.0), soft_start=0.1)
 
 
 def written(folder: Path, reach: float = 0.05, seconds: float = 0.2) -> Path:
-    """A plan of two short trials."""
+    """Return a plan of two short trials."""
     folder.mkdir()
     facts = []
     for k in (1, 2):
@@ -75,10 +84,10 @@ def test_a_motor_in_cables_follows_its_course() -> None:
     loop = Loop(
         rig, controller("none", DRIVE), servo, LIMITS, Watchdog(), clock=rig, log=rows
     )
-    assert loop.run(APPROACH + 2.0).code == 0
+    assert loop.run(APPROACH_TIME + 2.0).code == 0
     seen = np.array(rows.rows)
     now = seen[:, 0] - seen[0, 0]
-    moving = (now > APPROACH + 0.3) & (now < APPROACH + 2.0)
+    moving = (now > APPROACH_TIME + 0.3) & (now < APPROACH_TIME + 2.0)
     wanted = [servo.course(t, 0.0)[0] for t in now[moving]]
     assert np.sqrt(np.mean((seen[moving, 1] - wanted) ** 2)) < 0.05
     # Smooth enough to be data: the torque does not jump from cycle to cycle.
@@ -87,7 +96,7 @@ def test_a_motor_in_cables_follows_its_course() -> None:
 
 def test_a_motor_goes_smoothly_to_where_its_course_begins() -> None:
     servo = Servo(DRIVE, np.array([0.0, 1.0]), np.array([0.3, 0.5]))
-    path = [servo.course(t, -0.2) for t in np.arange(0.0, APPROACH + 1.0, PERIOD)]
+    path = [servo.course(t, -0.2) for t in np.arange(0.0, APPROACH_TIME + 1.0, PERIOD)]
     angle, speed = np.array(path).T
     assert angle[0] == -0.2 and angle[-1] == pytest.approx(0.5, abs=1e-3)
     assert np.gradient(angle, PERIOD)[1:-1] == pytest.approx(speed[1:-1], abs=0.11)
@@ -127,13 +136,13 @@ def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
     log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
     log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})
     first, second, none = (tmp_path / f"trial_0{k}.csv" for k in (1, 2, 3))
-    assert cut_short(first) == "stopped by SIGTERM."
+    assert truncation_reason(first) == "stopped by SIGTERM."
     whole = RunLog(tmp_path, {}, 1, "trial_02")
-    assert cut_short(second) == "running, or killed"
+    assert truncation_reason(second) == "running, or killed"
     whole.close({"outcome": "the 3 s are over.", "exit_code": 0})
-    assert cut_short(second) == cut_short(none) == ""
+    assert truncation_reason(second) == truncation_reason(none) == ""
     none.with_suffix(".json").write_text('{"outcome": "of somebody else"}')
-    assert cut_short(none) == ""
+    assert truncation_reason(none) == ""
 
 
 def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(
@@ -152,13 +161,13 @@ def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(
 
 def test_the_trials_of_a_real_plan_are_read(tmp_path: Path) -> None:
     folder = written(tmp_path / "plan")
-    first, second = planned(folder)
+    first, second = read_plan(folder)
     assert (first.name, second.notes) == ("trial_01", "n2")
-    assert first.duration == pytest.approx(APPROACH + 0.2)
+    assert first.duration == pytest.approx(APPROACH_TIME + 0.2)
     assert np.interp(0.1, first.times, first.joint) == pytest.approx(0.025)
     shutil.rmtree(folder)
     with pytest.raises(CableError, match="holds no plan"):
-        planned(folder)
+        read_plan(folder)
 
 
 @pytest.mark.parametrize(

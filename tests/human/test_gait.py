@@ -9,8 +9,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cc_mujoco.human import Walk, gait_table
-from cc_mujoco.human.gait import ANGLES, PERIOD, Harmonics, assistance
+from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, Walk, assistance
+from cc_mujoco.human import _gait_table as gait_table
+from cc_mujoco.human._gait import Harmonics
 from shared_folder import SHARED
 
 ROOT = Path(__file__).parents[2]
@@ -46,14 +47,16 @@ def test_harmonics_and_derivative() -> None:
 
 @pytest.mark.parametrize("name", ["ankle", "knee", "hip"])
 def test_scalars_and_arrays_give_the_same_bits(name: str) -> None:
-    expected = [ANGLES[name](float(phase)) for phase in PHASE]
+    expected = [GAIT_ANGLES[name](float(phase)) for phase in PHASE]
     assert all(type(value) is float for value in expected)
-    assert ANGLES[name](PHASE).tolist() == expected
-    assert ANGLES[name](PHASE[::-3]).tolist() == expected[::-3]
+    assert GAIT_ANGLES[name](PHASE).tolist() == expected
+    assert GAIT_ANGLES[name](PHASE[::-3]).tolist() == expected[::-3]
 
 
 def test_ranges_are_those_of_level_walking() -> None:
-    degrees = {name: np.rad2deg(profile(PHASE)) for name, profile in ANGLES.items()}
+    degrees = {
+        name: np.rad2deg(profile(PHASE)) for name, profile in GAIT_ANGLES.items()
+    }
     assert degrees["ankle"].min() == pytest.approx(-8.8, abs=0.5)
     assert degrees["ankle"].max() == pytest.approx(14.4, abs=0.5)
     # The knee bends most in swing; the hip is most extended before it.
@@ -76,10 +79,10 @@ def test_walk_has_the_gait_period_and_companions() -> None:
     assert np.array_equal(motion.companions["ankle"].angle, motion.angle)
     # The smooth start costs half its duration.
     cycles = np.unwrap(motion.phase, period=1.0)
-    assert cycles[-1] == pytest.approx((10.0 - 0.5) / PERIOD)
+    assert cycles[-1] == pytest.approx((10.0 - 0.5) / GAIT_PERIOD)
     later = motion.time > 1
     for name, joint in motion.companions.items():
-        profile = ANGLES[name]
+        profile = GAIT_ANGLES[name]
         expected = profile(motion.phase)
         np.testing.assert_allclose(joint.angle, expected, rtol=5e-3)
         np.testing.assert_allclose(
@@ -119,8 +122,8 @@ def test_fit_reproduces_the_shipped_table(script: ModuleType, tmp_path: Path) ->
 def test_shipped_profile_fits_the_measured_ankle() -> None:
     walk = np.genfromtxt(DATA / "ankle_walk_tidy.csv", delimiter=",", names=True)
     cycle = (walk["t_s"] >= 0.599) & (walk["t_s"] < 1.83)
-    phase = (walk["t_s"][cycle] - 0.60) / PERIOD
-    error = np.rad2deg(ANGLES["ankle"](phase)) - walk["ankle_r_deg"][cycle]
+    phase = (walk["t_s"][cycle] - 0.60) / GAIT_PERIOD
+    error = np.rad2deg(GAIT_ANGLES["ankle"](phase)) - walk["ankle_r_deg"][cycle]
     assert np.sqrt(np.mean(error**2)) < 0.5
 
 

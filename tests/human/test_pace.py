@@ -12,13 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Pace, Paced, Walk
-from cc_mujoco.human.gait import ANGLES, PERIOD
-from cc_mujoco.human.motion import ease
-from cc_mujoco.human.pace import FASTEST, HEIGHT, MEASURED, SLOWEST, TOE_OFF
+from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, TASKS, Pace, Paced, Walk
+from cc_mujoco.human._motion import minimum_jerk
+from cc_mujoco.human._pace import (
+    MAX_SPEED,
+    MEASURED_SPEED,
+    MIN_SPEED,
+    TOE_OFF,
+    WEARER_HEIGHT,
+)
 
 PHASE = np.linspace(0.0, 1.0, 2001)
-SPEEDS = st.floats(SLOWEST, FASTEST)
+SPEEDS = st.floats(MIN_SPEED, MAX_SPEED)
 # Bovi et al. 2011, adults: speed over height, stride time, stance, ranges of motion of
 # hip, knee and ankle.
 ADULTS = [
@@ -31,12 +36,12 @@ ADULTS = [
 def test_the_walk_is_bit_for_bit_the_measured_one() -> None:
     time = np.arange(8001) * 5e-4
     motion = Walk().sample(4.0, 5e-4, np.random.default_rng(0))
-    step = ease(time / 1.0)
-    cycles = step.integral * 1.0 / PERIOD
-    rate, acceleration = step.value / PERIOD, step.rate / 1.0 / PERIOD
+    step = minimum_jerk(time / 1.0)
+    cycles = step.integral * 1.0 / GAIT_PERIOD
+    rate, acceleration = step.value / GAIT_PERIOD, step.rate / 1.0 / GAIT_PERIOD
     phase = np.mod(cycles, 1.0)
     assert np.array_equal(motion.phase, phase)
-    for name, profile in ANGLES.items():
+    for name, profile in GAIT_ANGLES.items():
         slope = profile.derivative()
         bend = slope.derivative()
         joint = motion.companions[name]
@@ -44,12 +49,12 @@ def test_the_walk_is_bit_for_bit_the_measured_one() -> None:
         assert np.array_equal(joint.velocity, slope(phase) * rate)
         expected = bend(phase) * rate**2 + slope(phase) * acceleration
         assert np.array_equal(joint.acceleration, expected)
-    assert Walk.at(MEASURED) == Walk()
+    assert Walk.at(MEASURED_SPEED) == Walk()
 
 
 def test_between_two_classes_numbers_have_the_ratio_of_the_source() -> None:
     for one, other in itertools.pairwise(ADULTS):
-        slow, quick = Pace(one[0] * HEIGHT), Pace(other[0] * HEIGHT)
+        slow, quick = Pace(one[0] * WEARER_HEIGHT), Pace(other[0] * WEARER_HEIGHT)
         found = [
             quick.stride / slow.stride,
             quick.toe_off / slow.toe_off,
@@ -61,7 +66,7 @@ def test_between_two_classes_numbers_have_the_ratio_of_the_source() -> None:
 
 def test_adults_have_the_stride_time_of_the_measured_walk_at_its_speed() -> None:
     speed, stride = ADULTS[1][:2]
-    there = Walk.at(speed * HEIGHT)
+    there = Walk.at(speed * WEARER_HEIGHT)
     assert there.period == pytest.approx(stride, rel=0.005)
 
 
@@ -82,8 +87,8 @@ def test_heel_strikes_stay_and_toe_off_moves(speed: float) -> None:
 def test_velocity_and_acceleration_are_derivatives(speed: float) -> None:
     walk = Walk.at(speed)
     motion = walk.sample(3.0, 1e-3, np.random.default_rng(0))
-    assert walk.period == PERIOD * Pace(speed).stride
-    for name in ANGLES:
+    assert walk.period == GAIT_PERIOD * Pace(speed).stride
+    for name in GAIT_ANGLES:
         joint = motion.companions[name]
         scale = np.abs(joint.velocity).max()
         rate = np.gradient(joint.angle, 1e-3)[1:-1]
@@ -94,7 +99,7 @@ def test_velocity_and_acceleration_are_derivatives(speed: float) -> None:
 
 
 def test_faster_walking_is_quicker_further_and_shorter_in_stance() -> None:
-    paces = [Pace(speed) for speed in np.linspace(SLOWEST, FASTEST, 17)]
+    paces = [Pace(speed) for speed in np.linspace(MIN_SPEED, MAX_SPEED, 17)]
     assert np.all(np.diff([pace.stride for pace in paces]) < 0)
     assert np.all(np.diff([pace.toe_off for pace in paces]) < 0)
     assert np.all(np.diff([pace.excursion("hip") for pace in paces]) > 0)
@@ -124,5 +129,5 @@ def test_speeds_beyond_the_source_are_refused(speed: float) -> None:
 
 @pytest.mark.parametrize("module", ["pace", "profile"])
 def test_examples_in_the_documentation(module: str) -> None:
-    found = importlib.import_module(f"cc_mujoco.human.{module}")
+    found = importlib.import_module(f"cc_mujoco.human._{module}")
     assert doctest.testmod(found).failed == 0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Profile
-from cc_mujoco.human.profile import Profiles
+from cc_mujoco.human._profile import Profiles
 
 PHASE = np.linspace(0.0, 1.0, 4001)
 STILL = np.zeros_like(PHASE)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cc_mujoco._utils.units import ANGLE, CLOCK
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TRAJECTORIES, from_csv
-from cc_mujoco.units import ANGLE, CLOCK
 
 EXAMPLE = Path(__file__).parents[2] / "assets" / "trajectories" / "example_reach.csv"
 RNG = np.random.default_rng(0)

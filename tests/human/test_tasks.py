@@ -104,5 +104,5 @@ def test_registry_and_errors() -> None:
 
 @pytest.mark.parametrize("name", ["gait", "motion", "tasks", "trajectories", "wearer"])
 def test_examples_in_the_documentation(name: str) -> None:
-    result = doctest.testmod(importlib.import_module(f"cc_mujoco.human.{name}"))
+    result = doctest.testmod(importlib.import_module(f"cc_mujoco.human._{name}"))
     assert result.attempted > 0 and result.failed == 0

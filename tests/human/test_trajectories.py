@@ -1,4 +1,4 @@
-"""Every trajectory keeps the promises of `cc_mujoco.human.motion`."""
+"""Every trajectory keeps the promises of `cc_mujoco.human._motion`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def sample(recipe: Trajectory, duration: float = 20.0, dt: float = 1e-3) -> Moti
 
 
 def check_consistent(motion: Motion) -> None:
-    """Steps of angle and velocity are the integrals of velocity and acceleration."""
+    """Check that angle and velocity are integrals of velocity and acceleration."""
     dt = motion.time[1]
     for value, slope in (
         (motion.angle, motion.velocity),

@@ -13,13 +13,14 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.benchmark import SCORES
+from cc_mujoco.design import optimise, study
+from cc_mujoco.design._results_store import read_study
+from cc_mujoco.design._show import show
+from cc_mujoco.design._study_metrics import DEFAULT_METRICS, metric_of_designs
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric, measure, table
-from cc_mujoco.recording.episode import MEASURED
-from cc_mujoco.whatif import optimise, study
-from cc_mujoco.whatif.metrics import USUAL, metric_of_designs
-from cc_mujoco.whatif.show import show
-from cc_mujoco.whatif.store import read_study
+from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric, measure
+from cc_mujoco.metrics import _registry as registry
+from cc_mujoco.viz._episode_files import EPISODE_METRICS
 
 MINE = """
 from cc_mujoco.metrics import Metric
@@ -41,7 +42,7 @@ def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     yield
     METRICS.clear()
     METRICS.update(before)
-    table._ORIGINS.clear()
+    registry._ORIGINS.clear()
 
 
 def module(name: str, compute: str = PEAK, better: str = "low") -> str:
@@ -55,7 +56,9 @@ def test_units_are_si_in_one_spelling_and_every_choice_is_of_the_table() -> None
         assert metric.name == name
         assert re.fullmatch(r"1|(N|m|s|kg|J|W|Hz|rad)( |\^|/|\w|\d)*", metric.unit)
         assert not re.search(r"Nm|ms|deg", metric.unit)
-    assert {*MEASURED, *USUAL, *(s.name for s in SCORES)} <= set(METRICS)
+    assert {*EPISODE_METRICS, *DEFAULT_METRICS, *(s.name for s in SCORES)} <= set(
+        METRICS
+    )
 
 
 def test_a_metric_of_every_log_is_the_same_in_a_what_if_and_of_its_recording() -> None:
@@ -122,10 +125,10 @@ def test_a_metric_whose_module_has_changed_makes_a_table_anew() -> None:
     study("wrist", VARY, **about)
     assert read_study(Path("study"))["protocol"]["own"] == {"peak_angle": name}
     study("wrist", VARY, **about)
-    from cc_mujoco import identity
+    from cc_mujoco._utils import provenance
 
     module("mine_b", compute="1.0")
-    identity._source_code.cache_clear()
+    provenance._source_code.cache_clear()
     with pytest.raises(CableError, match=r"differs in mine_b\.py"):
         study("wrist", VARY, **about)
 

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco.control import Controller
-from cc_mujoco.control.controllers import CONTROLLERS
-from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.control import CONTROLLERS, Controller, ProportionalIntegral
+from cc_mujoco.design import _walking_designs as walking_designs
+from cc_mujoco.design import episodes, make_plan
+from cc_mujoco.design._designs import Given
+from cc_mujoco.device import Plant, Scene
 from cc_mujoco.human import TASKS, Spring, Tunnel
-from cc_mujoco.plant import Plant, Scene
-from cc_mujoco.simulation import rollout
-from cc_mujoco.simulation.compiled_batch import law_of, task_of
-from cc_mujoco.simulation.rollout import Rollout, attended, play
-from cc_mujoco.whatif import gait, make_plan
-from cc_mujoco.whatif.designs import Given
-from cc_mujoco.whatif.evaluate import episodes
+from cc_mujoco.simulation import _rollout as rollout
+from cc_mujoco.simulation import attended
+from cc_mujoco.simulation._compiled_batch import law_of, task_of
+from cc_mujoco.simulation._rollout import Rollout, play
 
 INSIDE = ("none", "feedback", "pi", "model", "stiction")
 VARY: dict[str, dict[str, Given]] = {
@@ -47,7 +46,7 @@ def both_ways(
         if test not in tests:
             continue
         if test == "episode":
-            task = gait.tasks_of(plan.designs, episode.task)
+            task = walking_designs.tasks_of(plan.designs, episode.task)
             episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:
@@ -76,8 +75,8 @@ def test_an_episode_is_the_same_inside_the_steps(
 
 
 def test_tests_of_the_hardware_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cc_mujoco.whatif.evaluate.SWING_TIME", 0.05)
-    monkeypatch.setattr("cc_mujoco.whatif.evaluate.CHIRP_TIME", 0.1)
+    monkeypatch.setattr("cc_mujoco.design._evaluation.SWING_TIME", 0.05)
+    monkeypatch.setattr("cc_mujoco.design._evaluation.CHIRP_TIME", 0.1)
     tests = "backdrive", "backlash", "bandwidth"
     vary: dict[str, Given] = {"friction": [0.05, 0.2]}
     for pair in both_ways(monkeypatch, "wrist", vary, "model", tests):
@@ -114,7 +113,7 @@ def test_a_design_that_diverges_is_told_at_the_same_time(
 
     monkeypatch.setitem(CONTROLLERS, "wild", Wild)
     monkeypatch.setattr(
-        "cc_mujoco.simulation.compiled_batch.LAWS",
+        "cc_mujoco.simulation._compiled_batch.LAWS",
         {**_laws(), Wild: _laws()[ProportionalIntegral]},
     )
     vary: dict[str, Given] = {
@@ -135,7 +134,7 @@ def test_a_torque_that_is_no_number_is_told_at_the_same_time(
 
     monkeypatch.setitem(CONTROLLERS, "hollow", Hollow)
     monkeypatch.setattr(
-        "cc_mujoco.simulation.compiled_batch.LAWS",
+        "cc_mujoco.simulation._compiled_batch.LAWS",
         {**_laws(), Hollow: _laws()[ProportionalIntegral]},
     )
     pairs = both_ways(monkeypatch, "wrist", {"friction": [0.05, 0.2]}, "hollow")
@@ -161,6 +160,6 @@ def test_what_python_alone_knows_is_left_to_it() -> None:
 
 
 def _laws() -> dict[Any, Any]:
-    from cc_mujoco.simulation.compiled_batch import LAWS
+    from cc_mujoco.simulation._compiled_batch import LAWS
 
     return dict(LAWS)

@@ -1,32 +1,32 @@
-"""What section 3.2.2 says of directions that are not known."""
+"""Claims of section 3.2.2 on unknown directions of motion."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis.estimators.extrapolation import CONDITIONS
-from cc_mujoco.thesis.experiments import directions
+from cc_mujoco.thesis._experiments import directions
+from cc_mujoco.thesis.estimators._extrapolation import CONDITIONS
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_wrong_directions_lie_after_the_sensor(condition: str) -> None:
-    found = directions.votes(directions.CABLE, condition, 400)
-    before, after = directions.sides(np.mean(found.wrong, axis=0))
+    found = directions.sensor_votes(directions.CABLE, condition, 400)
+    before, after = directions.side_means(np.mean(found.wrong, axis=0))
     assert after > 0.01
     assert before < 0.4 * after
-    inner, outer = directions.sides(found.rms)
+    inner, outer = directions.side_means(found.rms)
     assert outer > 1.2 * inner
 
 
 def test_sides_take_the_segment_behind_the_sensor_for_after() -> None:
     wrong = np.zeros((4, 3))
     wrong[1, 1] = 1.0
-    before, after = directions.sides(wrong)
+    before, after = directions.side_means(wrong)
     assert before == 0.0 and after > 0.0
     wrong = np.zeros((4, 3))
     wrong[1, 0] = 1.0
-    before, after = directions.sides(wrong)
+    before, after = directions.side_means(wrong)
     assert before > 0.0 and after == 0.0
 
 
@@ -38,8 +38,11 @@ def test_leaving_out_sensors_biases_and_one_matrix_does_not() -> None:
 
 
 def test_observer_beats_the_consensus_in_time() -> None:
-    run = directions.in_time(seconds=2.0)
-    vote, observer = run.rms("vote, as printed"), run.rms(directions.observed(300.0))
+    run = directions.simulate_run(seconds=2.0)
+    vote, observer = (
+        run.rms("vote, as printed"),
+        run.rms(directions.observer_name(300.0)),
+    )
     assert observer < 0.8 * directions.RUN_NOISE < vote
-    assert run.right[directions.observed(300.0)] > 0.9
+    assert run.right[directions.observer_name(300.0)] > 0.9
     assert run.rms("directions known") < observer

@@ -7,53 +7,56 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis import rig
-from cc_mujoco.thesis.experiments import follower, magnitudes
-from cc_mujoco.transmission import Section
+from cc_mujoco.cable import Section
+from cc_mujoco.thesis import _rig as rig
+from cc_mujoco.thesis._experiments import follower, magnitudes
 
 
 def test_torque_is_the_chopped_triangle() -> None:
     time, torque = rig.chopped_triangle()
     assert time[-1] == pytest.approx(rig.DURATION, abs=2 * rig.DT)
-    assert np.max(torque) == -np.min(torque) == rig.PEAK
+    assert np.max(torque) == -np.min(torque) == rig.PEAK_TORQUE
     rate = np.abs(np.diff(torque)) / rig.DT
-    assert np.max(rate) == pytest.approx(rig.RATE)
-    held = np.diff(np.flatnonzero(np.diff(torque == rig.PEAK)))[0] * rig.DT
-    assert held == pytest.approx(rig.DWELL, abs=2 * rig.DT)
+    assert np.max(rate) == pytest.approx(rig.TORQUE_RATE)
+    held = np.diff(np.flatnonzero(np.diff(torque == rig.PEAK_TORQUE)))[0] * rig.DT
+    assert held == pytest.approx(rig.DWELL_TIME, abs=2 * rig.DT)
 
 
 @pytest.mark.parametrize("friction", [0.02, 0.21])
 def test_output_feels_the_motor_when_the_first_front_arrives(friction: float) -> None:
     cable = magnitudes.COULOMB.replace(friction=friction, segments=150)
-    expected = rig.onset(cable)
+    expected = rig.onset_torque(cable)
     assert magnitudes.simulated_onset(cable) == pytest.approx(expected, rel=0.02)
 
 
 def test_table_2_2_does_not_move_the_output_of_experiment_1() -> None:
-    assert rig.onset(magnitudes.COULOMB) > 3.0 * rig.PEAK
-    assert np.ptp(rig.blocked(rig.PRINTED).joint_torque) < 1e-9
+    assert rig.onset_torque(magnitudes.COULOMB) > 3.0 * rig.PEAK_TORQUE
+    assert np.ptp(rig.blocked_output_test(rig.PRINTED_CABLE).joint_torque) < 1e-9
 
 
 def test_less_pretension_alone_stays_below_the_capstan_ratio() -> None:
-    low = rig.blocked(magnitudes.COULOMB.replace(pretension=0.2))
+    low = rig.blocked_output_test(magnitudes.COULOMB.replace(pretension=0.2))
     bound = math.exp(-magnitudes.COULOMB.friction * magnitudes.COULOMB.wrap)
     assert low.efficiency == pytest.approx(bound, rel=1e-3)
 
 
 def test_reconciled_differs_from_table_2_2_in_friction_alone() -> None:
-    back = rig.RECONCILED.replace(
-        friction=rig.PRINTED.friction, static_friction=rig.PRINTED.static_friction
+    back = rig.RECONCILED_CABLE.replace(
+        friction=rig.PRINTED_CABLE.friction,
+        static_friction=rig.PRINTED_CABLE.static_friction,
     )
-    assert back == rig.PRINTED
-    three = rig.RECONCILED.replace(conduit=rig.loops(3))
-    assert rig.onset(three) < rig.PEAK
-    assert rig.onset(three.replace(friction=0.02)) > rig.PEAK
+    assert back == rig.PRINTED_CABLE
+    three = rig.RECONCILED_CABLE.replace(conduit=rig.conduit_in_loops(3))
+    assert rig.onset_torque(three) < rig.PEAK_TORQUE
+    assert rig.onset_torque(three.replace(friction=0.02)) > rig.PEAK_TORQUE
 
 
 def test_pretension_and_loops_widen_the_loop_and_take_efficiency() -> None:
-    cables = [rig.RECONCILED.replace(pretension=value) for value in (5.0, 20.0)]
-    cables += [rig.RECONCILED.replace(conduit=rig.loops(n)) for n in (1, 3)]
-    found = [rig.blocked(cable) for cable in cables]
+    cables = [rig.RECONCILED_CABLE.replace(pretension=value) for value in (5.0, 20.0)]
+    cables += [
+        rig.RECONCILED_CABLE.replace(conduit=rig.conduit_in_loops(n)) for n in (1, 3)
+    ]
+    found = [rig.blocked_output_test(cable) for cable in cables]
     for rows in (found[:2], found[2:]):
         assert np.all(np.diff([row.efficiency for row in rows]) < 0.0)
         assert np.all(np.diff([row.backlash for row in rows]) > 0.0)
@@ -62,7 +65,7 @@ def test_pretension_and_loops_widen_the_loop_and_take_efficiency() -> None:
 
 def test_work_of_a_cycle_is_what_friction_takes() -> None:
     time, torque = rig.chopped_triangle()
-    found = rig.drive(rig.RECONCILED).replay(
+    found = rig.drive(rig.RECONCILED_CABLE).replay(
         rig.DT, motor_torque=torque, joint_angle=np.zeros_like(torque)
     )
     late = np.flatnonzero(time >= 12.0)[:6001]  # one period

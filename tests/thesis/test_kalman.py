@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cc_mujoco.thesis.experiments import kalman
+from cc_mujoco.thesis._experiments import kalman
 
 
 @pytest.mark.parametrize("segments", [2, 5, 12])
@@ -19,7 +19,7 @@ def test_state_transition_matrix_is_zero(segments: int) -> None:
 @pytest.mark.parametrize("mean", [True, False])
 def test_jacobian_vanishes_away_from_zero_velocity(mean: bool) -> None:
     velocity = np.linspace(-0.2, 0.2, 40_001)
-    for k in kalman.SHARPNESS:
+    for k in kalman.SHARPNESSES:
         curve = np.abs(kalman.jacobian(velocity, k, mean))
         assert np.max(curve[np.abs(velocity) > 15.0 / k]) < 1e-9
         assert np.max(curve) > 1e3 * np.max(curve[np.abs(velocity) > 10.0 / k])

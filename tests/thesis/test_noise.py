@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis.experiments import noise
+from cc_mujoco.thesis._experiments import noise
 
 
 def test_unbiased_until_kept_nonnegative() -> None:
@@ -24,7 +24,7 @@ def test_learnt_weights_beat_the_mean_on_drifting_sensors() -> None:
 
 
 def test_weights_need_both_noise_and_extrapolation() -> None:
-    found = noise.combined(samples=500)
+    found = noise.weighted_errors(samples=500)
     both = found["both, extrapolation at learnt noise"]
     assert np.all(both < 0.5 * found["plain mean"])
     assert np.all(both < 1.05 * found["noise"])

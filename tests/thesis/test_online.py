@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.estimation.samples import EstimateTrack
-from cc_mujoco.thesis.experiments import online_estimates as estimates
-from cc_mujoco.thesis.experiments import online_laws as laws
-from cc_mujoco.thesis.experiments import online_runs as runs
-from cc_mujoco.thesis.experiments.online import claim_law, claim_stiffness
-from cc_mujoco.transmission import replay
+from cc_mujoco.cable import replay
+from cc_mujoco.estimation import EstimateTrack
+from cc_mujoco.thesis._experiments import online_estimates as estimates
+from cc_mujoco.thesis._experiments import online_laws as laws
+from cc_mujoco.thesis._experiments import online_runs as runs
+from cc_mujoco.thesis._experiments.online import claim_law, claim_stiffness
 
 MU = runs.CABLE.friction
 
@@ -41,23 +41,23 @@ def test_truth_drifts_as_stated_and_the_cable_feels_it() -> None:
 
 
 def test_winding_cable_has_the_same_wrap() -> None:
-    winding = runs.winding(runs.CABLE)
+    winding = runs.winding_path(runs.CABLE)
     assert winding.wrap == pytest.approx(runs.CABLE.wrap)
     assert winding.length == pytest.approx(runs.CABLE.length)
 
 
 def test_locked_output_leaves_the_motion_partial() -> None:
     cable = runs.CABLE.replace(segments=50, pretension=20.0)
-    data = runs.simulate(cable, runs.pulls(5.0, estimates.PULL), seed=1)
+    data = runs.simulate(cable, runs.pulls(5.0, estimates.PULL_DEPTH), seed=1)
     assert np.all(data.direction[:, -1] == 0) and np.any(data.direction != 0)
 
 
 def test_following_measures_settling_error_and_coverage() -> None:
     time, truth = np.arange(5.0), np.full(5, 2.0)
     value = np.array([4.0, 2.5, 2.02, 1.98, 2.02])
-    found = runs.following(time, value, np.full(5, 0.015), truth)
+    found = runs.tracking_statistics(time, value, np.full(5, 0.015), truth)
     assert found == pytest.approx((2.0, 0.01, 0.0075, 1.0))
-    lost = runs.following(time, value + 1.0, np.full(5, 0.1), truth)
+    lost = runs.tracking_statistics(time, value + 1.0, np.full(5, 0.1), truth)
     assert lost.settled == np.inf and np.isnan(lost.error)
 
 
@@ -89,10 +89,12 @@ def test_verdict_on_the_law_follows_the_numbers(
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimates, "REST", 3.0)
-    truth = estimates.wearing(duration=38.0)
+    monkeypatch.setattr(estimates, "DRIFT_START", 3.0)
+    truth = estimates.simulate_wear(duration=38.0)
     friction = MU * truth.factor
-    found = runs.following(truth.time, *estimates.recursive(truth), friction)
+    found = runs.tracking_statistics(
+        truth.time, *estimates.estimate_recursively(truth), friction
+    )
     assert found.settled < 2.0
     # Drift is five times faster here: the error is lag, and stated.
     assert 0.01 < found.error < 0.04
@@ -100,9 +102,9 @@ def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> None:
-    found = estimates.softening(duration=24.0)
+    found = estimates.estimate_softening(duration=24.0)
     late = found.time > 10.0
-    error = found.found.value[late & (found.time < runs.REST)] / 4000.0 - 1.0
+    error = found.found.value[late & (found.time < runs.DRIFT_START)] / 4000.0 - 1.0
     assert np.max(np.abs(error)) < 0.02
     assert found.refused == pytest.approx(1.0, abs=1e-12)
     assert abs(found.fooled - 1.0) > 0.2
@@ -113,7 +115,7 @@ def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> No
 
 
 def test_bend_is_found_from_a_uniform_start() -> None:
-    found = estimates.bends(duration=22.0)
+    found = estimates.estimate_bends(duration=22.0)
     assert found.before < 0.03
     assert np.ptp(found.truth[0]) > 0.5 * np.mean(found.truth[0])
     assert found.found.value[0] == pytest.approx(np.full(19, found.start), rel=1e-6)

@@ -1,4 +1,4 @@
-"""The page's claims are those that the experiments make today."""
+"""Claims of the page equal those of the current experiments."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
 def printed(name: str, page: str = PAGE) -> list[str]:
-    """Rows of one experiment's table on a page."""
+    """Return the rows of one experiment's table on a page."""
     start = page.index(f"**{name}**: {EXPERIMENTS[name]}")
     rows = page[start:].partition("|---|---|---|---|---|\n")[2]
     return rows.partition("\n\n")[0].splitlines()
 
 
 def same(row: str, claim: Claim) -> bool:
-    """Whether a row says this: the same words, and the same numbers within 5 %."""
+    """Return whether a row states a claim: equal words, numbers within 5 %."""
     now = table([claim]).splitlines()[-1]
     if NUMBER.sub("#", row) != NUMBER.sub("#", now):
         return False

@@ -1,19 +1,22 @@
-"""What the blocked-output test shows, to a slope and to a fit."""
+"""Parameters from the blocked-output test, by the slope and by a fit."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.estimation.calibration import calibrate
-from cc_mujoco.thesis.experiments import parameters
-from cc_mujoco.thesis.rig import LENGTH, STIFFNESS, drive
+from cc_mujoco.estimation import calibrate
+from cc_mujoco.thesis._experiments import parameters
+from cc_mujoco.thesis._rig import LENGTH, STIFFNESS, drive
 
 
 def test_slope_of_the_loop_overstates_stiffness_and_the_fit_does_not() -> None:
     trial = parameters.blocked_trial(parameters.CABLE, 5)
     assert parameters.by_slope(trial) > 1.05 * STIFFNESS
     found = calibrate(
-        [trial], drive(parameters.GUESS), ("friction", "axial_stiffness"), starts=0
+        [trial],
+        drive(parameters.INITIAL_GUESS),
+        ("friction", "axial_stiffness"),
+        starts=0,
     )
     stiffness = found["axial_stiffness"]
     assert stiffness.value == np.clip(

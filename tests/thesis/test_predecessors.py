@@ -1,12 +1,13 @@
-"""What the comparison with earlier models rests on."""
+"""Accuracy of the models in the comparison with predecessors."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis.experiments import predecessors
-from cc_mujoco.thesis.predecessors import Distributed, PassiveDistributed, StaticCapstan
-from cc_mujoco.thesis.predecessors.capabilities import CABLE, DT, SPRING
+from cc_mujoco.thesis import Distributed
+from cc_mujoco.thesis._experiments import predecessors
+from cc_mujoco.thesis.predecessors import PassiveDistributed, StaticCapstan
+from cc_mujoco.thesis.predecessors._capabilities import CABLE, DT, SPRING
 
 
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:

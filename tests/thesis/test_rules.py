@@ -1,14 +1,14 @@
-"""What holds of the printed rules, and what does not."""
+"""Validity of the printed rules of the thesis."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis.experiments import rules
+from cc_mujoco.thesis._experiments import rules
 
 
 def test_opposed_motion_has_steps_that_no_pattern_fits() -> None:
-    found = rules.opposed((5, 10), samples=120)
+    found = rules.null_point_error((5, 10), samples=120)
     assert np.all(found.contradicted > 0.2)
     assert np.all(found.thesis_solver > 2.0 * found.kernel)
     assert found.kernel[1] < 0.6 * found.kernel[0]

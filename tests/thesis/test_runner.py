@@ -1,4 +1,4 @@
-"""What is done is kept, what is written is whole, and other code runs again."""
+"""Runner of experiments: resumed runs, complete output, reruns after code changes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.errors import CableError
-from cc_mujoco.figures import figure
-from cc_mujoco.thesis import Claim, ExperimentOutcome, reproduce, runner
+from cc_mujoco.report import figure
+from cc_mujoco.thesis import Claim, ExperimentOutcome, reproduce
+from cc_mujoco.thesis import _runner as runner
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
 
 
 class Experiments:
-    """Stand-ins for experiments, which count how often they run."""
+    """Stand-ins for experiments that record their runs."""
 
     def __init__(self) -> None:
         self.ran: list[str] = []
@@ -43,7 +44,7 @@ class Experiments:
 def experiments(monkeypatch: pytest.MonkeyPatch) -> Experiments:
     standing_in = Experiments()
     for name in ("loops", "pretension"):
-        path = f"cc_mujoco.thesis.experiments.{name}"
+        path = f"cc_mujoco.thesis._experiments.{name}"
         monkeypatch.setitem(sys.modules, path, standing_in.module(name))
     return standing_in
 
@@ -96,7 +97,7 @@ def test_results_of_other_code_or_broken_ones_are_not_taken(
     (tmp_path / "loops" / "result.json").write_text('{"code": "", "claims": [{}]}')
     reproduce(["loops"], tmp_path)
     assert len(experiments.ran) == 2
-    monkeypatch.setattr("cc_mujoco.identity.sources", lambda: "other")
+    monkeypatch.setattr("cc_mujoco._utils.provenance.sources", lambda: "other")
     reproduce(["pretension"], tmp_path)
     assert "differs in the sources" in (tmp_path / "summary.md").read_text()
     said: list[str] = []
@@ -136,7 +137,7 @@ def test_command_prints_a_line_for_every_claim_and_resumes(
 
 
 def test_every_experiment_has_a_module_and_every_module_is_an_experiment() -> None:
-    folder = Path(runner.__file__).parent / "experiments"
+    folder = Path(runner.__file__).parent / "_experiments"
     modules = {
         path.stem
         for path in folder.glob("*.py")

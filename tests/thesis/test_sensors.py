@@ -1,11 +1,11 @@
-"""What section 3.2.1 says of sensors whose directions are known."""
+"""Claims of section 3.2.1 on sensors with known directions of motion."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis.experiments import sensors
+from cc_mujoco.thesis._experiments import sensors
 
 
 def test_error_follows_theory_in_number_and_noise() -> None:

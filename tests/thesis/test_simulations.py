@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import Transmission
 from cc_mujoco.control import ProportionalIntegral
-from cc_mujoco.thesis.experiments import spring, tracking
-from cc_mujoco.thesis.inertia_free import InertiaFree
-from cc_mujoco.transmission import Transmission
+from cc_mujoco.thesis._experiments import spring, tracking
+from cc_mujoco.thesis._inertia_free import InertiaFree
 
 
 def test_plant_is_the_transmission_driven_by_torque_and_angle() -> None:
@@ -30,14 +30,14 @@ def test_plant_is_the_transmission_driven_by_torque_and_angle() -> None:
 
 
 def test_friction_implied_makes_the_error_that_is_printed() -> None:
-    device = tracking.drive(tracking.GROWTH)
+    device = tracking.drive(tracking.TENSION_RATIO)
     own = device.cables[0].cable
-    assert math.exp(own.friction * own.wrap) == pytest.approx(tracking.GROWTH)
-    assert (1.0 + 1.0) / (tracking.GROWTH + 1.0) == pytest.approx(0.9)
+    assert math.exp(own.friction * own.wrap) == pytest.approx(tracking.TENSION_RATIO)
+    assert (1.0 + 1.0) / (tracking.TENSION_RATIO + 1.0) == pytest.approx(0.9)
 
 
 def test_desired_tension_grows_with_a_slope_that_swings() -> None:
-    time, wanted = tracking.desired()
+    time, wanted = tracking.desired_tension()
     assert wanted[-1] > wanted[0] > 0.0
     slope = np.gradient(wanted, time)
     assert slope.min() < 0.0 < slope.max()
@@ -45,7 +45,7 @@ def test_desired_tension_grows_with_a_slope_that_swings() -> None:
 
 def test_without_a_model_the_reversal_takes_many_degrees() -> None:
     time, angle = spring.motion()
-    assert angle.max() == spring.REACH
+    assert angle.max() == spring.DEFLECTION
     assert np.ptp(np.abs(np.diff(angle))) < 1e-12
     free = spring.render(spring.drive(), ProportionalIntegral(spring.drive()))
     assert free.lost > np.radians(5.0)

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cable.motions import motion
+from cc_mujoco.cable import TERMS, Cable, Section, replay
+from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.solver import (
+from cc_mujoco.thesis._literal_solver import (
     Constraint,
     ThesisCable,
     by_fsolve,
     play,
     segment_motion,
+    sign_pattern_system,
     sign_patterns,
     solve,
-    system,
 )
-from cc_mujoco.transmission import TERMS, Cable, Section, replay
-from cc_mujoco.transmission.segments import Mesh
-from transmission.motions import motion
 
 CABLE = Cable(friction=0.1, conduit=(Section(1.2, 0.2), Section(0.8, 0.4)))
 STRETCH = CABLE.pretension * CABLE.length / CABLE.axial_stiffness
@@ -52,7 +52,7 @@ def test_rows_are_the_capstan_ratio_and_the_stretch() -> None:
     mesh = Mesh.of(CABLE.replace(segments=4))
     pattern = np.array([1.0, 1.0, 0.0, -1.0])
     ends = [Constraint("tension", 0, 7.0), Constraint("displacement", 4, 0.3)]
-    tension, u = np.split(np.linalg.solve(*system(mesh, pattern, ends)), 2)
+    tension, u = np.split(np.linalg.solve(*sign_pattern_system(mesh, pattern, ends)), 2)
     ratio = np.exp(np.cumsum(mesh.angle * pattern))
     assert tension == pytest.approx(7.0 * np.concatenate([[1.0], ratio]))
     place = np.linspace(0.0, 1.0, 1001)[:, None]
@@ -76,13 +76,13 @@ def test_one_pattern_at_most_is_consistent(
     """Uniqueness, 2.3.3, from any state of mass motion."""
     mesh = Mesh.of(CABLE.replace(segments=n, friction=friction))
     start = np.linalg.solve(
-        *system(mesh, np.full(n, slip_direction), whole(0.0, 0.01, n))
+        *sign_pattern_system(mesh, np.full(n, slip_direction), whole(0.0, 0.01, n))
     )
     before = start[n + 1 :]
     consistent = 0
     for pattern in sign_patterns(n):
         ends = whole(1e-4 * proximal, 0.01 + 1e-4 * distal, n)
-        after = np.linalg.solve(*system(mesh, pattern, ends))[n + 1 :]
+        after = np.linalg.solve(*sign_pattern_system(mesh, pattern, ends))[n + 1 :]
         consistent += np.array_equal(np.sign(segment_motion(before, after)), pattern)
     assert consistent <= 1
 

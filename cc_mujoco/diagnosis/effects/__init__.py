@@ -7,9 +7,13 @@ at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has
 `realisation` where it is not in the cable.
 """
 
-from cc_mujoco.diagnosis.effects.cables import CABLES
-from cc_mujoco.diagnosis.effects.drive import DRIVE, PLAY, acceleration
-from cc_mujoco.diagnosis.effects.effect import (
+from cc_mujoco.diagnosis.effects._cable_effects import CABLE_EFFECTS
+from cc_mujoco.diagnosis.effects._drive_effects import (
+    BACKLASH_BOUNDS,
+    DRIVE_EFFECTS,
+    acceleration,
+)
+from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
     Effect,
     EffectParameter,
@@ -17,25 +21,31 @@ from cc_mujoco.diagnosis.effects.effect import (
     Torques,
     Values,
 )
-from cc_mujoco.diagnosis.effects.friction import FRICTION
-from cc_mujoco.diagnosis.effects.sensors import GAIN, JOINT_DELAY, SENSORS, delayed
+from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
+from cc_mujoco.diagnosis.effects._sensor_effects import (
+    GAIN_BOUNDS,
+    JOINT_DELAY,
+    SENSOR_EFFECTS,
+    delay_signal,
+)
 
 EFFECTS: dict[str, Effect] = {
-    effect.id: effect for effect in (*FRICTION, *CABLES, *DRIVE, *SENSORS)
+    effect.id: effect
+    for effect in (*FRICTION_EFFECTS, *CABLE_EFFECTS, *DRIVE_EFFECTS, *SENSOR_EFFECTS)
 }
 """Every effect of the library by its id."""
 
 __all__ = [
     "ANTAGONIST",
+    "BACKLASH_BOUNDS",
     "EFFECTS",
-    "GAIN",
+    "GAIN_BOUNDS",
     "JOINT_DELAY",
-    "PLAY",
     "Effect",
     "EffectParameter",
     "RigGeometry",
     "Torques",
     "Values",
     "acceleration",
-    "delayed",
+    "delay_signal",
 ]

@@ -3,22 +3,6 @@
 from cc_mujoco.thesis.estimators import StiffnessEstimator
 """
 
-from cc_mujoco.thesis.estimators.bend import BendEstimator
-from cc_mujoco.thesis.estimators.consensus import SensorConsensus
-from cc_mujoco.thesis.estimators.noise import autocovariance_least_squares
-from cc_mujoco.thesis.estimators.observer import CableObserver
-from cc_mujoco.thesis.estimators.sensor_noise import SensorNoise
-from cc_mujoco.thesis.estimators.slope_law import SlopeLaw
-from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
-from cc_mujoco.thesis.estimators.unscented import UnscentedEstimator
+import lazy_loader
 
-__all__ = [
-    "BendEstimator",
-    "CableObserver",
-    "SensorConsensus",
-    "SensorNoise",
-    "SlopeLaw",
-    "StiffnessEstimator",
-    "UnscentedEstimator",
-    "autocovariance_least_squares",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

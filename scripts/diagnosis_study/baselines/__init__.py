@@ -21,7 +21,7 @@ from baselines.binning import binned
 from baselines.guess import Guess
 from baselines.refits import bic
 from baselines.sparsity import sparse
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
+from cc_mujoco.diagnosis import BaselineFit
 
 METHODS: dict[str, Callable[[BaselineFit], Guess]] = {
     "binned": binned,

@@ -16,8 +16,8 @@ from baselines.features import FAMILIES, Term
 from baselines.guess import Guess, decided
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors, gathered, weights
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import BaselineFit
 
 BINS = 40
 """Bins with as many samples each."""
@@ -59,13 +59,13 @@ def regressed(records: Sequence[Signals], least: float = LEAST) -> Guess:
 def _taken(
     records: Sequence[Signals], residual: FloatArray, term: Term, channel: int
 ) -> float:
-    """Reduction of the sum of squares by a weighted regression of the bins' means."""
+    """Return the reduction of squares by a weighted regression of bin means."""
     bins = in_bins(gathered(records, lambda s: term.over(s, channel)))
     weight = weights(records, channel)
     root = np.sqrt(np.bincount(bins, weight**2))
 
     def means(values: FloatArray) -> FloatArray:
-        """Weighted mean of every bin, times the root of its weight."""
+        """Return the weighted mean of every bin, times the root of its weight."""
         found: FloatArray = np.bincount(bins, weight * values) / root
         return found
 
@@ -77,7 +77,7 @@ def _taken(
 
 
 def in_bins(over: FloatArray) -> NDArray[np.intp]:
-    """Bin of every sample (samples,), none of them empty."""
+    """Return the bin of every sample (samples,), none of them empty."""
     edges = np.unique(np.quantile(over, np.arange(1, BINS) / BINS))
     place = np.searchsorted(edges, over, side="right")
     found: NDArray[np.intp] = np.unique(place, return_inverse=True)[1]

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.signals import Signals
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import EFFECTS
 
 Signal = Callable[[Signals, int], FloatArray]
 """Signal of a record and a channel (0 motor, 1 joint), (samples,)."""
@@ -96,7 +96,7 @@ def _wave(order: float) -> Term:
 
 
 def _scales(name: str, parameter: str) -> tuple[float, ...]:
-    """Scales from which the library starts too."""
+    """Return the scales from which the library starts too."""
     return tuple(start[parameter] for start in EFFECTS[name].starts)
 
 
@@ -179,7 +179,7 @@ FAMILIES = (
 
 
 def looks() -> Iterator[tuple[str, int, Term]]:
-    """Every term of every effect in each of its channels."""
+    """Yield every term of every effect in each of its channels."""
     for family in FAMILIES:
         for channel in family.channels:
             for term in family.terms:

@@ -12,11 +12,8 @@ import math
 from collections.abc import Sequence
 
 from baselines.guess import Guess
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.screen import screen
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import EFFECTS, BaselineFit, Problem, fit, screen
 from cc_mujoco.errors import CableError
 
 EVALUATIONS = 12
@@ -60,7 +57,7 @@ def bic(
 
 
 def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
-    """Sum of squared errors, and BIC."""
+    """Return the sum of squared errors, and BIC."""
     kept = [
         error[:, record.counts].ravel()
         for error, record in zip(problem.errors(x), problem.plant.records, strict=True)

@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import acceleration
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
-from cc_mujoco.diagnosis.inference.records import Record
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import BaselineFit, Record, acceleration
 
 REST = 0.01
 """Speed of the motor below which it rests [rad/s]."""
@@ -35,9 +33,9 @@ class Signals(NamedTuple):
         travel: of the cable since the motion last turned [m].
         rested: how long the last rest was [s].
         since_rest: travel of the cable since then [m].
-        torque: (2, samples) of motor and joint, as the baseline simulates it [Nm].
-        residual: (2, samples) measured minus simulated [Nm].
-        floor: (2, samples) standard deviation of noise [Nm].
+        torque: (2, samples) of motor and joint, as the baseline simulates it [N m].
+        residual: (2, samples) measured minus simulated [N m].
+        floor: (2, samples) standard deviation of noise [N m].
     """
 
     dt: float
@@ -59,7 +57,7 @@ class Signals(NamedTuple):
 
 
 def signals(baseline_fit: BaselineFit) -> tuple[Signals, ...]:
-    """Signals of every record, about the tuned baseline."""
+    """Return the signals of every record, about the tuned baseline."""
     problem = baseline_fit.problem
     values = problem.values(baseline_fit.whole.x)
     radius, _ = problem.plant.radii(values)
@@ -75,12 +73,12 @@ def signals(baseline_fit: BaselineFit) -> tuple[Signals, ...]:
 def observed(
     record: Record, torque: FloatArray, floor: FloatArray, radius: float
 ) -> Signals:
-    """Signals of one record.
+    """Return the signals of one record.
 
     Args:
         record: what was measured.
-        torque: (2, samples) of motor and joint, simulated [Nm].
-        floor: (2, samples) standard deviation of their noise [Nm].
+        torque: (2, samples) of motor and joint, simulated [N m].
+        floor: (2, samples) standard deviation of their noise [N m].
         radius: of the motor's pulley [m].
     """
     turning = np.gradient(record.motor_angle, record.dt)
@@ -111,7 +109,7 @@ def observed(
 
 
 def held(values: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
-    """Every value as it was when last taken; before that the first one (samples,)."""
+    """Return every value held since last taken, at first the first (samples,)."""
     last = np.maximum.accumulate(np.where(taken, np.arange(values.size), 0))
     found: FloatArray = values[last]
     return found

@@ -18,8 +18,8 @@ from baselines.features import looks
 from baselines.guess import Guess
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import BaselineFit
 
 THRESHOLD = 0.15
 """Coefficient that is dropped; columns and residual have unit length.
@@ -66,7 +66,7 @@ def selected(records: Sequence[Signals], threshold: float = THRESHOLD) -> Guess:
 def library(
     records: Sequence[Signals], channel: int
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the columns and columns of unit length (samples, k)."""
+    """Return the names of the columns and columns of unit length (samples, k)."""
     names, columns = [], []
     for name, where, term in looks():
         if where != channel:
@@ -81,7 +81,7 @@ def library(
 
 
 def thresholded(table: FloatArray, target: FloatArray, threshold: float) -> FloatArray:
-    """Coefficients of sequentially thresholded least squares (k,)."""
+    """Return the coefficients of sequentially thresholded least squares (k,)."""
     from pysindy import STLSQ
 
     model = STLSQ(threshold=threshold, alpha=RIDGE)

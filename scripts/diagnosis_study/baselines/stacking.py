@@ -12,9 +12,8 @@ import numpy as np
 
 from baselines.features import Signal
 from baselines.signals import Signals
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import huber_residual
-from cc_mujoco.diagnosis.inference.passing import low_passed
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import huber_residual, low_pass
 
 
 def gathered(
@@ -25,13 +24,13 @@ def gathered(
 
 
 def weights(records: Sequence[Signals], channel: int) -> FloatArray:
-    """One over the noise floor of a channel (samples,) [1/Nm]."""
+    """Return one over the noise floor of a channel (samples,) [1/N m]."""
     found: FloatArray = 1.0 / gathered(records, lambda s: s.floor[channel])
     return found
 
 
 def errors(records: Sequence[Signals], channel: int) -> FloatArray:
-    """Residual of a channel over its floor, without its offset (samples,)."""
+    """Return a channel's residual over its floor, without offset (samples,)."""
     residual = gathered(records, lambda s: s.residual[channel] / s.floor[channel])
     return _levelled(huber_residual(residual), weights(records, channel))
 
@@ -40,7 +39,7 @@ def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
     """Return a feature over the floor, low-passed like torques, levelled (samples,)."""
 
     def passed(s: Signals) -> FloatArray:
-        signal = low_passed(of(s, channel), s.band, 1.0 / s.dt)
+        signal = low_pass(of(s, channel), s.band, 1.0 / s.dt)
         over: FloatArray = signal / s.floor[channel]
         return over
 
@@ -48,7 +47,7 @@ def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
 
 
 def _levelled(values: FloatArray, weight: FloatArray) -> FloatArray:
-    """Without what an offset of the torque would make: the baseline has tuned it."""
+    """Remove the effect of a torque offset, which the baseline has tuned."""
     unit = weight / np.linalg.norm(weight)
     found: FloatArray = values - unit * (unit @ values)
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from cc_mujoco.markdown import table
+from cc_mujoco.report import table
 
 Record = dict[str, Any]
 Judge = Callable[[Record], str]
@@ -47,7 +47,7 @@ def _as_diagnosis(record: Record, guess: Record) -> Record:
 
 
 def _ranking(record: Record) -> list[str]:
-    """Effects that the diagnosis refitted first, the best first."""
+    """Return the effects that the diagnosis refitted first, the best first."""
     rounds = record.get("candidates") or [[]]
     return [candidate[0] for candidate in rounds[0]]
 

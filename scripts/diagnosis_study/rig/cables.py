@@ -8,8 +8,8 @@ with N the mean tension of both sides, which makes a sliding node obey the capst
 equation exactly. The law is stepped implicitly in travel, so no step is too long for
 the bristle: no chatter, and at rest F stays as it is.
 
-What friction depends on apart from the load (speed, age, place, warmth) is slow beside
-the waves in the cable and is looked up once per tick, see `update_friction`.
+The other variables of friction (speed, age, place, warmth) change slowly compared with
+the waves in the cable. They are updated once per tick, see `update_friction`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Cables(NamedTuple):
-    """State and tables of both cables, (2, nodes) each unless said.
+    """State and tables of both cables, (2, nodes) unless noted.
 
     Displacements are towards the motor, in the cable's own sense.
     """
@@ -35,33 +35,34 @@ class Cables(NamedTuple):
     place: Array
     speed: Array
     force: Array
-    """Of the bristles, against the cable [N]."""
+    """Force of the bristles against the cable [N]."""
     load: Array
     """Mean tension of both sides of a node [N]."""
     lagged: Array
-    """Speed as friction remembers it [m/s]."""
+    """Low-pass filtered speed, on which friction depends [m/s]."""
     contact: Array
     """Age of the contacts [s]."""
     warmth: Array
-    """(2,) friction work kept as heat, over `heating_energy`."""
+    """Friction work stored as heat over `heating_energy`, (2,)."""
     ahead: Array
-    """Friction limit over load, moving towards the motor; `behind`: away from it."""
+    """Friction limit over load for motion towards the motor."""
     behind: Array
+    """Friction limit over load for motion away from the motor."""
     bristle: Array
     """Stiffness of the bristles [N/m]."""
     stiffness: Array
-    """(2, nodes + 1) of the segments [N/m]."""
+    """Stiffness of the segments (2, nodes + 1) [N/m]."""
     seal: Array
-    """(nodes,) friction that needs no load [N]."""
+    """Load-independent friction (nodes,) [N]."""
     work: Array
-    """(2, 2) friction and damping work of each cable since the start [J]."""
+    """Friction and damping work of each cable since the start (2, 2) [J]."""
     warmed: Array
-    """(2,) friction work that has gone into warmth so far [J]."""
+    """Friction work already converted into `warmth` (2,) [J]."""
 
 
 @compiled
 def _segments(p: Plant) -> Array:
-    """Stiffness of each segment; the end ones are half as long."""
+    """Return the stiffness of each segment; the end ones are half as long."""
     inner = p.axial_stiffness * p.nodes / p.length
     k = np.full((2, p.nodes + 1), inner)
     k[:, 0] = 1.0 / (0.5 / inner + 0.3 * p.end_compliance)
@@ -71,7 +72,7 @@ def _segments(p: Plant) -> Array:
 
 @compiled
 def start(p: Plant, pretension: float, arc_a: float, arc_b: float) -> Cables:
-    """Both cables at rest, at pretension, without friction; arcs from the middle."""
+    """Return both cables at rest at pretension, without friction, moved by the arcs."""
     n = p.nodes
     shape = (2, n)
     place = np.empty(shape)
@@ -118,7 +119,7 @@ def varies(p: Plant) -> bool:
 
 @compiled
 def _wrap(p: Plant, i: int, joint_angle: float) -> float:
-    """Wrap angle at node i; a limb bends the last third of the conduit."""
+    """Return the wrap angle at node i; a limb bends the last third of the conduit."""
     wrap = p.wrap / p.nodes
     third = p.nodes // 3
     if i >= p.nodes - third:
@@ -129,7 +130,7 @@ def _wrap(p: Plant, i: int, joint_angle: float) -> float:
 
 @compiled
 def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
-    """Friction coefficient at a node over its plain value."""
+    """Return the friction coefficient at a node over its plain value."""
     slowness = cables.lagged[c, i] / p.stribeck_speed
     factor = 1.0 + p.stribeck * math.exp(-slowness * slowness)
     factor += p.ageing * math.log1p(cables.contact[c, i] / p.ageing_time)
@@ -146,7 +147,7 @@ def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
 
 @compiled
 def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
-    """Friction limit over load at every node, either way."""
+    """Compute the friction limit over load at every node, in both directions."""
     for c in range(2):
         mu = p.friction_a if c == 0 else p.friction_b
         # The joint turning positive moves cable a ahead and cable b back. The liner of
@@ -160,7 +161,7 @@ def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
 
 @compiled
 def update_friction(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
-    """Bring to date what friction depends on apart from load, after `tick` seconds."""
+    """Update the variables of friction other than load, after `tick` seconds."""
     mix = tick / (p.stribeck_lag + tick)
     for c in range(2):
         fresh = cables.work[c, 0] - cables.warmed[c]

@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 
 
 def make_trials(trials: str, seed: int) -> list[Trial]:
-    """The trials of a set, with the motions that `seed` draws."""
+    """Return the trials of a set, with motions sampled from `seed`."""
     return SETS[trials](np.random.default_rng([seed, 0x3A1]))
 
 
 def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> Truth:
-    """The rig with effects hidden in it; an amount of 0 hides nothing.
+    """Return the rig with effects hidden in it; an amount of 0 hides nothing.
 
     Args:
         rig: the rig.
@@ -45,7 +45,7 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
 
 
 def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
-    """Records of one trial, see `kernel.integrate`; `refine` shortens its steps."""
+    """Return the records of one trial, integrated with steps shorter by `refine`."""
     make = MAKES[rig.make]
     hangs = getattr(truth.plant, make.hanging) - trial.tilt
     return make.integrate(
@@ -80,7 +80,7 @@ def make_dataset(
     *,
     tensions: bool = False,
 ) -> list[dict[str, Array]]:
-    """The recorded trials of one session.
+    """Return the recorded trials of one session.
 
     Args:
         rig: the rig, see `make_rig`.

@@ -56,12 +56,12 @@ def _sign(rng: Generator) -> float:
 
 
 def _field(name: str) -> Callable[[Truth, float, Generator], Truth]:
-    """An effect that is one field of the plant."""
+    """Return an effect that is one field of the plant."""
     return lambda truth, amount, _rng: _plant(truth, **{name: amount})
 
 
 def _signed(name: str) -> Callable[[Truth, float, Generator], Truth]:
-    """An effect that is one field of the plant, either way."""
+    """Return an effect that is one field of the plant, of either sign."""
     return lambda truth, amount, rng: _plant(truth, **{name: _sign(rng) * amount})
 
 

@@ -78,7 +78,7 @@ def _plain(value: Any) -> Any:
 
 
 def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
-    """Fields of the truth that are not those of a rig that hides nothing."""
+    """Return the fields of the truth that are not those of a rig that hides nothing."""
     usual = plain.plant._asdict() | plain.chain._asdict()
     fields = truth.plant._asdict() | truth.chain._asdict()
     return {

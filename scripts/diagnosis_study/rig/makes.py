@@ -57,7 +57,7 @@ class Make(NamedTuple):
 
 
 def _with_bristles(p: plant.Plant, *given: Any) -> Any:
-    """Shorter steps where impacts or falling friction make motion touchy."""
+    """Shorten the steps for impacts or falling friction."""
     *motion, refine = given
     return kernel.integrate(p, *motion, refine * (2 if p.backlash or p.stribeck else 1))
 

@@ -22,7 +22,7 @@ TIME: Array = np.arange(int(RATE * DURATION) + 1) / RATE
 
 
 def rounded(path: Array, width: float = 0.02) -> Array:
-    """The path with its corners rounded over `width` seconds."""
+    """Return the path with its corners rounded over `width` seconds."""
     size = int(width * RATE) // 2 * 2 + 1
     window = np.hanning(size + 2)[1:-1]
     padded = np.pad(path, size // 2, mode="edge")
@@ -30,12 +30,12 @@ def rounded(path: Array, width: float = 0.02) -> Array:
 
 
 def via(times: Array, angles: Array) -> Array:
-    """Straight lines through points, corners rounded."""
+    """Return straight lines through points, with rounded corners."""
     return rounded(np.interp(TIME, times, angles))
 
 
 def speed_ladder(speeds: Array, reach: float) -> Array:
-    """Constant speeds to and fro, one rung after the other, as far as time allows.
+    """Return constant speeds to and fro, as many as time allows.
 
     Each rung lasts equally long; slow ones turn short of `reach`.
     """
@@ -53,7 +53,7 @@ def speed_ladder(speeds: Array, reach: float) -> Array:
 
 
 def multisine(rng: Generator, low: float, high: float, rms: float) -> Array:
-    """Random phases, frequencies a whole number of times 1/8 Hz, speed-limited lines.
+    """Return a multisine of random phases at multiples of 1/8 Hz, limited in speed.
 
     Amplitudes fall as 1 / frequency, so that every line adds the same speed.
     """
@@ -65,7 +65,7 @@ def multisine(rng: Generator, low: float, high: float, rms: float) -> Array:
 
 
 def minimum_jerk(rng: Generator, reach: float, dwells: Array) -> Array:
-    """Point to point on minimum-jerk profiles with a rest after each move.
+    """Return minimum-jerk moves between points with a rest after each.
 
     Args:
         rng: of the end points and move times.
@@ -87,14 +87,14 @@ def minimum_jerk(rng: Generator, reach: float, dwells: Array) -> Array:
 
 
 def chirp(low: float, high: float, reach: float) -> Array:
-    """Sine of rising frequency; amplitude falls so that peak speed stays put."""
+    """Return a sine of rising frequency and constant peak speed."""
     growth = np.log(high / low) / DURATION
     phase = 2 * np.pi * low * (np.exp(growth * TIME) - 1) / growth
     return np.asarray(reach * np.exp(-0.75 * growth * TIME) * np.sin(phase))
 
 
 def micro_reversals(rng: Generator, reach: float, speed: float) -> Array:
-    """A slow triangle, each flank broken by backward steps of many sizes."""
+    """Return a slow triangle, each flank broken by backward steps of many sizes."""
     times, angles, direction = [0.0], [0.0], 1.0
     sizes = np.geomspace(0.004, 0.12, 12)
     rng.shuffle(sizes)

@@ -1,4 +1,4 @@
-"""Nominal values of the rig family, and one rig drawn from it.
+"""Nominal values of the rig family, and one rig sampled from it.
 
 The bench: two Bowden cables in pull-pull between a motor pulley and a joint pulley of
 the same radius, so that cable travel of one turn at either end can be compared by eye.
@@ -6,10 +6,10 @@ Two metres of conduit bend through half a turn in all, mu times wrap is 0.38. A 
 steel strand with its conduit gives EA = 50 kN, hence 25 N/mm per cable and 125 N m/rad
 between the pulleys: at 80 N of pretension friction (about 2 N m) winds the pair up by
 15 mrad, two hundred counts of the encoders, while the lowest mode of the handle stays
-at 40 Hz, within what 500 Hz sampling shows.
+at 40 Hz, well below half the sampling rate of 500 Hz.
 
-`NOMINAL` is what the designer of the bench believes. A rig is what was built: every
-constant is off by a few percent, by an amount its seed decides.
+`NOMINAL` holds the designer's values. Every constant of a built rig deviates by a few
+percent, by an amount sampled from its seed.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ NOMINAL: dict[str, float] = {
     "joint_damping_nm_s_per_rad": 0.05,
     "rotor_inertia_kg_m2": 3e-4,
 }
-"""The scene of the designer: one entry per constant, unit in the name. Both cables are
-alike; gravity does no work; nothing but the joint's damping is viscous."""
+"""Constants of the designer's scene, with the unit in the name. Both cables are
+equal, gravity does no work, and only the damping of the joint is viscous."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,12 @@ class Rig:
     motor_angle_offset: float
     joint_angle_offset: float
     joint_clock_offset: float
-    """How much later than labelled the card of the joint's two channels samples [s]:
-    less than half a sample."""
+    """Lag of the sampling of the joint's channels behind their time stamps [s].
+
+    It is less than half a sample.
+    """
     make: str = "bristles"
-    """Whose equations it follows, see `makes.MAKES`."""
+    """Name of the model whose equations the rig follows, see `makes.MAKES`."""
 
 
 # Standard deviation of (truth / nominal - 1), cut at two of them.
@@ -106,13 +108,13 @@ _NOMINAL_OF = {
 
 
 def make_rig(seed: int, spread: float = 1.0, make: str = "bristles") -> Rig:
-    """The rig that `seed` built.
+    """Return the rig that `seed` built.
 
     Args:
         seed: not negative; the same seed builds the same rig.
-        spread: how far, in units of the usual few percent, it is off nominal. 0 gives
-            the nominal rig without offsets.
-        make: whose equations it follows, see `makes.MAKES`.
+        spread: deviation from nominal, in units of the usual few percent. 0 gives the
+            nominal rig without offsets.
+        make: name of the model whose equations it follows, see `makes.MAKES`.
     """
     rng = np.random.default_rng([seed, 0x816])
 

@@ -89,7 +89,7 @@ class Plant(NamedTuple):
     hub_inertia: float = 2.5e-4
     """Inertia of the joint pulley once it is a body of its own [kg m^2]."""
     grip_slip: float = 0.0
-    """Slip of the cables on the motor pulley, speed per excess torque [rad/(Nm s)]."""
+    """Slip of the cables on the motor pulley, speed per excess torque [rad/(N m s)]."""
     grip_limit: float = 4.0
 
     # --- loads on the shafts ----------------------------------------------------
@@ -99,22 +99,22 @@ class Plant(NamedTuple):
     motor_inertia: float = 0.0
     """Inertia between torque sensor and motor pulley [kg m^2]."""
     gravity: float = 0.0
-    """Unbalance of the joint pulley, m g l [Nm]."""
+    """Unbalance of the joint pulley, m g l [N m]."""
     gravity_phase: float = 0.0
     joint_stiffness: float = 0.0
     joint_stiffness_rest: float = 0.0
     extra_joint_inertia: float = 0.0
     mesh: float = 0.0
-    """Ripple torque of a gear mesh at the joint [Nm]."""
+    """Ripple torque of a gear mesh at the joint [N m]."""
     mesh_order: float = 23.0
     mesh_phase: float = 0.0
     stop_stiffness: float = 0.0
-    """Bumper that the joint pulley meets beyond `stop_angle` [Nm/rad]."""
+    """Bumper that the joint pulley meets beyond `stop_angle` [N m/rad]."""
     stop_angle: float = 0.6
 
 
 def plant_of(rig: Rig, nodes: int = 12) -> Plant:
-    """The plant of a rig in which nothing is hidden."""
+    """Return the plant of a rig in which nothing is hidden."""
     return Plant(
         nodes=nodes,
         motor_radius=rig.motor_radius,

@@ -28,19 +28,19 @@ POST, POST_RADIUS = (-0.06, 0.0), 0.008
 KNUCKLE_RADIUS, WINCH_RADIUS = 0.012, 0.008
 INSERTION, HALF_FLEXED = (0.03, 0.008), 0.75
 PARTS = 8
-"""Of every arc."""
+"""Number of parts of every arc."""
 
 
 class Tendon(NamedTuple):
     """Composition of the rig, and the effects it hides; SI.
 
     Attributes:
-        friction: mu.
-        stiffness: EA [N].
-        pretension: at rest, the finger half flexed [N].
-        drag: f [N/m].
-        viscosity: c [N s/m^2].
-        compliance: of what holds the tendon at the finger [m/N].
+        friction: coefficient of friction mu.
+        stiffness: axial stiffness EA [N].
+        pretension: tension at rest with the finger half flexed [N].
+        drag: drag f per length of contact [N/m].
+        viscosity: viscosity c per length of contact [N s/m^2].
+        compliance: compliance of the fastening at the finger [m/N].
     """
 
     friction: float = 0.22
@@ -99,7 +99,7 @@ def _turn(before: float, after: float) -> float:
 
 
 def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, Array]:
-    """Compute the torques of motor and joint along a motion from rest [Nm].
+    """Compute the torques of motor and joint along a motion from rest [N m].
 
     Args:
         rig: the tendon.
@@ -120,7 +120,7 @@ def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, A
 
 @compiled
 def _run(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, int, bool]:
-    """Return the tensions of both ends, and the sample that was not reached and why."""
+    """Return end tensions, the first sample not reached, and whether a state fits."""
     length = _lengths(path(-joint[0]))
     tension = np.full(length.size, rig.pretension)
     strained = 1.0 + rig.pretension / rig.stiffness
@@ -144,7 +144,7 @@ def _run(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, int
 
 @compiled
 def _lengths(here: Path) -> Array:
-    """Return those of straight pieces and parts of arcs, from winch to finger [m]."""
+    """Return lengths of straight pieces and parts of arcs, winch to finger [m]."""
     length = np.empty(2 * PARTS + 2)
     post, knuckle = here.contact[0] / PARTS, here.contact[2] / PARTS
     length[1:PARTS] = post
@@ -158,9 +158,9 @@ def _lengths(here: Path) -> Array:
 
 @compiled
 def _carried(held: Array, before: Array, now: Array) -> Array:
-    """Return the unstretched lengths along another path, if nothing slips [m].
+    """Return the unstretched lengths along another path without slip [m].
 
-    The parts move over a tendon that is stuck.
+    The parts move over a tendon that sticks.
     """
     edges = np.zeros(held.size + 1)
     edges[1:] = np.cumsum(before)

@@ -1,8 +1,8 @@
-"""Sensors between what happens in the rig and what its data logger stores.
+"""Sensors and data logger of the rig.
 
-All channels pass the logger's decimation filter, so it shifts none against another; the
-two channels of the joint are sampled by a card of their own, whose clock is a little
-off. Noise is drawn per trial and channel: it is the same whatever is hidden.
+All channels pass the same decimation filter, so it adds no delay between them. The two
+channels of the joint are sampled by a card of their own, whose clock has a small
+offset. Noise is sampled per trial and channel, independently of the hidden effect.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SAMPLE_RATE = 500
 CUTOFF = 150.0
-"""Of the second-order Butterworth decimation filter [Hz]."""
+"""Corner frequency of the second-order Butterworth decimation filter [Hz]."""
 
 
 class Channel(NamedTuple):
@@ -57,23 +57,23 @@ class Chain(NamedTuple):
     """Possible faults of the sensors, off at 0; SI and radians."""
 
     delay: float = 0.0
-    """Of the joint's card [s]: part dead time, part first-order lag."""
+    """Delay of the joint's card: 70 % dead time, 30 % first-order lag [s]."""
     gain: float = 0.0
     """Excess gain of the joint's torque sensor at small torque."""
     offset: float = 0.0
-    """Of the joint's torque sensor, once warm [Nm]."""
+    """Offset of the joint's torque sensor once warm [N m]."""
     hysteresis: float = 0.0
-    """Half width of the joint torque sensor's hysteresis [Nm]."""
+    """Half width of the joint torque sensor's hysteresis [N m]."""
     load_delay: float = 0.0
-    """Lag of the joint's torque per torque [s/Nm]."""
+    """Lag of the joint's torque per torque [s/N m]."""
     reflex: float = 0.0
-    """Grip reflex that leaks into the joint's torque [Nm s/rad]."""
+    """Gain of a grip reflex that leaks into the joint's torque [N m s/rad]."""
     reflex_latency: float = 0.06
     temperature: float = 0.0
-    """Zero drift of the joint's torque sensor with the room's draught [Nm]."""
+    """Zero drift of the joint's torque sensor with the room's draught [N m]."""
     temperature_phase: float = 0.0
     second_axis: float = 0.0
-    """Cross-talk of a second axis of the handle [Nm]."""
+    """Cross-talk of a second axis of the handle [N m]."""
     second_axis_rate: float = 0.9
     second_axis_phase: float = 0.0
 
@@ -83,13 +83,13 @@ def _ideal_column(records: Array, name: str) -> Array:
 
 
 def _shifted(signal: Array, seconds: float | Array) -> Array:
-    """The signal as it was `seconds` ago."""
+    """Return the signal delayed by `seconds`."""
     at = np.arange(signal.size) - seconds / RECORD_TIME
     return np.asarray(np.interp(at, np.arange(signal.size), signal))
 
 
 def _lagged(signal: Array, seconds: float) -> Array:
-    """First-order lag that starts settled."""
+    """Return the signal after a first-order lag that starts in steady state."""
     share = RECORD_TIME / (seconds + RECORD_TIME)
     out, _ = lfilter(
         [share], [1, share - 1], signal, zi=np.array([(1 - share) * signal[0]])
@@ -98,7 +98,7 @@ def _lagged(signal: Array, seconds: float) -> Array:
 
 
 def _hysteresis(torque: Array, width: float) -> Array:
-    """Sum of three plays of different reach: a loop without corners."""
+    """Return the error of a smooth hysteresis loop: three plays of different reach."""
     out = np.zeros_like(torque)
     for reach, share in ((0.3, 0.4), (1.0, 0.35), (2.5, 0.25)):
         state, trace = torque[0], np.empty_like(torque)
@@ -110,7 +110,7 @@ def _hysteresis(torque: Array, width: float) -> Array:
 
 
 def _joint_torque(records: Array, chain: Chain) -> Array:
-    """The joint's torque sensor with all that may be wrong with it."""
+    """Return the reading of the joint's torque sensor with all its faults."""
     torque = _ideal_column(records, "joint_torque")
     out = torque
     time = np.arange(torque.size) * RECORD_TIME - LEAD
@@ -138,7 +138,7 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
 
 
 def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
-    """Return what a noise-free, endlessly fine logger stores, (samples, names)."""
+    """Return the readings of a logger without noise or rounding, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
     count = round(recorded * SAMPLE_RATE)
@@ -164,12 +164,12 @@ def _offset(rig: Rig, name: str) -> float:
 
 
 def logged(clean: Array, names: tuple[str, ...], key: list[int]) -> dict[str, Array]:
-    """Noise and resolution added, under the names that the files use.
+    """Add noise and rounding, and return columns by their names in the files.
 
     Args:
         clean: (samples, names), see `sampled`.
-        names: of the channels.
-        key: what the noise depends on; every channel adds its own number.
+        names: names of the channels.
+        key: seed of the noise; every channel adds its own number.
     """
     columns = {"time_s": np.arange(clean.shape[0]) / SAMPLE_RATE}
     order = list(CHANNELS)

@@ -22,7 +22,7 @@ the cables on the motor pulley [rad]."""
 
 @compiled
 def wound(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Arc wound onto the motor pulley from angle 0, and its slope [m/rad].
+    """Return the arc wound onto the motor pulley from angle 0, and its slope [m/rad].
 
     `side` is 1 for cable a and -1 for cable b, which leaves the pulley opposite: half a
     turn on, so that odd harmonics change their sign.
@@ -73,7 +73,7 @@ def _taken(p: Plant, angle: float) -> float:
 
 @compiled
 def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
-    """Torque of the hub on the handle, by how far the hub is ahead."""
+    """Return the torque of the hub on the handle, by how far the hub is ahead."""
     over = abs(ahead) - 0.5 * p.backlash
     if over <= 0.0:
         return 0.0

@@ -1,11 +1,11 @@
-"""Strength of a hidden effect, and the amount that shows as strongly as asked.
+"""Strength of a hidden effect, and the amount of it that has a given strength.
 
-The strength R is what an effect changes in the torques and the joint's angle at the
-same commands: root mean square over these channels of its RMS change over that
-channel's noise floor. `raw` is that as it stands. `refit` is what remains after a
-careful experimenter has tuned a rig without the effect to the data (friction,
-stiffness, pretension, sensor offsets and the clock of the joint's card, each within
-what the bench's makers would believe): least squares in two Gauss-Newton steps.
+The strength R measures the change of the torques and the joint's angle by an effect at
+the same commands: the root mean square over these channels of the RMS change over the
+noise floor. `raw` is R without tuning. `refit` is R after a rig without the effect has
+been tuned to the data (friction, stiffness, pretension, sensor offsets and the clock of
+the joint's card, each within plausible bounds) by least squares in two Gauss-Newton
+steps.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rig.sensors import SAMPLE_RATE
 Array = NDArray[np.float64]
 
 RESPONSES = ("motor_torque", "joint_angle", "joint_torque")
-"""Channels whose change counts."""
+"""Channels over which the strength is computed."""
 _TOLERANCE = 0.05
 _ATTEMPTS = 6
 
@@ -39,18 +39,18 @@ LOOKED_AT = {
     "ramps": (0, 3, 5),
     "human": (0, 1, 3),
 }
-"""Trials that stand for their set, which is quicker."""
+"""Indices of representative trials of each set, to save time."""
 
 
 class Tuned(NamedTuple):
     """One constant that the experimenter tunes."""
 
     step: float
-    """For the difference quotient."""
+    """Step of the difference quotient."""
     bound: float
-    """Largest believable change."""
+    """Largest plausible change."""
     mechanical: bool
-    """Whether it changes motion, not only what the sensors show."""
+    """True if it changes the motion, False if it changes only readings."""
     change: Callable[[Rig, float], Rig]
 
 
@@ -82,14 +82,14 @@ TUNED = {
 def _simulated(
     rig: Rig, effects: Mapping[str, float], trials: str, seed: int
 ) -> tuple[Truth, list[Array]]:
-    """The truth and the records of the trials that are looked at."""
+    """Return the truth and the records of the trials that are evaluated."""
     truth = truth_of(rig, effects, seed)
     every = make_trials(trials, seed)
     return truth, [run(truth, rig, every[k]) for k in LOOKED_AT[trials]]
 
 
 def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:
-    """Return the sensors' view of records, over their noise floors, (samples, 3)."""
+    """Return the readings of records over their noise floors, (samples, 3)."""
     logger = MAKES[rig.make].logger
     floors = np.array([logger.channels(rig)[name].floor for name in RESPONSES])
     seen = [logger.sampled(record, rig, truth.chain, RESPONSES) for record in records]
@@ -118,13 +118,13 @@ def _tangents(rig: Rig, trials: str, seed: int) -> Array:
 
 
 def forget() -> None:
-    """Drop what is kept of earlier rigs, as after a change of `LOOKED_AT`."""
+    """Clear cached rigs, as required after a change of `LOOKED_AT`."""
     _plain.cache_clear()
     _tangents.cache_clear()
 
 
 def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
-    """Return what of a change remains when the plain rig has been tuned to it."""
+    """Return the residual of a change after the plain rig has been tuned to it."""
     bounds = np.array([tuned.bound for tuned in TUNED.values()])
     # Unit bounds, so that no constant is favoured by its unit.
     scaled = _tangents(rig, trials, seed) * bounds
@@ -140,7 +140,7 @@ def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
 
 
 class Strength(NamedTuple):
-    """Strength with which something shows: R, and RMS over floor by channel, twice."""
+    """Strength R of a change and its RMS over the floor by channel, raw and refit."""
 
     raw: float
     refit: float
@@ -159,7 +159,7 @@ def measure(
     trials: str = "rich",
     seed: int = 0,
 ) -> Strength:
-    """Measure how strongly effects, amount by id, show in the trials of `LOOKED_AT`."""
+    """Measure the strength of effects, amount by id, in the trials of `LOOKED_AT`."""
     changed = _responses(rig, *_simulated(rig, effects, trials, seed))
     change = changed - _plain(rig, trials, seed)[2]
     left = _left_over(rig, change, trials, seed)
@@ -174,10 +174,10 @@ def measure(
 def calibrate(
     rig: Rig, effect: str, strength: float, trials: str = "rich", seed: int = 0
 ) -> float:
-    """The amount of an effect at which R after refit is `strength`.
+    """Return the amount of an effect at which R after refit is `strength`.
 
-    Secants in the logarithms. Stops at the effect's limit, so the strength reached may
-    be less than asked.
+    The amount is found by secants in the logarithms. It stops at the effect's limit, so
+    the strength may be lower than requested.
     """
     if strength == 0.0:
         return 0.0

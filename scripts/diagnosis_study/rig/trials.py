@@ -1,4 +1,4 @@
-"""The trials of a session: what the motor is asked, and what holds the handle."""
+"""Trials of a session: commands of the motor and loads of the handle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rig import motions as go
 Array = NDArray[np.float64]
 
 STIFF = (500.0, 0.55)
-"""Position loop of the motor: stiffness [Nm/rad], damping [Nm s/rad]."""
+"""Position loop of the motor: stiffness [N m/rad], damping [N m s/rad]."""
 COMPLIANT = (5.0, 0.25)
 
 HUMAN = (4.0, 0.12)
@@ -21,8 +21,8 @@ FIRM = (25.0, 0.5)
 SPRING = (6.0, 0.03)
 FREE = (0.0, 0.0)
 LOCKED = (3000.0, 2.0)
-"""What holds the handle: stiffness [Nm/rad] and damping [Nm s/rad] towards its own
-motion. A human hand loose or firm, a spring, nothing, a clamp."""
+"""Impedances at the handle: stiffness [N m/rad] and damping [N m s/rad] to a target.
+A loose or a firm human hand, a spring, no load, a clamp."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Trial:
     """One trial, lead-in included.
 
     Attributes:
-        motion: what the motor does, in words; public.
+        motion: description of the motor's motion; public.
         load: `human`, `spring`, `free` or `locked`; public.
         command: (m, 2) angle [rad] and speed [rad/s] of the motor at 1 kHz.
-        target: (m, 2) the same of the environment.
+        target: (m, 2) angle [rad] and speed [rad/s] of the environment.
         servo: stiffness and damping of the motor's position loop.
         environment: stiffness and damping that tie the handle to `target`.
         tightness: pretension over the rig's usual one; public.
@@ -53,7 +53,7 @@ class Trial:
 
 
 def _led(path: Array, approach: float) -> Array:
-    """The path after a lead-in that comes to its start from `approach` away."""
+    """Return the path after a lead-in that starts `approach` away from it."""
     s = np.arange(round(go.LEAD * go.RATE)) / (0.8 * go.LEAD * go.RATE)
     s = np.minimum(s, 1.0)
     lead = path[0] - approach * (1 - s**3 * (10 - 15 * s + 6 * s**2))
@@ -83,11 +83,11 @@ def _trial(
 def asked(
     motor: Array, joint: Array, load: str, tightness: float = 1.0, tilt: float = 0.0
 ) -> Trial:
-    """A trial that somebody else has thought of.
+    """Return a trial with given motions.
 
     Args:
-        motor: (m,) angle asked of the motor at 1 kHz [rad].
-        joint: (m,) angle of what holds the joint.
+        motor: (m,) commanded angle of the motor at 1 kHz [rad].
+        joint: (m,) angle of the environment at the joint [rad].
         load: `free`, `locked`, or `human` for a firm hand.
         tightness: pretension over the rig's usual one.
         tilt: angle by which the rig is turned about the joint's axis [rad].
@@ -98,7 +98,7 @@ def asked(
 
 
 def rich(rng: Generator) -> list[Trial]:
-    """Eight trials that show something of everything, both ends moving."""
+    """Return eight trials that show something of everything, both ends moving."""
     zero = np.zeros_like(go.TIME)
     speeds = np.array([0.06, 0.15, 0.4, 1.0, 2.5]) * rng.uniform(0.9, 1.1)
     dwells = np.array([0.1, 0.3, 1.0, 0.2, 1.8])
@@ -126,7 +126,7 @@ def rich(rng: Generator) -> list[Trial]:
 
 
 def ramps(rng: Generator) -> list[Trial]:
-    """Eight trials of constant speeds only."""
+    """Return eight trials of constant speeds only."""
     zero = np.zeros_like(go.TIME)
     out = []
     for k, speed in enumerate([0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 0.03]):
@@ -144,7 +144,7 @@ def ramps(rng: Generator) -> list[Trial]:
 
 
 def human(rng: Generator) -> list[Trial]:
-    """Eight trials of reaching: a hand moves, a soft motor goes along."""
+    """Return eight trials of reaching: a hand moves, a soft motor goes along."""
     out = []
     for k in range(7):
         dwells = rng.uniform(0.1, 0.9, 5)
@@ -165,10 +165,10 @@ def human(rng: Generator) -> list[Trial]:
 
 
 def restful(rng: Generator) -> list[Trial]:
-    """The rich ones with long rests and slow creep instead of quick moves.
+    """Return the rich trials with long rests and slow creep instead of quick moves.
 
-    The hand lies still in the rests; between them the motor creeps by a hundredth of a
-    radian in a second, down to what an encoder hardly shows.
+    The hand is still during the rests. In the trial of creep the motor alternates
+    between fast moves and about 0.01 rad/s, close to the resolution of the encoders.
     """
     trials = rich(rng)
     zero = np.zeros_like(go.TIME)

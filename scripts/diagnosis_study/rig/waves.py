@@ -11,7 +11,7 @@ from rig.plant import Plant
 
 @compiled
 def _bedded(y: float, h: float, bend: float) -> float:
-    """Tension over that of reference at `y`, the same of a strand that is linear."""
+    """Return the relative tension of a strand at `y`, that of a linear strand."""
     x = abs(y) / bend
     log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
     return y + h * bend * log_cosh
@@ -106,7 +106,7 @@ def stored(
     near: tuple[float, float],
     far: tuple[float, float],
 ) -> float:
-    """Energy of strain and motion of both cables [J]; linear strand.
+    """Return the energy of strain and motion of both cables [J]; linear strand.
 
     `near` and `far` are the displacements of the ends of cables a and b.
     """

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.data.channels import DRIVE
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets._channels import MAIN_CHANNELS
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis import load
 from diagnosis.bench import loaded, one, only_fix, recording, write
 
 
@@ -41,7 +41,7 @@ def test_no_kind_of_good_data_needs_repair(
     one(folder, recording(seconds, rate, seed, noise))
 
 
-@pytest.mark.parametrize("channel", DRIVE)
+@pytest.mark.parametrize("channel", MAIN_CHANNELS)
 def test_constant_channels(tmp_path: Path, channel: str) -> None:
     columns = recording()
     columns[channel][:] = 0.3

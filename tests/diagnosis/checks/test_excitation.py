@@ -1,4 +1,4 @@
-"""What a dataset can show: counted on motions whose counts are known."""
+"""Excitation of a dataset: counts and coverage of known motions."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from cc_mujoco.diagnosis.checks.excitation import excitation, turns
-from cc_mujoco.diagnosis.data.smoothing import velocity, velocity_noise
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
+from cc_mujoco.datasets import Dataset, Facts, Noise, Trial, velocity
+from cc_mujoco.datasets._smoothing import velocity_noise
+from cc_mujoco.diagnosis import excitation
+from cc_mujoco.diagnosis._checks.excitation import count_reversals
 from diagnosis.bench import recording
 
 STEP = 0.002
@@ -47,14 +48,14 @@ def test_reversals_are_counted_through_noise(
     rng = np.random.default_rng(seed)
     angle += 0.003 * amplitude * rng.standard_normal(len(TIME))
     expected = 2.0 * frequency * 20.0
-    assert turns(angle) == pytest.approx(expected, abs=1.0)
+    assert count_reversals(angle) == pytest.approx(expected, abs=1.0)
 
 
 def test_still_and_one_way_motions_have_no_reversals() -> None:
-    assert turns(np.zeros(0)) == 0
-    assert turns(np.zeros(50)) == 0
-    assert turns(np.linspace(0.0, 1.0, 50)) == 0
-    assert turns(np.array([0.0, 1.0, 0.0])) == 1
+    assert count_reversals(np.zeros(0)) == 0
+    assert count_reversals(np.zeros(50)) == 0
+    assert count_reversals(np.linspace(0.0, 1.0, 50)) == 0
+    assert count_reversals(np.array([0.0, 1.0, 0.0])) == 1
 
 
 def test_a_sine_covers_what_it_covers() -> None:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.checks.repeatability import period, scatter
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.diagnosis import load
+from cc_mujoco.diagnosis._checks.repeatability import find_period, repeat_scatter
 from diagnosis.bench import RATIO, loaded, only_fix, recording, write
 
 JOINT = ("joint_torque_nm",)
@@ -90,10 +90,10 @@ def test_repeats_tell_the_scatter(tmp_path: Path) -> None:
         write(tmp_path / f"{name}.csv", columns)
     (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a.csv'")
     trials = load(tmp_path)[0].trials
-    assert scatter(trials, JOINT).deviation == pytest.approx(0.02, rel=0.05)
+    assert repeat_scatter(trials, JOINT).deviation == pytest.approx(0.02, rel=0.05)
     gaps = np.where(np.arange(5000) % 3 == 0, np.nan, trials[1].joint_torque)
     with_gaps = (trials[0], replace(trials[1], joint_torque=gaps))
-    assert scatter(with_gaps, JOINT).deviation == pytest.approx(0.02, rel=0.05)
+    assert repeat_scatter(with_gaps, JOINT).deviation == pytest.approx(0.02, rel=0.05)
 
 
 def test_a_repeat_that_is_none(tmp_path: Path) -> None:
@@ -125,8 +125,8 @@ def test_a_repeat_that_was_set_up_otherwise(tmp_path: Path) -> None:
 @given(length=st.floats(60.0, 400.0))
 def test_period_of_a_motion(length: float) -> None:
     angle = np.sin(2.0 * np.pi * np.arange(1500) / length)
-    assert period(angle) == pytest.approx(length, rel=2e-3)
-    assert period(np.random.default_rng(0).standard_normal(500).cumsum()) is None
+    assert find_period(angle) == pytest.approx(length, rel=2e-3)
+    assert find_period(np.random.default_rng(0).standard_normal(500).cumsum()) is None
 
 
 def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
@@ -134,9 +134,9 @@ def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
     now = columns["time_s"]
     for name in list(columns)[1:]:
         columns[name] = (1.0 + 0.05 * now) * np.sin(2.0 * np.pi * 0.5 * now)
-    assert not scatter(loaded(tmp_path, columns)[0].trials, JOINT).deviation
+    assert not repeat_scatter(loaded(tmp_path, columns)[0].trials, JOINT).deviation
     for name in list(columns)[1:]:
         columns[name] = np.sin(2.0 * np.pi * 0.5 * now)
     columns["joint_torque_nm"] += 0.02 * np.random.default_rng(3).normal(size=now.size)
-    found = scatter(loaded(tmp_path, columns)[0].trials, JOINT)
+    found = repeat_scatter(loaded(tmp_path, columns)[0].trials, JOINT)
     assert found.deviation == pytest.approx(0.02, rel=0.1)

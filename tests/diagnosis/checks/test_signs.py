@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.checks.checks import check_ratio
-from cc_mujoco.diagnosis.checks.mechanics import mechanics
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis import load
+from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
+from cc_mujoco.diagnosis._checks.run import check_ratio
 from diagnosis.bench import RATIO, Columns, loaded, one, only_fix, recording, write
 
 TORQUES = ("motor_torque_nm", "joint_torque_nm")
@@ -203,7 +203,7 @@ def test_radians_under_a_name_of_degrees_are_blamed_themselves(
 
 def test_power_of_the_bench_is_what_its_friction_takes(tmp_path: Path) -> None:
     trial = one(tmp_path, recording(noise=0.0))
-    known = mechanics(trial)
+    known = measure_mechanics(trial)
     lost = (known.motor_work - known.joint_work) * np.abs(
         np.diff(trial.motor_angle)
     ).sum()
@@ -217,7 +217,7 @@ def test_a_joint_ahead_of_its_pulleys_is_a_finding_and_an_error_if_always(
     tmp_path: Path, several: bool
 ) -> None:
     trial = one(tmp_path, recording())
-    (found,) = check_ratio(trial, 1.9 / mechanics(trial).ratio, several)
+    (found,) = check_ratio(trial, 1.9 / measure_mechanics(trial).ratio, several)
     assert (found.severity == "error") == several
 
 

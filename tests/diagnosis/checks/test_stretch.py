@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cc_mujoco.diagnosis.checks.stretch import check_lead
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.data.trials import Trial
+from cc_mujoco.datasets import Bench, Trial
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis._checks.lead_check import check_lead
 from diagnosis.instrumented import ANKLE, SPRING, loaded, walked
 from diagnosis.recorded import BENCH, dataset
 

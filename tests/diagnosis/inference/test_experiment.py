@@ -1,4 +1,4 @@
-"""What is proposed to separate rivals is what no tuning makes up for."""
+"""Proposed experiments separate rivals by differences that tuning cannot absorb."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.inference import experiment
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.experiment import (
-    Rivals,
+from cc_mujoco.diagnosis import (
+    MOTION_STEP,
+    BaselineFit,
+    CrossValidation,
+    Problem,
+    Record,
     catalogue,
-    left_after_fit,
+    fit,
+    fit_baseline,
+    plant_of,
+    prepare,
+)
+from cc_mujoco.diagnosis._inference import experiment
+from cc_mujoco.diagnosis._inference.experiment import (
+    Rivals,
     propose,
     recorded,
+    refit_difference,
 )
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial
-from cc_mujoco.diagnosis.inference.records import Record, prepare
-from cc_mujoco.diagnosis.inference.search import Thresholds
-from cc_mujoco.estimation.least_squares import Fit
+from cc_mujoco.diagnosis._inference.motions import CataloguedTrial
+from cc_mujoco.diagnosis._inference.search import Thresholds
+from cc_mujoco.estimation._least_squares import Fit
 from diagnosis.recorded import BENCH, dataset
 
 
@@ -41,7 +48,7 @@ def rival(
 
 @pytest.fixture(scope="module")
 def sprung() -> tuple[BaselineFit, Rivals]:
-    """Data of a joint with a spring, and the two models that explain them."""
+    """Return the data of a joint with a spring, and two models that explain them."""
     stiffness = {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0}
     data = dataset({"joint_stiffness": stiffness}, duration=2.5, chosen=(0, 2))
     records, filtering = prepare(data, BENCH)
@@ -72,7 +79,7 @@ def tie(
     one: tuple[Problem, np.ndarray],
     other: tuple[Problem, np.ndarray],
 ) -> Rivals:
-    """Two models as the search fitted them."""
+    """Return two models in a tie, as fitted by the search."""
 
     def crossed(problem: Problem, x: np.ndarray) -> CrossValidation:
         return CrossValidation(problem, (Fit(x, 0.0),), tuple(problem.errors(x)))
@@ -83,10 +90,10 @@ def tie(
 
 
 def as_recorded(motion: CataloguedTrial, like: Record) -> Record:
-    """A motion as a trial of the data, at their rate and a little off."""
-    size = int(motion.motor.size * DT / like.dt)
+    """Return a motion as a trial of the data, at their rate and with small errors."""
+    size = int(motion.motor.size * MOTION_STEP / like.dt)
     time = like.dt * np.arange(size)
-    known = DT * np.arange(motion.motor.size)
+    known = MOTION_STEP * np.arange(motion.motor.size)
     motor, joint = (
         1.02 * np.interp(time, known, angle) + 0.03
         for angle in (motion.motor, motion.joint[: motion.motor.size])
@@ -143,7 +150,7 @@ def test_no_trial_that_the_data_have_and_none_that_settles_nothing_is_proposed(
 def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
     sprung: tuple[BaselineFit, Rivals],
 ) -> None:
-    """The tuned scene is far off without it, and by its errors data say nothing."""
+    """Without the effect, the model error would inflate the noise floor."""
     found, rivals = sprung
     assert found.crossed.misfit > 3.0
     for problem, _ in rivals.fitted:
@@ -154,7 +161,7 @@ def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
 def test_a_fit_to_old_and_new_trials_keeps_its_bounds(
     baseline_fit: BaselineFit,
 ) -> None:
-    """An offset beyond what the baseline may have is left over."""
+    """An offset beyond the bound of the baseline remains as a residual."""
     problem, x = baseline_fit.problem, baseline_fit.whole.x
     (record, *_) = problem.plant.records
     (shown,) = problem.plant.limited([record]).simulate(problem.values(x))
@@ -166,13 +173,13 @@ def test_a_fit_to_old_and_new_trials_keeps_its_bounds(
     for size, least in ((0.5, 0.0), (20.0, 0.5)):
         apart = np.zeros(shown.shape)
         apart[1] = size * most / noise[1]
-        left = left_after_fit(problem, x, new, noise, nothing, apart)
+        left = refit_difference(problem, x, new, noise, nothing, apart)
         part = np.linalg.norm(left) / np.linalg.norm(apart)
         assert part < 0.05 if least == 0.0 else part > least
 
 
 def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -> None:
-    """Two models that differ in a little friction are one model."""
+    """Two models that differ by a small change of friction are not separable."""
     problem, x = rival(
         baseline_fit,
         "joint_stiffness",
@@ -190,5 +197,5 @@ def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -
     apart = (shown[1] - shown[0]) / noise
     nothing = np.zeros((0, x.size))
     new = replace(record, measured=shown[0])
-    left = left_after_fit(problem, x, new, noise, nothing, apart)
+    left = refit_difference(problem, x, new, noise, nothing, apart)
     assert np.linalg.norm(left) < 0.1 * np.linalg.norm(apart)

@@ -1,4 +1,4 @@
-"""The noise floor is what readings are off by, however the rig moves."""
+"""The noise floor equals the error of the readings for every motion of the rig."""
 
 from __future__ import annotations
 
@@ -12,26 +12,25 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.floor import drawn, likely, noise_floor
-from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig
-from cc_mujoco.diagnosis.inference.records import Record, prepare
-from cc_mujoco.transmission import Transmission
+from cc_mujoco.cable import Transmission
+from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
+from cc_mujoco.diagnosis import CrossValidation, Problem, Record, prepare
+from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._inference.folds import excess
+from cc_mujoco.diagnosis._inference.noise_floor import drawn, likely, noise_floor
 from diagnosis.recorded import BENCH
 
 STEP = 2e-3
 SEGMENTS = 6
 FINE = {"motor_angle_rad": 6e-5, "joint_angle_rad": 3e-4}
-"""White noise of encoders [rad]."""
+"""Standard deviation of the white noise of encoders [rad]."""
 TORQUE = 0.02
 
 Array = NDArray[np.float64]
 
 
 def dataset(motor: Array, joint: Array, digit: float = 0.0, seed: int = 0) -> Dataset:
-    """A trial of the bench, read by encoders with white noise, or that only round."""
+    """Return a trial of the bench, with white noise or only rounded encoders."""
     cables = tuple(cable.replace(segments=SEGMENTS) for cable in BENCH.cables)
     drive = Transmission(cables, BENCH.motor_radius, BENCH.joint_radius)
     played = drive.replay(STEP, motor_angle=motor, joint_angle=joint)
@@ -69,25 +68,25 @@ TIME = STEP * np.arange(3500)
 
 
 def strokes() -> tuple[Array, Array]:
-    """Both ends under way."""
+    """Return motions in which both ends move."""
     motor = 0.6 * np.sin(2.5 * TIME) + 0.2 * np.sin(5.1 * TIME)
     return motor, 0.95 * motor + 0.05 * np.sin(7.3 * TIME)
 
 
 def rests() -> tuple[Array, Array]:
-    """Moves with holds between them."""
+    """Return a motion of moves with rests between them."""
     motor = np.interp(TIME % 4.0, [0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.8, 0.8, 0.0, 0.0])
     return motor, 0.95 * motor
 
 
 def trembles() -> tuple[Array, Array]:
-    """Rests in which both ends move by less than their encoders show."""
+    """Return motions whose rests contain movements below the encoder resolution."""
     motor, joint = rests()
     return motor + 5e-5 * np.sin(10.0 * TIME), joint + 3e-4 * np.sin(10.0 * TIME + 1.0)
 
 
 def off(motion: tuple[Array, Array], digit: float, seed: int) -> tuple[float, float]:
-    """Squares of what readings are off by, and of the floor, as errors count."""
+    """Return the sums of squared errors and of the squared floor, by the tolerance."""
     data = dataset(*motion, digit, seed)
     records, filtering = prepare(data, BENCH)
     plant = SimulatedRig(BENCH, records, SEGMENTS)
@@ -100,7 +99,7 @@ def off(motion: tuple[Array, Array], digit: float, seed: int) -> tuple[float, fl
 
 
 def over_floor(motion: Callable[[], tuple[Array, Array]], digit: float) -> float:
-    """Squares of what readings are off by over those of the floor."""
+    """Return the ratio of squared errors to the squared floor."""
     errors, floor = np.sum([off(motion(), digit, seed) for seed in range(6)], axis=0)
     return float(errors / floor)
 
@@ -114,12 +113,12 @@ def test_readings_are_off_by_the_floor_however_the_rig_moves(
 
 
 def test_the_floor_knows_of_movements_that_readings_hide() -> None:
-    """Most of them: how large they were, nobody can tell."""
+    """The floor covers most of their effect, since their amplitude is unknown."""
     assert over_floor(trembles, 0.0) < 5.0
 
 
 def still(digit: float) -> tuple[Record, Any, dict[str, Noise]]:
-    """An end that rests, from what it read, and how it was filtered."""
+    """Return a record of ends at rest, its filtering and its noise."""
     data = dataset(*rests(), digit)
     records, filtering = prepare(data, BENCH)
     rest = np.full_like(records[0].motor_angle, 0.3 * digit)
@@ -167,7 +166,7 @@ def test_ripple_of_digits_is_not_in_the_likely_motion() -> None:
 
 @pytest.mark.parametrize("inflation", [1.0, 3.0])
 def test_misfit_is_over_noise_whatever_errors_are_divided_by(inflation: float) -> None:
-    """Where a motion rests errors are divided by several times the noise."""
+    """The tolerance of errors during rests is several times the noise."""
     random = np.random.default_rng(0)
     noise = [np.full((2, 400), 0.1), np.full((2, 400), 0.1)]
     floor = [inflation * np.full((2, 400), wide) for wide in (0.1, 0.4)]
@@ -191,7 +190,7 @@ def test_misfit_is_over_noise_whatever_errors_are_divided_by(inflation: float) -
 
 
 def test_what_repetitions_differ_by_is_not_in_the_noise_of_the_sensors() -> None:
-    """A wrong model makes some of it, which would hide that it is wrong."""
+    """A wrong model causes part of the scatter, which would mask the model error."""
     flat = (np.full((2, 5), 0.5),)
     problem = Problem(
         SimulatedRig(BENCH, (), SEGMENTS),
@@ -206,7 +205,7 @@ def test_what_repetitions_differ_by_is_not_in_the_noise_of_the_sensors() -> None
 
 @pytest.mark.parametrize("apart", [0.0, 0.3])
 def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> None:
-    """A model that is wrong makes newtons of a joint that stops a little elsewhere."""
+    """Different rest positions of the joint add no scatter through a wrong model."""
     motor, joint = rests()
     data = dataset(motor, joint)
     (one,) = data.trials

@@ -10,11 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Dataset, Trial
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.datasets import Bench, Dataset, Trial
+from cc_mujoco.diagnosis import Diagnosis, Options, run_inference
 from diagnosis.recorded import BENCH, NOISE, dataset
 
 README = Path(__file__).parents[3] / "README.md"
@@ -35,7 +32,7 @@ def read_as(data: Dataset, motor: float = 1.0, joint: float = 1.0) -> Diagnosis:
         )
         for each in data.trials
     )
-    return reason(replace(data, trials=trials), BENCH, Settings(IDS)).diagnosis
+    return run_inference(replace(data, trials=trials), BENCH, Options(IDS)).diagnosis
 
 
 @pytest.mark.parametrize(
@@ -87,8 +84,8 @@ def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -
                   (slice(0, now.size),), 0.004, path="t.csv")  # fmt: skip
     path = tmp_path / "scene.xml"
     path.write_text(text, encoding="utf-8")
-    found = reason(
-        Dataset((trial,), noise=NOISE), Bench.of(path), Settings(IDS)
+    found = run_inference(
+        Dataset((trial,), noise=NOISE), Bench.of(path), Options(IDS)
     ).diagnosis
     assert (found.verdict == "fix-data") == (motor < 0 or joint < 0)
     assert ("motor torque is the negative" in found.statement) == (motor < 0)
@@ -111,5 +108,5 @@ def test_data_that_have_nothing_to_do_with_a_slack_cable_are_judged(
     ]
     trial = Trial("t", time, noisy[0], noisy[2], noisy[1], -5.0 * noisy[2],
                   (slice(0, time.size),), 0.004, path="t.csv")  # fmt: skip
-    found = reason(Dataset((trial,), noise=NOISE), bench).diagnosis
+    found = run_inference(Dataset((trial,), noise=NOISE), bench).diagnosis
     assert found.verdict != "none"

@@ -1,4 +1,4 @@
-"""What is named, and what is not, where torques are told by other instruments."""
+"""Accepted and rejected effects where other instruments measure the torques."""
 
 from __future__ import annotations
 
@@ -10,20 +10,27 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.checks.checks import check_bench
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.data.instruments import Instruments
-from cc_mujoco.diagnosis.data.trials import Constant
-from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.library import library
-from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
-from cc_mujoco.diagnosis.inference.passing import low_passed
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
-from cc_mujoco.diagnosis.report.output import compared, scene
-from cc_mujoco.diagnosis.scene.repair import repaired, write
-from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.datasets._instruments import Instruments
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    Diagnosis,
+    DiagnosisResult,
+    Options,
+    low_pass,
+    repair_scene,
+    run_inference,
+    write,
+)
+from cc_mujoco.diagnosis._checks.run import check_bench
+from cc_mujoco.diagnosis._inference.library import available_effects
+from cc_mujoco.diagnosis._inference.load_trials import load_noise, load_torque
+from cc_mujoco.diagnosis._report.output import (
+    rollout_difference,
+    write_and_compare_scene,
+)
 from cc_mujoco.errors import CableError
 from diagnosis.instrumented import (
     ANKLE,
@@ -54,15 +61,17 @@ def named(found: Diagnosis) -> list[str]:
 
 def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> DiagnosisResult:
     data = told_by(kind, effects, bench, changes=TUNED)
-    return reason(data, bench, Settings(FEW))
+    return run_inference(data, bench, Options(FEW))
 
 
 def test_a_rotor_that_is_declared_is_no_inertia_that_is_missing() -> None:
-    """A torque that a motor was told turns its rotor, too."""
+    """The commanded torque of a motor also accelerates its rotor."""
     data = dataset({"motor_inertia": {"motor_inertia": 3e-3}}, 1.6, 3)
-    assert named(reason(data, BENCH, Settings(FEW)).diagnosis) == ["motor_inertia"]
+    assert named(run_inference(data, BENCH, Options(FEW)).diagnosis) == [
+        "motor_inertia"
+    ]
     told = replace(data, constants={"rotor_inertia": Constant(3e-3)})
-    assert reason(told, BENCH, Settings(FEW)).diagnosis.verdict == "none"
+    assert run_inference(told, BENCH, Options(FEW)).diagnosis.verdict == "none"
 
 
 @pytest.mark.parametrize(
@@ -94,8 +103,8 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     assert unseen <= reasons.keys()
     for name in unseen:
         assert "it takes a torque sensor" in reasons[name]
-    scene(result, tmp_path / "repaired.xml")
-    (_, apart), size = compared(result, tmp_path / "repaired.xml")
+    write_and_compare_scene(result, tmp_path / "repaired.xml")
+    (_, apart), size = rollout_difference(result, tmp_path / "repaired.xml")
     assert apart < 1e-3 * size
 
 
@@ -115,7 +124,7 @@ def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
     }
     data = told_by("current", seals, duration=2.5, changes=TUNED)
     ids = ("viscous_friction", "load_independent_friction")
-    found = reason(data, BENCH, Settings(ids)).diagnosis
+    found = run_inference(data, BENCH, Options(ids)).diagnosis
     assert (found.verdict, named(found)) == ("none", []), found.statement
     told = found.baseline.parameters["motor_friction"].value
     assert told == pytest.approx(FRICTION + 2 * 4.0 * BENCH.motor_radius, rel=0.1)
@@ -139,7 +148,7 @@ def test_a_known_load_stands_in_for_the_joint_s_sensor(
 ) -> None:
     data = loaded({**TUNED, **changes}, share * SPRING)
     ids = ("viscous_friction", "joint_stiffness", "end_compliance")
-    found = reason(data, BENCH, Settings(ids)).diagnosis
+    found = run_inference(data, BENCH, Options(ids)).diagnosis
     assert (found.verdict, named(found)) == ("named", [name]), found.statement
     assert found.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
 
@@ -150,7 +159,7 @@ def test_a_known_load_stands_in_for_the_joint_s_sensor(
 @pytest.mark.parametrize("joint", ["torque sensor", "load cells", "known load", None])
 @pytest.mark.parametrize("cables", [1, 2])
 def test_every_effect_is_either_seen_or_told_why_not(motor, joint, cables) -> None:
-    seen = library(cables, Instruments(motor, joint))
+    seen = available_effects(cables, Instruments(motor, joint))
     assert seen.effects.keys() | seen.hidden.keys() == EFFECTS.keys()
     assert not seen.effects.keys() & seen.hidden.keys()
     for name, effect in seen.effects.items():
@@ -189,9 +198,9 @@ def test_a_load_takes_the_torque_of_its_parts() -> None:
 def test_noise_of_a_load_is_that_of_its_angle() -> None:
     inertia = {"load_inertia": Constant(0.02), "load_stiffness": Constant(3.0)}
     random = np.random.default_rng(4)
-    scatter = low_passed(1e-4 * random.standard_normal(20000), 60.0, 500.0)
+    scatter = low_pass(1e-4 * random.standard_normal(20000), 60.0, 500.0)
     values = {name: each.value for name, each in inertia.items()}
-    shaken = low_passed(load_torque(scatter, 0.002, values), 25.0, 500.0)
+    shaken = low_pass(load_torque(scatter, 0.002, values), 25.0, 500.0)
     told = load_noise(inertia, 1e-4, 500.0, (25.0, 60.0))
     assert 0.9 * np.std(shaken) < told < 1.5 * np.std(shaken)
 
@@ -223,7 +232,7 @@ def test_a_cable_to_a_lever_is_diagnosed(effects: Hidden, name: str) -> None:
     changes = {"friction": 0.11, "axial_stiffness": 55e3}
     data = walked(effects, 2.4, changes)
     ids = ("end_compliance", "viscous_friction")
-    found = reason(data, ANKLE, Settings(ids)).diagnosis
+    found = run_inference(data, ANKLE, Options(ids)).diagnosis
     assert named(found) == [name] * bool(name), found.statement
     assert found.verdict == ("named" if name else "none")
     for key, value in changes.items():
@@ -242,11 +251,16 @@ def test_a_zero_of_the_joint_by_which_a_lever_has_another_arm_is_told() -> None:
             for trial in data.trials
         ),
     )
-    (away,) = reason(turned, ANKLE, Settings(("viscous_friction",))).diagnosis.strayed
+    (away,) = run_inference(
+        turned, ANKLE, Options(("viscous_friction",))
+    ).diagnosis.strayed
     assert away.parameter == "joint_angle_offset" and away.given == 0.0
     assert away.tuned.value == pytest.approx(0.15, abs=0.02)
     assert "the arm of the cable hangs on that angle" in away.statement
-    assert reason(data, ANKLE, Settings(("viscous_friction",))).diagnosis.strayed == ()
+    assert (
+        run_inference(data, ANKLE, Options(("viscous_friction",))).diagnosis.strayed
+        == ()
+    )
 
 
 @pytest.mark.parametrize(
@@ -270,7 +284,7 @@ def test_what_acts_at_a_joint_acts_by_its_angle_not_by_its_encoder(
                 trial, joint_angle=angle - 0.15, joint_torque=trial.joint_torque - taken
             )
         )
-    result = reason(replace(data, trials=tuple(trials)), ANKLE, Settings((name,)))
+    result = run_inference(replace(data, trials=tuple(trials)), ANKLE, Options((name,)))
     (found,) = result.diagnosis.effects
     for key, size in sizes.items():
         assert found.parameters[key].value == pytest.approx(size, abs=0.4)
@@ -282,7 +296,7 @@ def test_what_acts_at_a_joint_acts_by_its_angle_not_by_its_encoder(
 def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
     tmp_path: Path, name: str
 ) -> None:
-    """Its angle is the measured one and an offset."""
+    """The angle of the scene is the measured angle plus an offset."""
     data = dataset(duration=1.5, seed=3, chosen=(0, 2))
     trials = []
     for trial in data.trials:
@@ -292,7 +306,7 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
         trials.append(
             replace(trial, joint_angle=read, joint_torque=trial.joint_torque - taken)
         )
-    result = reason(replace(data, trials=tuple(trials)), BENCH, Settings((name,)))
+    result = run_inference(replace(data, trials=tuple(trials)), BENCH, Options((name,)))
     assert [found.id for found in result.diagnosis.effects] == [name]
     (_, apart), size = _written(result, tmp_path / "scene.xml")
     assert apart < 2e-2 * size
@@ -300,16 +314,16 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
 
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
     stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
-    write(tmp_path / "scene.xml", repaired(ANKLE, stiffer, {}))
+    write(tmp_path / "scene.xml", repair_scene(ANKLE, stiffer, {}))
     again = Bench.of(tmp_path / "scene.xml")
     assert again.cables == stiffer
     assert again.joint_radius == pytest.approx(ANKLE.joint_radius, rel=1e-6)
     with pytest.raises(CableError, match="take the values from"):
-        repaired(ANKLE, stiffer, {"backlash": {"backlash": 0.02}})
+        repair_scene(ANKLE, stiffer, {"backlash": {"backlash": 0.02}})
 
 
 def test_what_was_found_outside_the_cable_of_a_lever_moves_its_scene() -> None:
-    """By the formulas of the effects, where positive is where the cable pulls."""
+    """Forces match the formulas of the effects, positive in the direction of pull."""
     effects = {
         "joint_stiffness": {"joint_stiffness": 3.0, "joint_stiffness_moment": 0.4},
         "joint_gravity": {"gravity_sine": 2.0, "gravity_cosine": 1.5},
@@ -320,8 +334,8 @@ def test_what_was_found_outside_the_cable_of_a_lever_moves_its_scene() -> None:
         },
     }  # fmt: skip
     stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
-    plain = repaired(ANKLE, stiffer, {}).compile()
-    model = repaired(ANKLE, stiffer, effects).compile()
+    plain = repair_scene(ANKLE, stiffer, {}).compile()
+    model = repair_scene(ANKLE, stiffer, effects).compile()
     motor, joint, sign = 0.3, 0.2, ANKLE.lever.sign if ANKLE.lever else 1.0
     forces = []
     for each in (plain, model):
@@ -354,9 +368,9 @@ def test_angles_beyond_the_lever_are_told() -> None:
 
 
 def _written(result: DiagnosisResult, path: Path) -> tuple[tuple[str, float], float]:
-    """What `compared` says of the repaired scene."""
-    scene(result, path)
-    return compared(result, path)
+    """Return the `rollout_difference` of the repaired scene."""
+    write_and_compare_scene(result, path)
+    return rollout_difference(result, path)
 
 
 def test_a_path_over_two_joints_is_refused_in_one_sentence() -> None:

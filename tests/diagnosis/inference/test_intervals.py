@@ -12,23 +12,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import stdtrit
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference import fitting
-from cc_mujoco.diagnosis.inference.intervals import (
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Parameter
+from cc_mujoco.diagnosis import prepare
+from cc_mujoco.diagnosis._inference import fitting
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.identifiability import deviating_parameters
+from cc_mujoco.diagnosis._inference.intervals import (
     Spread,
     disagreement,
     estimates,
+    fit_covariance,
     form_error,
-    narrowest,
+    noise_covariance,
     parts_of,
-    spread,
 )
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.testable import strayed
-from cc_mujoco.diagnosis.wording import interval
-from cc_mujoco.estimation.least_squares import Tuned, covariance
-from cc_mujoco.transmission import Parameter
+from cc_mujoco.diagnosis._phrases import format_interval
+from cc_mujoco.estimation._least_squares import Tuned, covariance
 from diagnosis.recorded import BENCH, dataset
 
 TRIALS, SAMPLES = 7, 40
@@ -145,11 +148,14 @@ def test_trials_are_left_out_with_their_repetitions_and_of_two_their_pieces() ->
 def test_a_spread_has_all_that_noise_makes_and_a_t_for_every_parameter() -> None:
     records, _ = prepare(dataset(duration=1.5), BENCH)
     floor = tuple(np.full(record.measured.shape, 0.05) for record in records)
-    free = tuned(BENCH, records, {})
+    free = baseline_parameters(BENCH, records, {})
     problem = fitting.Problem(SimulatedRig(BENCH, records, 4), free, (), floor, floor)
     counts = [record.counts for record in records]
-    x = fitting.settled(problem, np.zeros(len(free)), counts).x
-    noise, whole = narrowest(problem, x, counts), spread(problem, x, counts)
+    x = fitting.fit_until_settled(problem, np.zeros(len(free)), counts).x
+    noise, whole = (
+        noise_covariance(problem, x, counts),
+        fit_covariance(problem, x, counts),
+    )
     least = np.linalg.eigvalsh(whole.covariance - noise.covariance)[0]
     assert least > -1e-9 * np.max(np.diag(whole.covariance))
     assert np.all(whole.freedom > 0.0)
@@ -165,7 +171,7 @@ def test_an_interval_over_many_powers_of_ten_is_not_determined(
     deviation: float,
 ) -> None:
     records, _ = prepare(dataset(duration=1.5), BENCH)
-    free = tuned(BENCH, records, {})
+    free = baseline_parameters(BENCH, records, {})
     problem = fitting.Problem(SimulatedRig(BENCH, records, 4), free, (), (), ())
     place = [parameter.name for parameter in free].index("axial_stiffness")
     variance, x = 1e-6 * np.eye(len(free)), np.zeros(len(free))
@@ -174,9 +180,9 @@ def test_an_interval_over_many_powers_of_ten_is_not_determined(
     unsure = {name for name, each in found.items() if not math.isfinite(each.ci95[0])}
     assert unsure == ({"axial_stiffness"} if deviation > 4.0 else set())
     assert found["axial_stiffness"].holds(1.0) is (deviation > 4.0)
-    (far,) = strayed(problem, x, found, ()) or (None,)
+    (far,) = deviating_parameters(problem, x, found, ()) or (None,)
     assert (far is None) is (deviation > 4.0)
-    shown = interval(found["axial_stiffness"])
+    shown = format_interval(found["axial_stiffness"])
     assert (shown == "not determined") is (deviation > 4.0)
 
 
@@ -199,7 +205,7 @@ def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(
     problem: Any = SimpleNamespace(residual=residual, tuned=free)
     monkeypatch.setattr(fitting, "jacobian", slopes)
     off = []
-    for fit in (fitting.fit, fitting.settled):
+    for fit in (fitting.fit, fitting.fit_until_settled):
         x = fit(problem, np.array([1.0, 0.2]), []).x
         off.append(abs(x[0] - 4.0) * 0.5)
     assert off[0] > 0.5

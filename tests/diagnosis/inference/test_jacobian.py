@@ -1,4 +1,4 @@
-"""Derivatives that fits share are those of what they fit."""
+"""Derivatives shared between fits equal those of the fitted residuals."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference import replays as replays_of
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives, jacobian
-from cc_mujoco.diagnosis.inference.plant import OFFSETS, SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import Record, prepare
-from cc_mujoco.estimation.least_squares import Tuned
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis import Problem, Record, TorqueDerivatives, fit, prepare
+from cc_mujoco.diagnosis._inference import replays as replays_of
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    TORQUE_OFFSETS,
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.jacobian import jacobian
+from cc_mujoco.estimation._least_squares import Tuned
 from diagnosis.recorded import BENCH, dataset
 
 RECORDS: list[Record] = []
@@ -26,10 +29,10 @@ FREE: list[Tuned] = []
 
 @pytest.fixture(scope="module", autouse=True)
 def records() -> None:
-    """What all tests fit, made when the first of them runs."""
+    """Prepare the records that all tests fit when the first of them runs."""
     RECORDS[:], _ = prepare(dataset(duration=3.0), BENCH)
     COUNTS[:] = [record.counts for record in RECORDS]
-    FREE[:] = tuned(BENCH, RECORDS, {})
+    FREE[:] = baseline_parameters(BENCH, RECORDS, {})
 
 
 def problem(plant: SimulatedRig, floor: float = 0.05) -> Problem:
@@ -39,7 +42,7 @@ def problem(plant: SimulatedRig, floor: float = 0.05) -> Problem:
 
 @pytest.fixture
 def replays(monkeypatch: pytest.MonkeyPatch) -> list[replays_of.Setting]:
-    """Settings that records are replayed with, once for every record."""
+    """Return the settings of replays, one for every record."""
     found: list[replays_of.Setting] = []
     replay = replays_of.replay
 
@@ -69,7 +72,7 @@ def test_derivatives_are_differences_of_the_residual() -> None:
     found = jacobian(one, x, COUNTS)
     for index, parameter in enumerate(FREE):
         # Friction's corners make differences depend on the step.
-        exact = parameter.name in OFFSETS
+        exact = parameter.name in TORQUE_OFFSETS
         off = apart(found[:, index], differenced(one, x, index))
         assert off < (0.02 if exact else 0.3), parameter.name
 

@@ -8,11 +8,16 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.diagnosis.inference import judgement
-from cc_mujoco.diagnosis.inference.judgement import OWN, Judgement, judged, refines
-from cc_mujoco.diagnosis.inference.search import Round, Thresholds
-from cc_mujoco.diagnosis.verdict import FoundEffect, Gap, Strayed
-from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.diagnosis._inference import verdict_rules
+from cc_mujoco.diagnosis._inference.search import Round, Thresholds
+from cc_mujoco.diagnosis._inference.verdict_rules import (
+    FINDING_ERROR,
+    Judgement,
+    judge,
+    only_refines,
+)
+from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
+from cc_mujoco.estimation import Estimate
 
 GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
 CLOSED = {"motor_torque_nm": Gap(0.05, 0.025, 0.02, 0.89, (0.8, 0.95))}
@@ -22,7 +27,7 @@ REASON = "fits only with joint_torque_gain -0.83, which is beyond -0.3 to 0.3"
 
 
 def search(misfit: float, left: float, reason: str = "") -> Any:
-    """A search that went from one error over the floor to another."""
+    """Return a search that changed the misfit from one value to another."""
     last = SimpleNamespace(id=GAIN, reason=reason)
     sure = {"problem": SimpleNamespace(inflation=1.0), "errors": ()}
     return SimpleNamespace(
@@ -41,7 +46,9 @@ def outcome(
 ) -> Judgement:
     """Effects that were found."""
     found = [FoundEffect(name, {}, 1.0) for name in names]
-    found += [FoundEffect(name, {}, 1.0, 0.02, True) for name in refining]
+    found += [
+        FoundEffect(name, {}, 1.0, share=0.02, refinement=True) for name in refining
+    ]
     return Judgement(tuple(found), ties, gap, strayed)
 
 
@@ -61,7 +68,7 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
 ) -> None:
     ties = (rivals,) if len(rivals) > 1 else ()
     found = outcome(rivals[:1], GAP, ties)
-    said, statement = judged(search(3.0, left), found, Thresholds())
+    said, statement = judge(search(3.0, left), found, Thresholds())
     assert said == verdict
     if verdict == "unknown":
         assert "20 % of it" in statement
@@ -84,16 +91,16 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
     ties = (names,) if len(names) > 1 else ()
     for misfit, hint in ((1.6, True), (1.9, False)):
         found = outcome(names[:1], CLOSED, ties)
-        said = judged(search(misfit, 1.0), found, Thresholds())[1]
+        said = judge(search(misfit, 1.0), found, Thresholds())[1]
         assert ("take this for a hint" in said) is hint
 
 
 def test_a_little_that_nothing_explains_is_called_a_hint(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(judgement, "excess", lambda model: math.inf)
+    monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
     for misfit, hint in ((1.6, True), (1.9, False)):
-        said, told = judged(search(misfit, misfit), outcome((), GAP), Thresholds())
+        said, told = judge(search(misfit, misfit), outcome((), GAP), Thresholds())
         assert said == "unknown"
         assert ("take this for a hint" in told) is hint
 
@@ -101,23 +108,23 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:
     found = outcome(ALIKE[:1], GAP)
     far = search(20.0, 8.0)  # 63 % of the error
-    assert judged(far, found, Thresholds())[0] == "unknown"
-    assert judged(far, outcome(ALIKE[:1], CLOSED), Thresholds())[0] == "named"
+    assert judge(far, found, Thresholds())[0] == "unknown"
+    assert judge(far, outcome(ALIKE[:1], CLOSED), Thresholds())[0] == "named"
 
 
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
     found = outcome(ALIKE[:1], CLOSED)
-    assert judged(search(3.0, 2.6), found, Thresholds())[0] == "named"
+    assert judge(search(3.0, 2.6), found, Thresholds())[0] == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
     found = outcome(ALIKE[:1], GAP)
-    assert judged(search(1.6, 1.45), found, Thresholds())[0] == "named"
+    assert judge(search(1.6, 1.45), found, Thresholds())[0] == "named"
 
 
 def test_a_refinement_is_told_but_not_called_missing() -> None:
     found = outcome(ALIKE[:1], CLOSED, refining=("sensor_delay",))
-    said, statement = judged(search(3.0, 1.0), found, Thresholds())
+    said, statement = judge(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
     missing, refines = statement.split(". ", 1)
     assert "Stribeck" in missing
@@ -130,7 +137,7 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
     far = search(12.0, 4.5)
     for channels in (["motor_torque_nm"], ["motor_torque_nm", "joint_torque_nm"]):
         found = outcome(ALIKE[:1], dict.fromkeys(channels, half))
-        said, statement = judged(far, found, Thresholds())
+        said, statement = judge(far, found, Thresholds())
         assert said == "unknown"
         assert "7.5 times the noise floor off" in statement
         assert "the tuned scene 15.0 times" in statement
@@ -139,7 +146,7 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
 @pytest.mark.parametrize("verdict", ["named", "tie"])
 def test_how_far_the_repaired_model_is_off_is_told_with_the_name(verdict: str) -> None:
     ties = (ALIKE,) if verdict == "tie" else ()
-    said, statement = judged(
+    said, statement = judge(
         search(3.0, 1.0), outcome(ALIKE[:1], CLOSED, ties), Thresholds()
     )
     assert said == verdict
@@ -152,7 +159,7 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
         ("viscous_friction", "friction_drift"),
         ("joint_gravity", "joint_stiffness"),
     )
-    said, statement = judged(
+    said, statement = judge(
         search(5.0, 1.0), outcome(names, CLOSED, ties), Thresholds()
     )
     assert said == "tie"
@@ -166,7 +173,7 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
     ("other", "own", "left", "refinement"),
     [
         ("joint_gravity", 14.9, 1.0, False),
-        ("joint_gravity", OWN - 0.1, 1.0, True),
+        ("joint_gravity", FINDING_ERROR - 0.1, 1.0, True),
         ("joint_gravity", 14.9, 16.0, True),  # what is left is more than it takes
         ("sensor_delay", 14.9, 1.0, True),  # easily confused with viscous friction
     ],
@@ -176,16 +183,21 @@ def test_a_second_effect_that_is_large_by_itself_is_a_finding(
 ) -> None:
     shares = {"viscous_friction": 0.95, other: 0.03}
     sizes = {"viscous_friction": 80.0, other: own}
-    assert refines(other, shares, sizes, left) is refinement
-    assert not refines("viscous_friction", shares, sizes, left)
+    assert only_refines(other, shares, sizes, left) is refinement
+    assert not only_refines("viscous_friction", shares, sizes, left)
 
 
 def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
     little = FoundEffect(
-        "joint_gravity", {}, 1.0, 0.02, True, rivals=("joint_stiffness",)
+        "joint_gravity",
+        {},
+        1.0,
+        share=0.02,
+        refinement=True,
+        rivals=("joint_stiffness",),
     )
     found = Judgement((FoundEffect("backlash", {}, 1.0), little), (), CLOSED, ())
-    said, statement = judged(search(3.0, 1.0), found, Thresholds())
+    said, statement = judge(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
     assert "ravity on the joint or a spring on the joint refines" in statement
 
@@ -193,22 +205,22 @@ def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
 def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
     usual = FoundEffect("end_compliance", {}, 1.0, ordinary=True)
     alone = Judgement((usual,), (), CLOSED, ())
-    said, statement = judged(search(1.4, 1.1), alone, Thresholds())
+    said, statement = judge(search(1.4, 1.1), alone, Thresholds())
     assert said == "none" and "Nothing is missing" in statement
     assert "the model is 1.10 times the noise floor off" in statement
     assert "no larger than uneven bends and loose ends" in statement
     beside = Judgement((FoundEffect("backlash", {}, 1.0), usual), (), CLOSED, ())
-    said, statement = judged(search(3.0, 1.0), beside, Thresholds())
+    said, statement = judge(search(3.0, 1.0), beside, Thresholds())
     assert said == "named"
     assert "end fitting" not in statement.partition(". ")[0]
 
 
 def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() -> None:
     found = outcome(ALIKE[:1], GAP)
-    said, statement = judged(search(3.0, 2.6, REASON), found, Thresholds())
+    said, statement = judge(search(3.0, 2.6, REASON), found, Thresholds())
     assert said == "unknown"
     assert f"gain of a torque sensor {REASON}" in statement
-    _, plain = judged(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
+    _, plain = judge(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
     assert "gain of a torque sensor" not in plain
 
 
@@ -216,6 +228,6 @@ def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
     told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
     away = Strayed("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
     found = outcome((), GAP, strayed=(away,))
-    said, statement = judged(search(1.0, 1.0), found, Thresholds())
+    said, statement = judge(search(1.0, 1.0), found, Thresholds())
     assert said == "none"
     assert "Pretension had to be tuned to 59 N" in statement

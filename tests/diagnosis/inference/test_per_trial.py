@@ -9,17 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.fitting import fit
-from cc_mujoco.diagnosis.inference.per_trial import (
+from cc_mujoco.datasets import Dataset, Facts
+from cc_mujoco.diagnosis import (
+    BaselineFit,
+    Options,
+    fit,
+    fit_baseline,
+    plant_of,
+    prepare,
+    run_inference,
+)
+from cc_mujoco.diagnosis._inference.outlier_trials import (
+    find_outlier_trial,
     misfits,
-    odd_trial,
     trial_errors,
 )
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import Settings
 from diagnosis.recorded import BENCH, dataset
 
 USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -27,7 +31,7 @@ COUNT = 4
 
 
 def recorded(odd: int = -1, changes: Mapping[str, float] | None = None) -> Dataset:
-    """Four trials, one of them with other cables than the rest."""
+    """Return four trials, one of which may have other cables than the rest."""
     trials = []
     for seed in (0, 1):
         rigs = (USUAL, {**USUAL, **(changes or {})})
@@ -55,7 +59,7 @@ def test_a_trial_with_other_cables_is_asked_about(
     odd: int, changes: dict[str, float], told: str
 ) -> None:
     found = baseline_fit(recorded(odd, changes))
-    asked = odd_trial(found.problem, found.whole.x)
+    asked = find_outlier_trial(found.problem, found.whole.x)
     assert asked is not None
     assert asked.trials == (f"run_{odd}",)
     assert asked.misfit > 5.0 * asked.rest
@@ -65,7 +69,7 @@ def test_a_trial_with_other_cables_is_asked_about(
 
 
 def test_a_trial_that_no_constant_mends_is_not_asked_about() -> None:
-    """One that moves most is off most by whatever the model lacks."""
+    """The trial with the largest motion has the largest error from a missing effect."""
     data = recorded()
     trials = [
         replace(
@@ -77,7 +81,7 @@ def test_a_trial_that_no_constant_mends_is_not_asked_about() -> None:
     found = baseline_fit(replace(data, trials=tuple(trials)))
     off = misfits(found.problem, found.whole.x)
     assert max(off, key=lambda name: off[name]) == "run_3" and off["run_3"] > 3.0
-    assert odd_trial(found.problem, found.whole.x) is None
+    assert find_outlier_trial(found.problem, found.whole.x) is None
 
 
 def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
@@ -96,7 +100,7 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
     wider = found.problem.with_effect("joint_gravity", size)
     every = [record.counts for record in wider.plant.records]
     x = fit(wider, wider.placed(found.whole.x, size), every).x
-    asked = odd_trial(wider, x, misfits(found.problem, found.whole.x))
+    asked = find_outlier_trial(wider, x, misfits(found.problem, found.whole.x))
     assert asked is not None and asked.trials == ("run_2", "run_3")
     assert "turned by \u22121.50 rad" in asked.question
     assert "Correct sign and size of `tilt`" in asked.question
@@ -111,7 +115,7 @@ def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:
         for k, trial in enumerate(data.trials)
     )
     found = baseline_fit(replace(data, trials=turned))
-    asked = odd_trial(found.problem, found.whole.x)
+    asked = find_outlier_trial(found.problem, found.whole.x)
     assert asked is not None and asked.trials == ("run_2",)
     assert "its pretension were" in asked.question
 
@@ -119,19 +123,19 @@ def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:
 def test_what_a_large_effect_leaves_is_no_contradiction() -> None:
     found = baseline_fit(recorded(2, {"pretension": 40.0}))
     off = misfits(found.problem, found.whole.x)
-    assert odd_trial(found.problem, found.whole.x, off) is not None
+    assert find_outlier_trial(found.problem, found.whole.x, off) is not None
     larger = {name: 10.0 * size for name, size in off.items()}
-    assert odd_trial(found.problem, found.whole.x, larger) is None
+    assert find_outlier_trial(found.problem, found.whole.x, larger) is None
 
 
 @pytest.fixture(scope="module")
 def alike() -> BaselineFit:
-    """Of four trials of one rig."""
+    """Return the baseline fit of four trials of one rig."""
     return baseline_fit(recorded())
 
 
 def test_trials_of_one_rig_are_not_asked_about(alike: BaselineFit) -> None:
-    assert odd_trial(alike.problem, alike.whole.x) is None
+    assert find_outlier_trial(alike.problem, alike.whole.x) is None
 
 
 def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
@@ -141,7 +145,7 @@ def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
         for t in data.trials
     )
     found = baseline_fit(replace(data, trials=trials))
-    assert odd_trial(found.problem, found.whole.x) is None
+    assert find_outlier_trial(found.problem, found.whole.x) is None
 
 
 def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
@@ -169,7 +173,7 @@ def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
 
 def test_an_undeclared_pretension_is_unknown_with_a_question() -> None:
     data = recorded(2, {"pretension": 40.0})
-    found = reason(data, BENCH, Settings(("motor_inertia",))).diagnosis
+    found = run_inference(data, BENCH, Options(("motor_inertia",))).diagnosis
     assert found.verdict == "unknown"
     assert "Trial run_2 is off by" in found.question
     worst = max(found.trials, key=lambda each: each.misfit_after)
@@ -183,4 +187,4 @@ def test_a_declared_pretension_is_no_contradiction() -> None:
     declared = replace(odd, facts=replace(odd.facts, pretension=80.0 * 40.0 / 82.0))
     trials = (*data.trials[:2], declared, *data.trials[3:])
     found = baseline_fit(replace(data, trials=trials))
-    assert odd_trial(found.problem, found.whole.x) is None
+    assert find_outlier_trial(found.problem, found.whole.x) is None

@@ -1,7 +1,7 @@
-"""Periods in errors: found where there is one, and none where an error is only smooth.
+"""Periods in errors: detected in ripples, and not in smooth errors.
 
-Errors without any period are made of what real ones are made of: noise of every
-bandwidth, steps and decays at reversals, smooth functions of angle, speed and torque.
+Errors without a period combine the components of real errors: noise of every bandwidth,
+steps and decays at reversals, smooth functions of angle, speed and torque.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.inference.periodicity import (
+from cc_mujoco.diagnosis._inference.periodicity import (
     PeriodicError,
     Samples,
     strongest_line,
@@ -23,7 +23,7 @@ Signal = np.ndarray
 
 
 def noise(random: np.random.Generator, count: int, band: float) -> Signal:
-    """Random errors of a bandwidth [Hz], of unit variance."""
+    """Return random errors of a bandwidth [Hz] and unit variance."""
     frequency = np.fft.rfftfreq(count, DT)
     size = random.normal(size=(2, frequency.size))
     spectrum = (size[0] + 1j * size[1]) / (1.0 + (frequency / band) ** 4)
@@ -33,7 +33,7 @@ def noise(random: np.random.Generator, count: int, band: float) -> Signal:
 
 
 def motion(random: np.random.Generator, count: int) -> Signal:
-    """A sine, a random motion, a chirp or a triangle [rad]."""
+    """Return a sine, a random motion, a chirp or a triangle [rad]."""
     time = DT * np.arange(count)
     size, kind = random.uniform(0.4, 1.5), random.integers(4)
     if kind == 0:
@@ -49,7 +49,7 @@ def motion(random: np.random.Generator, count: int) -> Signal:
 
 
 def travelled(angle: Signal, way: Signal) -> Signal:
-    """Distance since the motion turned [rad]."""
+    """Return the signed distance since the last reversal [rad]."""
     turned = np.flatnonzero(np.diff(way, prepend=way[0]))
     last = np.zeros(angle.size, dtype=int)
     last[turned] = turned
@@ -59,10 +59,10 @@ def travelled(angle: Signal, way: Signal) -> Signal:
 def recorded(
     seed: int, ripple: tuple[float, float, str, bool] | None = None
 ) -> Samples:
-    """Trials whose error has no period but that of a ripple.
+    """Return trials whose error has no period except that of a ripple.
 
     Args:
-        seed: of motions and errors.
+        seed: seed of motions and errors.
         ripple: order, size over the other error, angle, and whether its amplitude is
             proportional to the torque.
     """
@@ -109,7 +109,7 @@ def recorded(
 
 
 def drawn_ripple(seed: int) -> tuple[float, float, str, bool]:
-    """A ripple that the motions of `recorded` can show."""
+    """Return a ripple that the motions of `recorded` can show."""
     random = np.random.default_rng(10_000 + seed)
     name = ("motor angle", "joint angle")[random.integers(2)]
     size = float(random.uniform(1.0, 2.0))
@@ -119,7 +119,7 @@ def drawn_ripple(seed: int) -> tuple[float, float, str, bool]:
 def right(
     line: PeriodicError | None, samples: Samples, order: float, name: str
 ) -> bool:
-    """Whether a line has the order and the angle of a ripple."""
+    """Return whether a line has the order and the angle of a ripple."""
     if line is None or line.angle != name:
         return False
     resolved = math.tau / float(np.ptp(samples.angles[name]))
@@ -156,7 +156,7 @@ def test_an_error_that_is_too_short_or_zero_has_no_period() -> None:
 
 @pytest.mark.study
 def test_how_often_a_period_is_found() -> None:
-    """Of 400 sets without a period none shows one; of 200 ripples 95 % are found."""
+    """No false alarm in 400 sets without a period; 95 % of 200 ripples are found."""
     false = [seed for seed in range(400) if strongest_line(recorded(seed)) is not None]
     missed, turned = [], []
     for seed in range(1000, 1200):

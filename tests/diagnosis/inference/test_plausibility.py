@@ -1,4 +1,4 @@
-"""What is named is possible, and sure not to be nothing.
+"""Named effects are possible, and significantly different from zero.
 
 Plausible sizes grow with the rig.
 """
@@ -13,17 +13,19 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
-from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.plausibility import (
-    doubtful,
-    implausible,
-    ordinary,
+from cc_mujoco.diagnosis import EFFECTS, Problem, prepare
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.intervals import Spread, estimates
+from cc_mujoco.diagnosis._inference.plausibility import (
+    doubtful_effects,
+    implausibility,
+    is_ordinary,
     plausible_size,
 )
-from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.effects import BACKLASH_BOUNDS, GAIN_BOUNDS
 from diagnosis.recorded import BENCH, dataset
 
 SIZES = [p for effect in EFFECTS.values() for p in effect.parameters if p.size]
@@ -31,15 +33,15 @@ SIZES = [p for effect in EFFECTS.values() for p in effect.parameters if p.size]
 
 @pytest.fixture(scope="module")
 def baseline() -> Problem:
-    """A model without any effect, of joints that move by about two radians."""
+    """Return a model without effects, of joints that move by about two radians."""
     records, _ = prepare(dataset(duration=1.5), BENCH)
     floor = tuple(np.ones(record.measured.shape) for record in records)
-    free = tuned(BENCH, records, {})
+    free = baseline_parameters(BENCH, records, {})
     return Problem(SimulatedRig(BENCH, records, 4), free, (), floor, floor)
 
 
 def place(problem: Problem, **values: float) -> np.ndarray:
-    """Where the parameters have these values, all others as they start."""
+    """Return the scaled parameters with these values, the others at their start."""
     return np.array(
         [(values.get(p.name, p.start) - p.start) / p.scale for p in problem.tuned]
     )
@@ -50,7 +52,7 @@ def place(problem: Problem, **values: float) -> np.ndarray:
     [
         (
             "torque_sensor_gain",
-            {"joint_torque_gain": 0.9 * GAIN[1]},
+            {"joint_torque_gain": 0.9 * GAIN_BOUNDS[1]},
             {"joint_torque_gain": -0.83},
         ),
         ("joint_stiffness", {"joint_stiffness": 0.2}, {"joint_stiffness": -0.04}),
@@ -69,9 +71,9 @@ def test_sizes_that_no_rig_has_are_told(
     impossible: dict[str, float],
 ) -> None:
     wider = baseline.with_effect(effect, dict(EFFECTS[effect].starts[0]))
-    assert implausible(wider, place(wider, **possible)) == ""
+    assert implausibility(wider, place(wider, **possible)) == ""
     (name,) = impossible
-    assert f"fits only with {name}" in implausible(wider, place(wider, **impossible))
+    assert f"fits only with {name}" in implausibility(wider, place(wider, **impossible))
 
 
 @pytest.mark.parametrize(
@@ -91,12 +93,12 @@ def test_what_any_rig_may_have_is_little_beside_its_cable(
     sizes = {
         p.name: most * wholes.get(p.name, fitting) for p in EFFECTS[name].parameters
     }
-    assert ordinary(wider, place(wider), name)
+    assert is_ordinary(wider, place(wider), name)
     for size, usual in sizes.items():
-        assert ordinary(wider, place(wider, **{size: 0.9 * usual}), name)
-        assert not ordinary(wider, place(wider, **{size: 1.1 * usual}), name)
+        assert is_ordinary(wider, place(wider, **{size: 0.9 * usual}), name)
+        assert not is_ordinary(wider, place(wider, **{size: 1.1 * usual}), name)
     together = {size: 0.6 * usual for size, usual in sizes.items()}
-    assert not ordinary(wider, place(wider, **together), name)
+    assert not is_ordinary(wider, place(wider, **together), name)
 
 
 def test_what_one_end_may_have_the_other_cable_may_have_as_well(
@@ -106,24 +108,31 @@ def test_what_one_end_may_have_the_other_cable_may_have_as_well(
     fitting = 0.05 * cable.length / cable.axial_stiffness
     wider = baseline.with_effect("end_compliance", {})
     ends = {"end_compliance": fitting, "proximal_compliance_antagonist": fitting}
-    assert ordinary(wider, place(wider, **ends), "end_compliance")
+    assert is_ordinary(wider, place(wider, **ends), "end_compliance")
 
 
 def test_of_other_effects_no_size_is_what_any_rig_may_have(baseline: Problem) -> None:
     wider = baseline.with_effect("viscous_friction", {})
-    assert not ordinary(wider, place(wider, viscous_friction=1e-6), "viscous_friction")
+    assert not is_ordinary(
+        wider, place(wider, viscous_friction=1e-6), "viscous_friction"
+    )
 
 
 def test_play_is_a_small_part_of_the_motion(baseline: Problem) -> None:
     wider = baseline.with_effect("backlash", {"backlash": 0.01})
     motion = max(float(np.ptp(r.joint_angle)) for r in baseline.plant.records)
-    assert implausible(wider, place(wider, backlash=0.9 * PLAY[1] * motion)) == ""
-    assert implausible(wider, place(wider, backlash=1.1 * PLAY[1] * motion))
+    assert (
+        implausibility(wider, place(wider, backlash=0.9 * BACKLASH_BOUNDS[1] * motion))
+        == ""
+    )
+    assert implausibility(
+        wider, place(wider, backlash=1.1 * BACKLASH_BOUNDS[1] * motion)
+    )
     half = tuple(
         replace(r, joint_angle=0.5 * r.joint_angle) for r in baseline.plant.records
     )
     less = replace(wider, plant=wider.plant.limited(half))
-    assert implausible(less, place(less, backlash=0.9 * PLAY[1] * motion))
+    assert implausibility(less, place(less, backlash=0.9 * BACKLASH_BOUNDS[1] * motion))
 
 
 def test_an_eccentric_pulley_can_be_tried_at_any_place(baseline: Problem) -> None:
@@ -145,11 +154,13 @@ def test_an_effect_whose_interval_contains_zero_is_doubtful(baseline: Problem) -
     ):
         spread[size[name], size[name]] = deviation**2
     known = np.full(x.size, np.inf)
-    assert doubtful(wider, x, spread, known) == []
+    assert doubtful_effects(wider, x, spread, known) == []
     spread[size["joint_stiffness"], size["joint_stiffness"]] = 0.6**2
-    assert doubtful(wider, x, spread, known) == ["joint_stiffness"]
+    assert doubtful_effects(wider, x, spread, known) == ["joint_stiffness"]
     count = len(baseline.tuned)
-    assert doubtful(baseline, place(baseline), np.eye(count), known[:count]) == []
+    assert (
+        doubtful_effects(baseline, place(baseline), np.eye(count), known[:count]) == []
+    )
 
 
 @pytest.mark.parametrize("freedom", [1.5, 6.0, np.inf])
@@ -168,14 +179,14 @@ def test_a_size_is_doubtful_exactly_where_its_interval_contains_zero(
     known[where] = freedom
     low, high = estimates(wider, x, Spread(covariance, known))["joint_stiffness"].ci95
     assert (low < 0.0 < high) is (share > 1.0)
-    doubt = doubtful(wider, x, covariance, known)
+    doubt = doubtful_effects(wider, x, covariance, known)
     assert doubt == (["joint_stiffness"] if share > 1.0 else [])
 
 
 def test_a_size_that_only_its_shape_makes_uncertain_is_no_doubt(
     baseline: Problem,
 ) -> None:
-    """What is known of it is the product of both, which is not 0."""
+    """Only the product of size and shape is determined, and it is not zero."""
     wider = baseline.with_effect("stribeck_friction", {})
     x = place(wider, stribeck_friction=0.05, stribeck_speed=0.02)
     size, shape = (
@@ -188,11 +199,11 @@ def test_a_size_that_only_its_shape_makes_uncertain_is_no_doubt(
     spread[size, shape] = spread[shape, size] = -x[size]
     assert spread[size, size] > (x[size] / 1.96) ** 2
     known = np.full(x.size, np.inf)
-    assert doubtful(wider, x, spread, known) == []
+    assert doubtful_effects(wider, x, spread, known) == []
     low, high = estimates(wider, x, Spread(spread, known))["stribeck_friction"].ci95
     assert 0.0 < low < 0.05 < high
     spread[size, shape] = spread[shape, size] = 0.0
-    assert doubtful(wider, x, spread, known) == ["stribeck_friction"]
+    assert doubtful_effects(wider, x, spread, known) == ["stribeck_friction"]
 
 
 def size(parameter: Any, radius: float = 1.0, **changes: float) -> float:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cc_mujoco.diagnosis.inference.reason as module
-from cc_mujoco.diagnosis.data.trials import Facts
-from cc_mujoco.diagnosis.inference.folds import trial_folds as held_out
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.verdict import SCHEMA, Gap
+import cc_mujoco.diagnosis._inference.pipeline as module
+from cc_mujoco.datasets import Facts
+from cc_mujoco.diagnosis import Options, prepare, run_inference
+from cc_mujoco.diagnosis import trial_folds as held_out
+from cc_mujoco.diagnosis._verdict import SCHEMA_VERSION, Gap
 from diagnosis.recorded import BENCH, dataset
 
 FEW = ("viscous_friction", "joint_gravity", "motor_inertia")
@@ -24,7 +22,7 @@ TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    result = reason(dataset(changes=TUNED, duration=2.5), BENCH, Settings(FEW))
+    result = run_inference(dataset(changes=TUNED, duration=2.5), BENCH, Options(FEW))
     found = result.diagnosis
     assert found.verdict == "none"
     assert found.effects == ()
@@ -49,7 +47,7 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
     name: str, values: dict[str, float]
 ) -> None:
     data = dataset({name: values}, 2.5, seed=3, changes=TUNED)
-    result = reason(data, BENCH, Settings(FEW))
+    result = run_inference(data, BENCH, Options(FEW))
     found = result.diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.effects] == [name]
@@ -62,7 +60,7 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
         assert gap.rmse_after <= gap.rmse_before
     assert max(gap.gap_closed for gap in found.gap.values()) > 0.8
     text = json.loads(found.to_json())
-    assert text["schema"] == SCHEMA
+    assert text["schema"] == SCHEMA_VERSION
     assert text["effects"][0]["id"] == name
 
 
@@ -78,7 +76,7 @@ def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(
 ) -> None:
     data = dataset({name: values}, 1.4, seed=3, changes=TUNED)
     ids = ("viscous_friction", "grease_drag")
-    found = reason(data, BENCH, Settings(ids)).diagnosis
+    found = run_inference(data, BENCH, Options(ids)).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.effects] == [name]
 
@@ -90,8 +88,8 @@ def test_an_effect_outside_the_library_is_unknown() -> None:
         torque = trial.joint_torque + 0.3 * np.sin(9.0 * trial.joint_angle) ** 3
         trials.append(type(trial)(**{**trial.__dict__, "joint_torque": torque}))
     changed = type(data)(**{**data.__dict__, "trials": tuple(trials)})
-    found = reason(
-        changed, BENCH, Settings(("viscous_friction", "motor_inertia"))
+    found = run_inference(
+        changed, BENCH, Options(("viscous_friction", "motor_inertia"))
     ).diagnosis
     assert found.verdict == "unknown", found.statement
     assert found.where
@@ -109,7 +107,7 @@ def test_a_motor_that_hardly_moves_cannot_be_judged() -> None:
         motor_torque=played.motor_torque,
         joint_torque=played.joint_torque,
     )
-    found = reason(replace(data, trials=(still,)), BENCH).diagnosis
+    found = run_inference(replace(data, trials=(still,)), BENCH).diagnosis
     assert found.verdict == "fix-data"
     assert "larger motions" in found.statement
 
@@ -130,7 +128,7 @@ def test_what_is_reserved_has_to_move_and_to_leave_something(
         )
         for k, trial in enumerate(data.trials)
     ]
-    found = reason(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    found = run_inference(replace(data, trials=tuple(trials)), BENCH).diagnosis
     assert found.verdict == "fix-data"
     assert told in found.statement
 

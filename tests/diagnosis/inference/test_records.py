@@ -1,4 +1,4 @@
-"""Angles are freed of noise without moving the moments at which they turn."""
+"""Filtering of angles removes noise and preserves the times of reversals."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.checks.repeatability import scatter
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.floor import noise_floor
-from cc_mujoco.diagnosis.inference.plant import CLOCKS, SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import play_filter, prepare
-from cc_mujoco.transmission import Transmission
+from cc_mujoco.cable import Transmission
+from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
+from cc_mujoco.diagnosis import Problem, fit, prepare
+from cc_mujoco.diagnosis._checks.repeatability import repeat_scatter
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    CLOCK_PARAMETERS,
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.noise_floor import noise_floor
+from cc_mujoco.diagnosis._inference.records import play_filter
 from diagnosis.recorded import BENCH
 
 FINE = 1.0 / 8000.0
@@ -59,13 +63,13 @@ def recorded(
     first: float = 0.0,
     size: float = 1.0,
 ) -> Dataset:
-    """A trial read at 500 Hz by encoders that round, torques that come in time.
+    """Return a trial read at 500 Hz by encoders that round, torques without delay.
 
     Args:
-        bits: of the encoders of motor and joint.
-        motion: what is done.
-        first: where their digits begin.
-        size: of the motion.
+        bits: resolution of the encoders of motor and joint.
+        motion: name of the motion.
+        first: offset of the encoder steps, as a fraction of a step.
+        size: scale of the motion.
     """
     time = np.arange(0.0, 6.0, FINE)
     stroke = {
@@ -110,11 +114,13 @@ def recorded(
 def fitted(
     data: Dataset, names: tuple[str, ...]
 ) -> tuple[dict[str, float], Problem, np.ndarray]:
-    """Parameters that fit a recording, all others as in the scene, and the model."""
+    """Return parameters fitted to a recording, the problem and its solution."""
     records, filtering = prepare(data, BENCH)
     plant = SimulatedRig(BENCH, records, SEGMENTS)
     free = tuple(
-        p._replace(prior=math.inf) for p in tuned(BENCH, records, {}) if p.name in names
+        p._replace(prior=math.inf)
+        for p in baseline_parameters(BENCH, records, {})
+        if p.name in names
     )
     floor = noise_floor(data, plant, filtering, {})
     problem = Problem(plant, free, (), floor.noise, floor.tolerance)
@@ -124,11 +130,13 @@ def fitted(
 
 def test_rounded_angles_make_no_torque_early() -> None:
     every = [
-        fitted(recorded(bits, first=first), (*CLOCKS, "joint_angle_offset"))[0]
+        fitted(recorded(bits, first=first), (*CLOCK_PARAMETERS, "joint_angle_offset"))[
+            0
+        ]
         for bits in ((15, 13), (13, 15))
         for first in (0.0, 0.25, 0.5)
     ]
-    for name in CLOCKS:
+    for name in CLOCK_PARAMETERS:
         assert abs(np.mean([found[name] for found in every])) < 5e-5, name
 
 
@@ -147,7 +155,7 @@ def test_the_floor_of_rounded_angles_is_what_they_are_off_by(motion: str) -> Non
 
 
 def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
-    """What another motion makes of the torques is known, and is no scatter."""
+    """Torque differences explained by a different motion do not count as scatter."""
     first, second = (recorded((17, 17), size=size) for size in (1.0, 1.08))
     again = replace(
         second.trials[0], name="again", facts=Facts(repeat_of=first.trials[0].name)
@@ -159,13 +167,13 @@ def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
         floor = noise_floor(data, SimulatedRig(BENCH, records, SEGMENTS), filtering, {})
         floors[len(trials)] = np.sqrt(np.mean(floor.noise[0] ** 2, axis=1))
     both = (*first.trials, again)
-    raw = scatter(both, ("motor_torque_nm", "joint_torque_nm")).deviation
+    raw = repeat_scatter(both, ("motor_torque_nm", "joint_torque_nm")).deviation
     assert np.all(floors[2] < 1.2 * floors[1])
     assert np.all(raw > 5.0 * floors[1])
 
 
 def test_only_what_noise_does_not_explain_raises_the_floor() -> None:
-    """Angles' digits make more of a motion that rests, however often it is repeated."""
+    """Rounding causes larger errors during rests, for any number of repetitions."""
     (moves,), (rests,), (later,) = (
         recorded((13, 13), motion, first=first).trials
         for motion, first in (("strokes", 0.0), ("rests", 0.0), ("rests", 0.5))

@@ -1,4 +1,4 @@
-"""What is screened, and what is tied."""
+"""Screening of candidates, and ties between them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from cc_mujoco.diagnosis.inference import search
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.inference.screen import within
-from cc_mujoco.diagnosis.inference.search import FORM, Thresholds, parted_by_form
+from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis._inference import search
+from cc_mujoco.diagnosis._inference.screening import bounded_least_squares
+from cc_mujoco.diagnosis._inference.search import (
+    FORM_ERROR_SHARE,
+    Thresholds,
+    parted_by_form,
+)
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
@@ -31,7 +34,7 @@ def test_sizes_that_run_beyond_a_bound_leave_the_others_at_their_best(
     columns = common + 0.1 * random.normal(size=(60, 4))
     low, high = np.zeros(4), np.full(4, 20.0)
     wanted = columns @ np.array([0.0, 0.0, 0.7, 0.0]) + 0.1 * random.normal(size=60)
-    found = within(columns, wanted, low, high)
+    found = bounded_least_squares(columns, wanted, low, high)
     assert np.all((low <= found) & (found <= high))
     best = lsq_linear(columns, wanted, (low, high)).x
     cost, least = (float(np.sum((wanted - columns @ x) ** 2)) for x in (found, best))
@@ -45,7 +48,7 @@ def test_a_soft_fastening_of_one_cable_is_found_at_the_end_where_it_is(
     spring: str,
 ) -> None:
     data = dataset({"end_compliance": {spring: 3e-5}}, 3.0, seed=1)
-    found = reason(data, BENCH, Settings(SOFT)).diagnosis
+    found = run_inference(data, BENCH, Options(SOFT)).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.missing] == ["end_compliance"]
     parameters = found.missing[0].parameters
@@ -59,7 +62,7 @@ def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
         replace(t, joint_torque=t.joint_torque - 2.0 * np.sin(t.joint_angle))
         for t in data.trials
     )
-    found = reason(replace(data, trials=soft), BENCH, Settings(SPRINGY)).diagnosis
+    found = run_inference(replace(data, trials=soft), BENCH, Options(SPRINGY)).diagnosis
     assert found.verdict == "tie", found.statement
     assert found.ties == (("joint_gravity", "joint_stiffness"),)
     assert not {"joint_gravity", "joint_stiffness"} & {n.id for n in found.not_testable}
@@ -81,7 +84,9 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
         )
         for t, tilt in zip(data.trials, tilts, strict=True)
     )
-    found = reason(replace(data, trials=pulled), BENCH, Settings(SPRINGY)).diagnosis
+    found = run_inference(
+        replace(data, trials=pulled), BENCH, Options(SPRINGY)
+    ).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.missing] == [name]
 
@@ -94,7 +99,7 @@ def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
         for t in data.trials
     )
     ids = (*SPRINGY, "torque_sensor_offset")
-    found = reason(replace(data, trials=pulled), BENCH, Settings(ids)).diagnosis
+    found = run_inference(replace(data, trials=pulled), BENCH, Options(ids)).diagnosis
     assert found.verdict in ("named", "tie"), found.statement
     (spring,) = found.missing
     assert spring.id == "joint_stiffness"
@@ -105,7 +110,7 @@ def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
 
 
 def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
-    """A cross-validation with these RMS errors, by trial."""
+    """Return a cross-validation with these RMS errors, by trial."""
     names = groups or [f"trial_{k}" for k in range(len(errors))]
     records = [SimpleNamespace(group=name) for name in names]
     problem = SimpleNamespace(plant=SimpleNamespace(records=records))
@@ -117,7 +122,7 @@ def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
 def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A difference that a single second shows is sure if one model is at the floor."""
+    """A difference in a single second decides if one model is at the noise floor."""
     limits = Thresholds()
 
     def model(misfit: float, *last: float) -> Any:
@@ -128,24 +133,24 @@ def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
     monkeypatch.setattr(search, "parted_by_form", lambda *_: True)
     before, best, other = model(30.0, 30e3), model(1.4, 1.0), model(5.7, 900.0)
     friction = "load_independent_friction", "tension_dependent_friction"
-    assert search.rivalry(before, best, other, friction, True, limits) == ""
+    assert search.tie_reason(before, best, other, friction, True, limits) == ""
     # Neither explains the data: that one second decides nothing.
     worse = best.__class__(misfit=3.0, seconds=best.seconds)
-    assert search.rivalry(before, worse, other, friction, True, limits) == "noise"
+    assert search.tie_reason(before, worse, other, friction, True, limits) == "noise"
     near = other.__class__(misfit=2.0, seconds=other.seconds)
-    assert search.rivalry(before, best, near, friction, True, limits) == "noise"
+    assert search.tie_reason(before, best, near, friction, True, limits) == "noise"
     # A band that softens pulls like a weight, however well a weight fits.
     pull = "joint_gravity", "joint_stiffness"
     sure = model(5.7, *([30.0] * 30))
     longer = model(1.4, *([1.0] * 30))
-    assert search.rivalry(before, longer, sure, pull, True, limits) == "form"
-    assert search.rivalry(before, longer, sure, pull[::-1], True, limits) == "form"
+    assert search.tie_reason(before, longer, sure, pull, True, limits) == "form"
+    assert search.tie_reason(before, longer, sure, pull[::-1], True, limits) == "form"
 
 
 def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:
     before, best = crossed(4.0, 4.0, 0.5), crossed(1.0, 1.0, 0.5)
-    little = np.sqrt(1.0 + 0.8 * FORM * 15.0)
-    much = np.sqrt(1.0 + 1.2 * FORM * 15.0)
+    little = np.sqrt(1.0 + 0.8 * FORM_ERROR_SHARE * 15.0)
+    much = np.sqrt(1.0 + 1.2 * FORM_ERROR_SHARE * 15.0)
     assert parted_by_form(before, best, crossed(little, little, 0.5))
     assert not parted_by_form(before, best, crossed(1.0, much, 0.5))
     # Next to nothing shows in the last, so next to nothing is much of it.

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.fitting import fit
-from cc_mujoco.diagnosis.inference.reason import kept
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.screen import Changes
-from cc_mujoco.diagnosis.inference.search import Search
+from cc_mujoco.diagnosis import fit, fit_baseline, plant_of, prepare
+from cc_mujoco.diagnosis._inference.pipeline import final_search
+from cc_mujoco.diagnosis._inference.screening import Changes
+from cc_mujoco.diagnosis._inference.search import Search
 from diagnosis.recorded import BENCH, dataset
 
 PULL = {"gravity_sine": 1.2, "gravity_cosine": 0.0}
@@ -35,11 +33,13 @@ def test_what_is_left_of_a_model_counts_anew() -> None:
         Changes(),
     )
     model: Any = SimpleNamespace(problem=problem, x=np.asarray(x))
-    assert kept(found, base, model) is found
+    assert final_search(found, base, model) is found
     both: Any = SimpleNamespace(effects=tuple(idle))
-    left = kept(found._replace(after=SimpleNamespace(problem=both)), base, model)
+    left = final_search(
+        found._replace(after=SimpleNamespace(problem=both)), base, model
+    )
     assert left.shares == {"joint_gravity": pytest.approx(1.0, abs=0.1)}
     assert left.after.problem is problem
     assert left.after.misfit < 0.2 * left.before.misfit
     nothing: Any = SimpleNamespace(problem=base.problem, x=base.whole.x)
-    assert kept(found, base, nothing).after is base.crossed
+    assert final_search(found, base, nothing).after is base.crossed

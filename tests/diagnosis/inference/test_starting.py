@@ -11,16 +11,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Constant, Dataset, Facts
-from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.foretold import misread
-from cc_mujoco.diagnosis.inference.intervals import estimates, spread
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import wind_up
-from cc_mujoco.diagnosis.inference.result import Settings
-from cc_mujoco.diagnosis.inference.starting import prepared
-from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.datasets import Bench, Dataset, Facts
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis import Options, fit_baseline, plant_of, run_inference
+from cc_mujoco.diagnosis._inference.intervals import estimates, fit_covariance
+from cc_mujoco.diagnosis._inference.records import wind_up_angle
+from cc_mujoco.diagnosis._inference.start_values import prepare_start
+from cc_mujoco.diagnosis._inference.unit_check import unit_or_sign_error
+from cc_mujoco.estimation import Estimate
 from diagnosis.recorded import BENCH, dataset
 
 TRUTH = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -34,13 +32,13 @@ def scene(**values: float) -> Bench:
 
 def baseline(data: Dataset, bench: Bench) -> Mapping[str, Estimate]:
     """Return the fitted parameters of the tuned scene."""
-    start, records, filtering = prepared(data, bench)
+    start, records, filtering = prepare_start(data, bench)
     assert sum(int(record.counts.sum()) for record in records) > 500
     plant = plant_of(data, start.bench, records, start.given)
-    assert not misread(replace(plant, bench=bench), plant, start.values)
+    assert not unit_or_sign_error(replace(plant, bench=bench), plant, start.values)
     fitted = fit_baseline(data, plant, filtering, 0)
     problem, x = fitted.problem, fitted.whole.x
-    wide = spread(problem, x, [r.free for r in problem.plant.records])
+    wide = fit_covariance(problem, x, [r.free for r in problem.plant.records])
     return estimates(problem, x, wide)
 
 
@@ -117,7 +115,9 @@ def test_every_start_ends_at_the_same_rig(
     ],
 )
 def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) -> None:
-    found = reason(DATA, scene(**values), Settings(("viscous_friction",))).diagnosis
+    found = run_inference(
+        DATA, scene(**values), Options(("viscous_friction",))
+    ).diagnosis
     assert found.verdict == "none", found.statement
     (name,) = values
     (told,) = [each for each in found.strayed if each.parameter == name]
@@ -128,13 +128,13 @@ def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) ->
 def test_a_scene_that_is_near_is_the_start() -> None:
     for factor in (0.5, 1.0, 2.0):
         near = scene(friction=factor * 0.12, axial_stiffness=5e4 / factor)
-        start, _, _ = prepared(DATA, near)
+        start, _, _ = prepare_start(DATA, near)
         assert start.bench is near and not start.given
 
 
 def test_what_is_declared_is_not_replaced() -> None:
     known = {"friction": Constant(2.0, 0.1)}
-    start, _, _ = prepared(replace(DATA, constants=known), scene(friction=2.0))
+    start, _, _ = prepare_start(replace(DATA, constants=known), scene(friction=2.0))
     assert "friction" not in start.given
     assert start.bench.cables[0].friction == 2.0
 
@@ -142,9 +142,9 @@ def test_what_is_declared_is_not_replaced() -> None:
 def test_pretensions_of_the_trials_stand_for_a_scene_without_one() -> None:
     trials = tuple(replace(t, facts=Facts(pretension=81.0)) for t in DATA.trials)
     data = replace(DATA, trials=trials)
-    start, records, _ = prepared(data, scene(pretension=0.0))
+    start, records, _ = prepare_start(data, scene(pretension=0.0))
     assert start.bench == scene(pretension=81.0) and not start.given
-    _, usual, _ = prepared(data, start.bench)
+    _, usual, _ = prepare_start(data, start.bench)
     for one, other in zip(records, usual, strict=True):
         assert np.array_equal(one.counts, other.counts)
 
@@ -157,14 +157,14 @@ def test_pretensions_of_the_trials_stand_for_one_that_is_far_from_them() -> None
         )
         return replace(DATA, trials=trials)
 
-    start, _, _ = prepared(declared(81.0, 81.0, 40.0), scene(pretension=246.0))
+    start, _, _ = prepare_start(declared(81.0, 81.0, 40.0), scene(pretension=246.0))
     assert start.bench == scene(pretension=81.0) and not start.given
     near = scene(pretension=60.0)
-    start, _, _ = prepared(declared(81.0, 81.0, 40.0), near)
+    start, _, _ = prepare_start(declared(81.0, 81.0, 40.0), near)
     assert start.bench is near
-    start, _, _ = prepared(declared(81.0, None, 40.0), scene(pretension=246.0))
+    start, _, _ = prepare_start(declared(81.0, None, 40.0), scene(pretension=246.0))
     assert start.bench == scene(pretension=246.0)  # one trial has that of the scene
 
 
 def test_no_motion_carries_a_cable_that_cannot_slide() -> None:
-    assert math.isfinite(wind_up(scene(friction=5.0)))
+    assert math.isfinite(wind_up_angle(scene(friction=5.0)))

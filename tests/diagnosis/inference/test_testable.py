@@ -1,25 +1,29 @@
-"""What tuning hides is told, and what ran away for it."""
+"""Reports of effects that tuning hides and of parameters tuned far from the scene."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
-from cc_mujoco.diagnosis.inference.screen import Changes
-from cc_mujoco.diagnosis.inference.testable import (
-    REMEDY,
-    _misread,
-    confounded,
-    reach,
-    strayed,
-    untestable,
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    DiagnosisResult,
+    Options,
+    fit_baseline,
+    plant_of,
+    prepare,
+    run_inference,
 )
+from cc_mujoco.diagnosis._inference.identifiability import (
+    REMEDIES,
+    _suspected_unit,
+    confounded_effects,
+    detectability,
+    deviating_parameters,
+    untestable_effects,
+)
+from cc_mujoco.diagnosis._inference.intervals import Spread, estimates
+from cc_mujoco.diagnosis._inference.screening import Changes
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
@@ -30,7 +34,7 @@ IDS = ("load_independent_friction", "joint_gravity")
 def swallowed() -> DiagnosisResult:
     """Friction that needs no tension, on motions at one pretension."""
     data = dataset({IDS[0]: HIDDEN}, 2.5, seed=3, chosen=(0, 2))
-    return reason(data, BENCH, Settings(IDS))
+    return run_inference(data, BENCH, Options(IDS))
 
 
 def test_what_the_baseline_swallows_is_told_with_its_size(
@@ -53,7 +57,7 @@ def test_what_the_baseline_swallows_is_told_with_its_size(
 
 def test_cables_of_different_friction_are_told() -> None:
     data = dataset(duration=2.5, seed=3, chosen=(0, 2), balance=0.125)
-    found = reason(data, BENCH, Settings(IDS[1:])).diagnosis
+    found = run_inference(data, BENCH, Options(IDS[1:])).diagnosis
     assert found.verdict == "none"
     (away,) = found.strayed
     assert away.parameter == "friction_balance"
@@ -63,29 +67,29 @@ def test_cables_of_different_friction_are_told() -> None:
 
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
     data = dataset(duration=1.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
-    assert reason(data, BENCH, Settings(IDS[:1])).diagnosis.strayed == ()
+    assert run_inference(data, BENCH, Options(IDS[:1])).diagnosis.strayed == ()
 
 
 def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> None:
     data = dataset(duration=1.5, seed=3, changes={"axial_stiffness": 3e5})
-    (away,) = reason(data, BENCH, Settings(IDS[1:])).diagnosis.strayed
+    (away,) = run_inference(data, BENCH, Options(IDS[1:])).diagnosis.strayed
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
 
 
 def unseen(hidden: dict[str, dict[str, float]]) -> tuple[set[str], float]:
-    """What these motions cannot show by the tuned scene, and how far off that is."""
+    """Return the untestable effects, and the misfit of the tuned scene."""
     data = dataset(hidden, 2.0, seed=3)
     records, filtering = prepare(data, BENCH)
     base = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
     others = [name for name in EFFECTS if name not in hidden]
-    shown = reach(base.problem, base.whole.x, others, Changes())
-    found = {each.id for each in untestable(shown, confounded(shown))}
+    shown = detectability(base.problem, base.whole.x, others, Changes())
+    found = {each.id for each in untestable_effects(shown, confounded_effects(shown))}
     return found, base.crossed.misfit
 
 
 def test_what_data_cannot_show_does_not_depend_on_what_is_missing() -> None:
-    """Whatever else is hidden, large as it may be, is no noise."""
+    """Other effects, however large, do not count as noise."""
     nothing, small = unseen({})
     drag, large = unseen({"viscous_friction": {"viscous_friction": 400.0}})
     assert small < 1.5 and large > 5.0
@@ -94,14 +98,14 @@ def test_what_data_cannot_show_does_not_depend_on_what_is_missing() -> None:
 
 
 def test_a_unit_is_suspected_only_where_its_factor_is_about_right() -> None:
-    assert _misread(1.0 / 6.0) == _misread(6.0) == "turns"
-    assert _misread(57.0) == "degrees or radians"
-    assert _misread(3.5) == _misread(1.0) == _misread(20.0) == ""
-    assert not any("times" in remedy for remedy in REMEDY.values())
+    assert _suspected_unit(1.0 / 6.0) == _suspected_unit(6.0) == "turns"
+    assert _suspected_unit(57.0) == "degrees or radians"
+    assert _suspected_unit(3.5) == _suspected_unit(1.0) == _suspected_unit(20.0) == ""
+    assert not any("times" in remedy for remedy in REMEDIES.values())
 
 
 def test_shapes_of_effects_do_not_stray() -> None:
-    """They are tuned with the model, but no scene says anything of them."""
+    """They are tuned with the model, but the scene gives no values for them."""
     data = dataset(duration=1.0, seed=3, chosen=(0, 2))
     records, filtering = prepare(data, BENCH)
     base = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
@@ -112,4 +116,4 @@ def test_shapes_of_effects_do_not_stray() -> None:
             far[base.whole.x.size :] += 3.0
             near = Spread(1e-9 * np.eye(far.size), np.full(far.size, np.inf))
             tuned = estimates(wider, far, near)
-            assert strayed(wider, far, tuned, ()) == (), name
+            assert deviating_parameters(wider, far, tuned, ()) == (), name

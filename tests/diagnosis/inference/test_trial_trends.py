@@ -1,4 +1,4 @@
-"""Constants that drift from trial to trial: shown with their size, else not claimed."""
+"""Trends of constants over trials: reported with their size only if significant."""
 
 from __future__ import annotations
 
@@ -7,24 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.trial_trends import (
-    FALSE_ALARMS,
+from cc_mujoco.cable import Parameter
+from cc_mujoco.datasets import Dataset
+from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
+from cc_mujoco.diagnosis._inference.trial_trends import (
+    TREND_FALSE_ALARM_RATE,
     TrialConstants,
-    trends,
     trial_constants,
+    trial_trends,
 )
-from cc_mujoco.estimation.least_squares import Tuned
-from cc_mujoco.transmission import Parameter
+from cc_mujoco.estimation._least_squares import Tuned
 from diagnosis.recorded import BENCH, NOISE, dataset
 
 FRICTION = Tuned(Parameter("friction", scale="log"), 0.1, 1.0, -5.0, 5.0)
 
 
 def day(factors: list[float]) -> Dataset:
-    """One stroke or fast trial for each factor of the friction."""
+    """Return one trial, of strokes or fast, for each factor of the friction."""
     usual = BENCH.cables[0].friction
     trials = []
     for place, factor in enumerate(factors):
@@ -50,21 +49,21 @@ def test_friction_that_falls_over_the_trials_is_measured_trial_by_trial() -> Non
     assert found.share > 0.95
     logs = np.log(factors)
     np.testing.assert_allclose(found.change, logs - logs.mean(), atol=0.02)
-    (trend,) = trends(found, {"order": np.arange(6.0), "flat": np.zeros(6)})
+    (trend,) = trial_trends(found, {"order": np.arange(6.0), "flat": np.zeros(6)})
     assert trend.slope == pytest.approx(-0.081, abs=0.005)
-    assert trend.freedom == 4 and trend.chance < FALSE_ALARMS
+    assert trend.freedom == 4 and trend.chance < TREND_FALSE_ALARM_RATE
 
 
 def test_friction_that_is_the_same_in_all_trials_has_no_trend() -> None:
     for found in constants_of(day([1.1] * 5)):
-        (trend,) = trends(found, {"order": np.arange(5.0)})
-        assert trend.chance > FALSE_ALARMS
+        (trend,) = trial_trends(found, {"order": np.arange(5.0)})
+        assert trend.chance > TREND_FALSE_ALARM_RATE
         assert found.share < 0.3
 
 
 @pytest.mark.parametrize("scatter", [0.3, 10.0])
 def test_a_trend_is_claimed_as_often_as_its_statistic_says(scatter: float) -> None:
-    """Whether trials scatter by their own uncertainty or far beyond it."""
+    """The rate holds for scatter within and far beyond the uncertainty of trials."""
     random = np.random.default_rng(0)
     order = {"order": np.arange(8.0)}
     claimed = []
@@ -73,7 +72,7 @@ def test_a_trend_is_claimed_as_often_as_its_statistic_says(scatter: float) -> No
         spread = np.hypot(error, 0.01 * scatter)
         change = spread * random.normal(size=8)
         found = TrialConstants(FRICTION, tuple("abcdefgh"), change, error, 1.0)
-        claimed.append(trends(found, order)[0].chance < 0.05)
+        claimed.append(trial_trends(found, order)[0].chance < 0.05)
         drifting = found._replace(change=change - 6.0 * spread * (order["order"] - 3.5))
-        assert trends(drifting, order)[0].chance < FALSE_ALARMS
+        assert trial_trends(drifting, order)[0].chance < TREND_FALSE_ALARM_RATE
     assert 0.01 < np.mean(claimed) < 0.1

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.checks.checks import check_bench, check_trials
-from cc_mujoco.diagnosis.checks.excitation import excitation
-from cc_mujoco.diagnosis.checks.stretch import check_lead
-from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
-from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.per_trial import odd_trial
-from cc_mujoco.diagnosis.inference.starting import prepared
+from cc_mujoco.datasets import Dataset, Facts, Trial
+from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of
+from cc_mujoco.diagnosis._checks.lead_check import check_lead
+from cc_mujoco.diagnosis._checks.run import check_bench, check_trials
+from cc_mujoco.diagnosis._inference.outlier_trials import find_outlier_trial
+from cc_mujoco.diagnosis._inference.start_values import prepare_start
 from diagnosis.recorded import BENCH, DT, NOISE, dataset
 
 TRUTH = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -22,7 +21,7 @@ GRAVITY = 0.5
 
 
 def unhooked(duration: float = 3.0) -> Trial:
-    """Motor and joint moved by themselves, the joint with a weight [Nm]."""
+    """Motor and joint moved by themselves, the joint with a weight [N m]."""
     time = np.arange(0.0, duration, DT)
     random = np.random.default_rng(7)
     motor, joint = 0.7 * np.sin(2.5 * time), -0.6 * np.sin(2.5 * time + 0.1)
@@ -49,7 +48,7 @@ def data() -> Dataset:
 
 
 def test_cables_that_were_taken_off_pull_nothing(data: Dataset) -> None:
-    start, records, filtering = prepared(data, BENCH)
+    start, records, filtering = prepare_start(data, BENCH)
     assert start.bench is BENCH
     off = records[-1]
     assert off.unhooked and np.mean(off.counts) > 0.9
@@ -69,7 +68,7 @@ def test_cables_that_were_taken_off_pull_nothing(data: Dataset) -> None:
         assert np.std(left[1] + np.broadcast_to(size, off.time.shape)[off.counts]) < (
             0.02
         )
-    asked = odd_trial(found.problem, found.whole.x)
+    asked = find_outlier_trial(found.problem, found.whole.x)
     assert asked is None or "off" not in asked.trials
 
 
@@ -84,7 +83,7 @@ def test_no_check_expects_cables_that_were_taken_off(data: Dataset) -> None:
 
 
 def test_a_file_declares_it(tmp_path: Path) -> None:
-    from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
+    from cc_mujoco.datasets._dataset_file import read_dataset_file
 
     path = tmp_path / "dataset.toml"
     path.write_text("[trials.off]\npretension = 0\n", encoding="utf-8")

@@ -12,16 +12,26 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cc_mujoco.diagnosis.evidence import Evidence, Isolability, TrialTrace
-from cc_mujoco.diagnosis.report.drawings import STEMS, draw, draw_excerpt, shown_maps
-from cc_mujoco.diagnosis.report.excerpt import LONGEST, changed, ordinary, worst
-from cc_mujoco.diagnosis.report.isolability import (
+from cc_mujoco.diagnosis._phrases import Names
+from cc_mujoco.diagnosis._report.drawings import (
+    FIGURE_STEMS,
+    draw_excerpt,
+    draw_figures,
+    shown_maps,
+)
+from cc_mujoco.diagnosis._report.excerpt import (
+    MAX_EXCERPT,
+    model_changed,
+    ordinary_excerpt,
+    worst_excerpt,
+)
+from cc_mujoco.diagnosis._report.isolability import (
     confounded_pairs,
     draw_isolability,
-    invisible,
+    invisible_effects,
 )
-from cc_mujoco.diagnosis.wording import Names
-from cc_mujoco.figures import style
+from cc_mujoco.diagnosis._report_data import Evidence, Isolability, TrialTrace
+from cc_mujoco.report import style
 from diagnosis.report_examples import (
     DIAGNOSES,
     NOTHING,
@@ -38,7 +48,7 @@ NAMES = Names(TITLES)
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, Figure]:
     with style():
-        return draw(DIAGNOSES["named"], evidence(), NAMES)
+        return draw_figures(DIAGNOSES["named"], evidence(), NAMES)
 
 
 def panels(drawing: Figure) -> list[Axes]:
@@ -50,7 +60,7 @@ def legend(axes: Axes) -> list[str]:
 
 
 def test_every_axis_says_its_unit(drawn: dict[str, Figure]) -> None:
-    assert tuple(drawn) == STEMS
+    assert tuple(drawn) == FIGURE_STEMS
     for stem, drawing in drawn.items():
         sharing = stem in ("gap", "traces", "traces_ordinary")
         for axes in panels(drawing):
@@ -72,8 +82,8 @@ def test_gap_bars_are_as_long_as_the_errors(drawn: dict[str, Figure]) -> None:
 
 def test_a_model_that_did_not_change_is_drawn_once() -> None:
     with style():
-        drawn = draw(DIAGNOSES["tie"], evidence(closed=False), NAMES)
-    assert not changed(evidence(closed=False))
+        drawn = draw_figures(DIAGNOSES["tie"], evidence(closed=False), NAMES)
+    assert not model_changed(evidence(closed=False))
     assert len(panels(drawn["gap"])[0].patches) == 2
     assert legend(panels(drawn["traces"])[0]) == ["measured", "simulation"]
     assert "after" not in legend(panels(drawn["maps"])[0])
@@ -81,7 +91,7 @@ def test_a_model_that_did_not_change_is_drawn_once() -> None:
 
 def test_nothing_is_drawn_of_nothing() -> None:
     with style():
-        assert draw(DIAGNOSES["fix-data"], NOTHING, NAMES) == {}
+        assert draw_figures(DIAGNOSES["fix-data"], NOTHING, NAMES) == {}
 
 
 def test_maps_beyond_chance_come_first_and_alone() -> None:
@@ -114,18 +124,18 @@ def test_worst_excerpt_holds_the_burst_of_error(
     channel = "joint_torque_nm"
     measured = {**hit.measured, channel: hit.measured[channel] + 9.0 * burst}
     traces[index] = replace(hit, measured=measured)
-    found = worst(Evidence(tuple(traces), (), isolability()))
+    found = worst_excerpt(Evidence(tuple(traces), (), isolability()))
     assert found is not None and found.trace is traces[index]
     time = found.trace.time[found.part]
     assert time[0] <= start + 0.15 <= time[-1] + 1e-9
-    assert time[-1] - time[0] <= LONGEST + 1e-6
+    assert time[-1] - time[0] <= MAX_EXCERPT + 1e-6
 
 
 def test_run_in_is_never_shown_however_wrong() -> None:
     hit = trace("a", 20.0, True)
     wrong = {k: v + 50.0 * (hit.time < 1.0) for k, v in hit.measured.items()}
     one = Evidence((replace(hit, measured=wrong),), (), isolability())
-    for found in (worst(one), ordinary(one)):
+    for found in (worst_excerpt(one), ordinary_excerpt(one)):
         assert found is not None and found.trace.time[found.part][0] >= 1.0
 
 
@@ -134,14 +144,14 @@ def test_stretches_of_one_trial_may_differ_in_length() -> None:
     hit = {k: v + 5.0 * (one.time > 15.0) for k, v in one.measured.items()}
     parts = Evidence((replace(one, measured=hit), other), (), isolability())
     with style():
-        drawings = draw(DIAGNOSES["named"], parts, NAMES)
+        drawings = draw_figures(DIAGNOSES["named"], parts, NAMES)
     assert {"traces", "traces_ordinary"} <= set(drawings)
 
 
 def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
     hit = trace("a", 20.0, True)
     lost = {k: np.where(hit.time > 10, np.nan, v) for k, v in hit.measured.items()}
-    found = worst(Evidence((replace(hit, measured=lost),), (), isolability()))
+    found = worst_excerpt(Evidence((replace(hit, measured=lost),), (), isolability()))
     assert found is not None and np.isfinite(found.error)
     kept = (hit.time < 15) | (hit.time > 16)
     cut = TrialTrace(
@@ -153,7 +163,7 @@ def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
         {k: v[kept] for k, v in hit.after.items()},
         hit.counts[kept],
     )
-    found = worst(Evidence((cut,), (), isolability()))
+    found = worst_excerpt(Evidence((cut,), (), isolability()))
     assert found is not None
     with style():
         whole = found._replace(part=slice(0, len(cut.time)))
@@ -164,7 +174,7 @@ def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
 def test_a_trial_of_which_nothing_counts_has_no_excerpt() -> None:
     hit = trace("a", 5.0, True)
     empty = replace(hit, counts=np.zeros_like(hit.counts))
-    assert worst(Evidence((empty,), (), isolability())) is None
+    assert worst_excerpt(Evidence((empty,), (), isolability())) is None
 
 
 def test_alike_effects_stand_side_by_side() -> None:
@@ -181,7 +191,7 @@ def test_pairs_and_invisible_effects_are_listed() -> None:
     alike = np.array([[1.0, 0.95, 0.2], [0.95, 1.0, 0.97], [0.2, 0.97, 1.0]])
     few = Isolability(("a", "b", "c"), alike, np.array([0.5, 3.0, np.nan]))
     assert [pair[:2] for pair in confounded_pairs(few)] == [("c", "b"), ("b", "a")]
-    assert invisible(few) == ["a", "c"]
+    assert invisible_effects(few) == ["a", "c"]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -197,5 +207,5 @@ def test_few_effects_can_be_drawn(count: int) -> None:
 def test_global_state_is_left_alone() -> None:
     sys.modules.pop("matplotlib.pyplot", None)
     with style():
-        draw(DIAGNOSES["none"], evidence(False), NAMES)
+        draw_figures(DIAGNOSES["none"], evidence(False), NAMES)
     assert "matplotlib.pyplot" not in sys.modules

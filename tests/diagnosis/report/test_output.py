@@ -1,4 +1,4 @@
-"""What a diagnosis writes: an effect that the scene cannot have is never missing."""
+"""Output of a diagnosis: an effect that the scene cannot realise is always reported."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from cc_mujoco.diagnosis.diagnose import diagnose
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
-from cc_mujoco.diagnosis.report.output import scene
-from cc_mujoco.diagnosis.report.steps import steps
-from cc_mujoco.diagnosis.scene.realisation import why_not
-from cc_mujoco.diagnosis.scene.repair import added
-from cc_mujoco.diagnosis.verdict import FoundEffect
-from cc_mujoco.diagnosis.wording import NOT_IN_SCENE, Names
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    DiagnosisResult,
+    Effect,
+    Options,
+    diagnose,
+    run_inference,
+)
+from cc_mujoco.diagnosis._phrases import NOT_IN_SCENE_PREFIX, Names
+from cc_mujoco.diagnosis._report.output import write_and_compare_scene
+from cc_mujoco.diagnosis._report.steps import next_steps
+from cc_mujoco.diagnosis._scene.realisation import unrealisable_reason
+from cc_mujoco.diagnosis._scene.repair import existing_effects
+from cc_mujoco.diagnosis._verdict import FoundEffect
 from cc_mujoco.errors import CableError
 from diagnosis.recorded import BENCH, dataset
 
@@ -32,13 +36,13 @@ RIPPLE = replace(
 
 @cache
 def _nothing() -> DiagnosisResult:
-    """A diagnosis in which nothing is missing."""
+    """Return a diagnosis without missing effects."""
     data = dataset(duration=1.0, seed=3, chosen=(0, 2))
-    return reason(data, BENCH, Settings(("motor_inertia",)))
+    return run_inference(data, BENCH, Options(("motor_inertia",)))
 
 
 def test_mujoco_has_every_effect_of_the_library() -> None:
-    assert [name for name in EFFECTS if why_not(BENCH, name)] == []
+    assert [name for name in EFFECTS if unrealisable_reason(BENCH, name)] == []
 
 
 @pytest.mark.parametrize(
@@ -47,24 +51,24 @@ def test_mujoco_has_every_effect_of_the_library() -> None:
 def test_an_effect_without_realisation_is_stated_wherever_it_lacks(
     effect: Effect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In the file, in the problems of verdict.json, and in the steps of the report."""
+    """It is stated in the file, the problems of verdict.json and the report's steps."""
     result = _nothing()
     monkeypatch.setitem(EFFECTS, effect.id, effect)
     assert result.problem is not None
     result = replace(result, problem=replace(result.problem, effects=(effect.id,)))
-    told = scene(result, tmp_path / "scene.xml")
-    assert told[0].startswith(f"{NOT_IN_SCENE} {effect.title}")
+    told = write_and_compare_scene(result, tmp_path / "scene.xml")
+    assert told[0].startswith(f"{NOT_IN_SCENE_PREFIX} {effect.title}")
     assert "REALISATIONS" in told[0] and "verdict.json" in told[0]
     spec = mujoco.MjSpec.from_file(str(tmp_path / "scene.xml"))
     assert f"not in this scene, {effect.id}" in spec.comment
-    assert added(tmp_path / "scene.xml") == ()
+    assert existing_effects(tmp_path / "scene.xml") == ()
     named = replace(
         result.diagnosis,
         verdict="named",
         effects=(FoundEffect(effect.id, {}, 1.0),),
         problems=tuple(told),
     )
-    assert told[0] in str(steps(named, Names()))
+    assert told[0] in str(next_steps(named, Names()))
 
 
 def test_a_single_path_is_no_list_of_letters(tmp_path: Path) -> None:

@@ -14,9 +14,13 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import strict_mode
 
-from cc_mujoco.diagnosis.evidence import Evidence
-from cc_mujoco.diagnosis.report import recording as recording_module
-from cc_mujoco.diagnosis.report.recording import TIMELINE, recording_id, write_recording
+from cc_mujoco.diagnosis._report import recording as recording_module
+from cc_mujoco.diagnosis._report.recording import (
+    TIMELINE,
+    recording_id,
+    write_recording,
+)
+from cc_mujoco.diagnosis._report_data import Evidence
 from cc_mujoco.errors import CableError
 from diagnosis.report_examples import NOTHING, TITLES, evidence, trace
 

@@ -13,14 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import cc_mujoco.diagnosis.report.report as report_module
-from cc_mujoco.diagnosis.evidence import Evidence
-from cc_mujoco.diagnosis.report.drawings import STEMS
-from cc_mujoco.diagnosis.report.report import write_report
-from cc_mujoco.diagnosis.verdict import Diagnosis, Gap, NotTestable
-from cc_mujoco.diagnosis.wording import MINUS, Names, headline
+import cc_mujoco.diagnosis._report.report as report_module
+from cc_mujoco.diagnosis import Diagnosis
+from cc_mujoco.diagnosis._phrases import MINUS, Names, headline
+from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
+from cc_mujoco.diagnosis._report.report import write_report
+from cc_mujoco.diagnosis._report_data import Evidence
+from cc_mujoco.diagnosis._verdict import Gap, NotTestable
 from cc_mujoco.errors import CableError
-from cc_mujoco.page import Html, element
+from cc_mujoco.report._html import Html, element
 from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps
 
 VOID = {"meta", "img"}
@@ -88,7 +89,7 @@ def test_verdict_is_the_first_thing_said(tmp_path: Path, verdict: str) -> None:
 
 def test_pictures_are_inside_and_beside(named: tuple[Path, Page]) -> None:
     folder, page = named
-    beside = [(folder / f"{stem}.png").read_bytes() for stem in STEMS]
+    beside = [(folder / f"{stem}.png").read_bytes() for stem in FIGURE_STEMS]
     inside = [base64.b64decode(each.partition(",")[2]) for each in page.images]
     assert sorted(inside) == sorted(beside)
     assert all(each.startswith(b"\x89PNG") for each in inside)

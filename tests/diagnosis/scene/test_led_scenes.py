@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.trials import Constant
-from cc_mujoco.diagnosis.scene.repair import repaired, write
-from cc_mujoco.diagnosis.scene.requirements import require_repairable
-from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis import repair_scene, rollout, write
+from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.errors import CableError
 
 ARM = """<mujoco><option timestep="0.0005"/><compiler angle="radian"/>
@@ -119,7 +118,7 @@ def test_a_repaired_path_loads_and_plays_as_its_cable(tmp_path: Path) -> None:
         cable.replace(viscous_friction=200.0, end_compliance=1e-5, segments=18)
         for cable in bench.cables
     )
-    write(tmp_path / "scene.xml", repaired(bench, stiffer, {}))
+    write(tmp_path / "scene.xml", repair_scene(bench, stiffer, {}))
     again = Bench.of(tmp_path / "scene.xml")
     assert again.cables == stiffer
     assert apart(again, again.path) < 1e-5

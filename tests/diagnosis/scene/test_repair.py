@@ -1,4 +1,4 @@
-"""The repaired scene: it moves as the effects say, is plain MJCF, and loads again."""
+"""Repaired scene: it moves by the formulas of effects, is plain MJCF and reloads."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.scene.instruments import measured
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
-from cc_mujoco.diagnosis.scene.repair import repaired, write
-from cc_mujoco.diagnosis.scene.requirements import require_repairable
-from cc_mujoco.engine import from_mjcf
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import read_channels, repair_scene, write
+from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import from_mjcf
 from diagnosis.rigs import BENCH, EFFECTS, MECHANICAL
 
 SOFTER = tuple(
@@ -26,12 +25,12 @@ BACKLASH = {"backlash": {"backlash": 0.03}}
 
 
 def inertia(name: str) -> float:
-    """Of the shipped bench's motor or joint [kg m^2]."""
+    """Return the inertia of the shipped bench's motor or joint [kg m^2]."""
     return {"motor": 3e-4, "joint": 2e-3}[name]
 
 
 def stirred(spec: mujoco.MjSpec, steps: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A scene after some time with a moving motor and load."""
+    """Return the model and data of a scene after motion of its motor and load."""
     model = spec.compile()
     data = mujoco.MjData(model)
     for step in range(steps):
@@ -47,9 +46,9 @@ def stirred(spec: mujoco.MjSpec, steps: int) -> tuple[mujoco.MjModel, mujoco.MjD
 @pytest.mark.parametrize("steps", [700, 1500])
 def test_the_shown_torques_are_what_moves_the_scene(effect: str, steps: int) -> None:
     # Newton, for what lies on the far side of the sensors: the scene as it was.
-    spec = repaired(BENCH, BENCH.cables, {effect: EFFECTS[effect][0]})
+    spec = repair_scene(BENCH, BENCH.cables, {effect: EFFECTS[effect][0]})
     model, data = stirred(spec, steps)
-    shown = measured(model, data)
+    shown = read_channels(model, data)
     motor, joint = (model.joint(name).dofadr[0] for name in ("motor", "joint"))
     given = data.qfrc_passive - data.qfrc_spring
     drive = data.actuator("motor").force[0] + given[motor] - shown.motor_torque
@@ -60,7 +59,7 @@ def test_the_shown_torques_are_what_moves_the_scene(effect: str, steps: int) -> 
 
 
 def test_a_bench_with_backlash_stays_stable_and_within_its_play() -> None:
-    model, data = stirred(repaired(BENCH, BENCH.cables, BACKLASH), 1000)
+    model, data = stirred(repair_scene(BENCH, BENCH.cables, BACKLASH), 1000)
     apart = []
     for step in range(6000):
         data.actuator("motor").ctrl[0] = 0.0
@@ -80,7 +79,7 @@ def test_a_bench_with_backlash_stays_stable_and_within_its_play() -> None:
 
 
 def test_the_pulley_with_play_is_light() -> None:
-    model = repaired(BENCH, BENCH.cables, BACKLASH).compile()
+    model = repair_scene(BENCH, BENCH.cables, BACKLASH).compile()
     pulley = model.dof_M0[model.joint("joint_pulley").dofadr[0]]
     assert 0.0 < pulley < 0.03 * inertia("joint")
     # An explicit force is stable below 2 / frequency.
@@ -90,7 +89,7 @@ def test_the_pulley_with_play_is_light() -> None:
 
 def test_a_written_scene_loads_as_the_same_bench(tmp_path: Path) -> None:
     effects = {name: EFFECTS[name][0] for name in EFFECTS}
-    spec = repaired(BENCH, SOFTER, effects)
+    spec = repair_scene(BENCH, SOFTER, effects)
     path = tmp_path / "deep" / "scene.xml"
     path.parent.mkdir()
     write(path, spec)
@@ -111,7 +110,7 @@ def test_a_written_scene_loads_as_the_same_bench(tmp_path: Path) -> None:
 def test_no_effect_adds_an_input_to_the_scene() -> None:
     before = mujoco.MjModel.from_xml_path(str(BENCH.path))
     effects = {**BACKLASH, **{name: EFFECTS[name][0] for name in EFFECTS}}
-    after = repaired(BENCH, BENCH.cables, effects).compile()
+    after = repair_scene(BENCH, BENCH.cables, effects).compile()
     assert after.nu == before.nu
     names = [before.actuator(i).name for i in range(before.nu)]
     assert [after.actuator(i).name for i in range(before.nu)] == names
@@ -123,19 +122,19 @@ def test_values_of_zero_leave_the_scene_as_it_was() -> None:
         for name, entry in REALISATIONS.items()
     }
     off["motor_cogging"]["cogging_order"] = 7.0
-    plain = repaired(BENCH, BENCH.cables, {})
-    same = repaired(BENCH, BENCH.cables, off)
+    plain = repair_scene(BENCH, BENCH.cables, {})
+    same = repair_scene(BENCH, BENCH.cables, off)
     same.comment = plain.comment
     assert same.to_xml() == plain.to_xml()
 
 
 def test_a_time_step_that_the_cables_outgrow_is_reduced() -> None:
     stiff = tuple(cable.replace(axial_stiffness=3e6) for cable in BENCH.cables)
-    spec = repaired(BENCH, stiff, {})
+    spec = repair_scene(BENCH, stiff, {})
     assert spec.option.timestep < 1e-4
     data = stirred(spec, 3000)[1]
     assert np.abs(data.qvel).max() < 10.0
-    assert repaired(BENCH, BENCH.cables, {}).option.timestep == 1e-4
+    assert repair_scene(BENCH, BENCH.cables, {}).option.timestep == 1e-4
 
 
 @pytest.mark.parametrize("rest", [0.0, -0.2])
@@ -149,11 +148,11 @@ def test_a_spring_beside_one_that_is_not_linear(tmp_path: Path, rest: float) -> 
     bench = Bench.of(path)
     require_repairable(bench)
     more = {"joint_stiffness": 0.5, "joint_stiffness_moment": -0.5 * rest}
-    spec = repaired(bench, bench.cables, {"joint_stiffness": more})
+    spec = repair_scene(bench, bench.cables, {"joint_stiffness": more})
     dof = spec.compile().joint("joint").dofadr[0]
     for angle in (-0.5, 0.0, 0.4):
         pulls = []
-        for model in (repaired(bench, bench.cables, {}).compile(), spec.compile()):
+        for model in (repair_scene(bench, bench.cables, {}).compile(), spec.compile()):
             data = mujoco.MjData(model)
             data.joint("joint").qpos[0] = angle
             mujoco.mj_forward(model, data)
@@ -172,7 +171,7 @@ def test_two_springs_on_the_joint_are_one(tmp_path: Path, rest: float) -> None:
     path.write_text(text, encoding="utf-8")
     bench = Bench.of(path)
     more = {"joint_stiffness": 0.5, "joint_stiffness_moment": -0.5 * rest}
-    spec = repaired(bench, bench.cables, {"joint_stiffness": more})
+    spec = repair_scene(bench, bench.cables, {"joint_stiffness": more})
     model = spec.compile()
     data = mujoco.MjData(model)
     dof = model.joint("joint").dofadr[0]
@@ -185,10 +184,10 @@ def test_two_springs_on_the_joint_are_one(tmp_path: Path, rest: float) -> None:
 
 def test_the_rest_of_the_cables_follows_the_angle_offset() -> None:
     offset = {"angle_offset": {"joint_angle_offset": 0.2}}
-    model = repaired(BENCH, BENCH.cables, offset).compile()
+    model = repair_scene(BENCH, BENCH.cables, offset).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    shown = measured(model, data)
+    shown = read_channels(model, data)
     assert (shown.motor_angle, shown.joint_angle) == (0.0, pytest.approx(-0.2))
     assert shown.motor_torque == pytest.approx(0.0, abs=1e-12)
     assert shown.joint_torque == pytest.approx(0.0, abs=1e-12)
@@ -209,7 +208,7 @@ def test_defaults_of_the_scene_do_not_reach_what_is_added(tmp_path: Path) -> Non
     path.write_text(text, encoding="utf-8")
     bench = Bench.of(path)
     effects = {**BACKLASH, "joint_gravity": EFFECTS["joint_gravity"][0]}
-    write(path, repaired(bench, bench.cables, effects))
+    write(path, repair_scene(bench, bench.cables, effects))
     model = mujoco.MjModel.from_xml_path(str(path))
     pulley = model.joint("joint_pulley")
     for value in (pulley.damping, pulley.armature, pulley.stiffness):
@@ -229,7 +228,7 @@ def test_keyframes_keep_their_poses(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(text.replace("</mujoco>", f"{key}</mujoco>"), encoding="utf-8")
     bench = Bench.of(path)
-    write(path, repaired(bench, bench.cables, BACKLASH))
+    write(path, repair_scene(bench, bench.cables, BACKLASH))
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -251,7 +250,7 @@ def test_meshes_and_textures_are_found_from_another_folder(tmp_path: Path) -> No
     text = text.replace("<asset>", '<asset><mesh name="hand" file="hand.obj"/>')
     (home / "scene.xml").write_text(text, encoding="utf-8")
     bench = Bench.of(home / "scene.xml")
-    write(away / "scene.xml", repaired(bench, bench.cables, BACKLASH))
+    write(away / "scene.xml", repair_scene(bench, bench.cables, BACKLASH))
     model = mujoco.MjModel.from_xml_path(str(away / "scene.xml"))
     assert model.nmesh == 1
 
@@ -259,7 +258,7 @@ def test_meshes_and_textures_are_found_from_another_folder(tmp_path: Path) -> No
 def test_a_scene_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text("old", encoding="utf-8")
-    spec = repaired(BENCH, BENCH.cables, {})
+    spec = repair_scene(BENCH, BENCH.cables, {})
     spec.add_sensor(
         type=mujoco.mjtSensor.mjSENS_JOINTPOS,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -286,15 +285,15 @@ def test_what_cannot_be_realised_is_refused_in_a_sentence(
     effects: dict[str, dict[str, float]], message: str
 ) -> None:
     with pytest.raises(CableError, match=message):
-        repaired(BENCH, BENCH.cables, effects)
+        repair_scene(BENCH, BENCH.cables, effects)
 
 
 def test_another_number_of_cables_is_refused() -> None:
     with pytest.raises(CableError, match="has 2 cables, got 1"):
-        repaired(BENCH, BENCH.cables[:1], {})
+        repair_scene(BENCH, BENCH.cables[:1], {})
 
 
 def test_effects_in_the_cables_are_named_in_the_file() -> None:
-    spec = repaired(BENCH, SOFTER, {"viscous_friction": {"viscous_friction": 12.5}})
+    spec = repair_scene(BENCH, SOFTER, {"viscous_friction": {"viscous_friction": 12.5}})
     assert "viscous_friction 12.5" in spec.comment
     assert tuple(from_mjcf(spec).values()) == SOFTER

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.scene.repair import repaired, write
-from cc_mujoco.diagnosis.scene.requirements import require_repairable
-from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import repair_scene, rollout, write
+from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH, EFFECTS, JOINT, MOTOR, TIME, Torques
 
@@ -22,7 +21,7 @@ SHOWN = {name: EFFECTS[name][0] for name in ("joint_inertia", "joint_gravity")}
 
 
 def put(folder: Path, *changes: tuple[str, str], text: str = TEXT) -> Bench:
-    """The shipped bench with patterns of its text replaced, each once or more."""
+    """Return the shipped bench with every pattern of its text replaced."""
     for pattern, new in changes:
         text, count = re.subn(pattern, new, text, flags=re.DOTALL)
         assert count, pattern
@@ -37,8 +36,8 @@ FORCE = r"(<actuatorfrc name=\"tension_agonist_proximal\")"
 
 @pytest.fixture(scope="module")
 def usual() -> Torques:
-    """What the shipped bench shows."""
-    return rollout(repaired(BENCH, BENCH.cables, SHOWN), TIME, MOTOR, JOINT)
+    """Return the torques of a rollout of the shipped bench."""
+    return rollout(repair_scene(BENCH, BENCH.cables, SHOWN), TIME, MOTOR, JOINT)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +85,7 @@ def test_scenes_that_differ_in_style_show_the_same(
     bench = put(tmp_path, *changes)
     require_repairable(bench)
     path = tmp_path / "repaired.xml"
-    write(path, repaired(bench, bench.cables, SHOWN))
+    write(path, repair_scene(bench, bench.cables, SHOWN))
     for shown, wanted in zip(rollout(path, TIME, MOTOR, JOINT), usual, strict=True):
         assert shown == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
 
@@ -163,7 +162,7 @@ def test_an_angle_offset_is_in_the_unit_of_the_scene(tmp_path: Path) -> None:
         (r"<joint name=\"joint\"", '<joint name="joint" ref="20"'),
     )
     offset = {"angle_offset": {"joint_angle_offset": 0.2}}
-    write(tmp_path / "out.xml", repaired(bench, bench.cables, offset))
+    write(tmp_path / "out.xml", repair_scene(bench, bench.cables, offset))
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
     rest = model.qpos0[model.joint("joint").qposadr[0]]
     assert rest == pytest.approx(np.radians(20.0) - 0.2, abs=1e-6)
@@ -171,7 +170,9 @@ def test_an_angle_offset_is_in_the_unit_of_the_scene(tmp_path: Path) -> None:
 
 def test_a_limit_without_margin_is_the_play(tmp_path: Path) -> None:
     bench = put(tmp_path, (r"<default>\n", '<default><tendon margin="0.1"/>\n'))
-    model = repaired(bench, bench.cables, {"backlash": {"backlash": 0.03}}).compile()
+    model = repair_scene(
+        bench, bench.cables, {"backlash": {"backlash": 0.03}}
+    ).compile()
     assert model.tendon_margin[model.tendon("joint_backlash").id] == 0.0
 
 

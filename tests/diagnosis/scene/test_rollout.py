@@ -1,4 +1,4 @@
-"""What MuJoCo shows along a motion is what the replay and the formulas say."""
+"""Rollouts of MuJoCo along a motion agree with the replay and the formulas."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.scene.repair import repaired, write
-from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import repair_scene, rollout, write
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH, DT, EFFECTS, JOINT, MOTOR, TIME, alone, late
 
@@ -22,7 +21,7 @@ LARGEST = np.abs(PLAIN.motor_torque).max()
 
 
 def error(found: np.ndarray, wanted: np.ndarray) -> float:
-    """Largest difference over the largest torque."""
+    """Return the largest difference over the largest torque."""
     return float(np.abs(found - wanted).max() / LARGEST)
 
 
@@ -78,7 +77,7 @@ def test_an_effect_adds_what_its_formula_says(tmp_path: Path, effect: str) -> No
     wanted = formula(PLAIN.motor_torque, PLAIN.joint_torque)
     plain = (PLAIN.motor_torque, PLAIN.joint_torque)
     assert max(error(a, b) for a, b in zip(wanted, plain, strict=True)) > 5e-4
-    spec = repaired(BENCH, BENCH.cables, {effect: values})
+    spec = repair_scene(BENCH, BENCH.cables, {effect: values})
     found = rollout(spec, TIME, MOTOR, JOINT)
     assert max(error(a, b) for a, b in zip(found, wanted, strict=True)) < 1e-9
     # The file has six digits.
@@ -89,7 +88,9 @@ def test_an_effect_adds_what_its_formula_says(tmp_path: Path, effect: str) -> No
 
 @pytest.mark.parametrize("lead_in", [None, 1.0])
 def test_a_turned_rig_has_its_weight_elsewhere(lead_in: float | None) -> None:
-    spec = repaired(BENCH, BENCH.cables, {"joint_gravity": EFFECTS["joint_gravity"][0]})
+    spec = repair_scene(
+        BENCH, BENCH.cables, {"joint_gravity": EFFECTS["joint_gravity"][0]}
+    )
     plain = rollout(spec, TIME, MOTOR, JOINT, lead_in)
     turned = rollout(spec, TIME, MOTOR, JOINT, lead_in, tilt=0.7)
     there = 0.3 * np.cos(JOINT + 0.7) - 0.5 * np.sin(JOINT + 0.7)
@@ -101,7 +102,9 @@ def test_a_turned_rig_has_its_weight_elsewhere(lead_in: float | None) -> None:
 def test_effects_add_up_with_sensors_last() -> None:
     names = ["sensor_delay", "torque_sensor_gain", "joint_gravity", "motor_cogging"]
     effects = {name: EFFECTS[name][0] for name in names}
-    motor, joint = rollout(repaired(BENCH, BENCH.cables, effects), TIME, MOTOR, JOINT)
+    motor, joint = rollout(
+        repair_scene(BENCH, BENCH.cables, effects), TIME, MOTOR, JOINT
+    )
     wanted = PLAIN.motor_torque, PLAIN.joint_torque
     for name in reversed(names):
         wanted = EFFECTS[name][1](*wanted)
@@ -115,7 +118,7 @@ def test_a_torque_that_comes_early_delays_everything_else() -> None:
         "motor_torque_delay": -0.004,
         "joint_torque_delay": 0.002,
     }
-    spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
+    spec = repair_scene(BENCH, BENCH.cables, {"sensor_delay": values})
     assert spec.sensor("motor_angle_rad").delay == pytest.approx(0.004)
     motor, joint = rollout(spec, TIME, MOTOR, JOINT)
     assert error(motor[:-2], late(PLAIN.motor_torque, -0.004)[:-2]) < 1e-9
@@ -130,7 +133,7 @@ def test_a_delay_shorter_than_a_sample_counts() -> None:
         "motor_torque_delay": 0.0005,
         "joint_torque_delay": 0.0,
     }
-    spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
+    spec = repair_scene(BENCH, BENCH.cables, {"sensor_delay": values})
     played = BENCH.transmission.replay(DT, motor_angle=motor, joint_angle=joint)
     wanted = np.interp(slow - 0.0005, slow, played.motor_torque)
     found = rollout(spec, slow, motor, joint)[0]
@@ -144,7 +147,7 @@ def test_a_delay_that_no_step_resolves_is_none() -> None:
         "motor_torque_delay": 2e-5,
         "joint_torque_delay": -1e-5,
     }
-    spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
+    spec = repair_scene(BENCH, BENCH.cables, {"sensor_delay": values})
     assert not any(sensor.delay for sensor in spec.sensors)
     found = rollout(spec, TIME, MOTOR, JOINT)
     assert error(found[0], PLAIN.motor_torque) < 1e-12
@@ -152,7 +155,7 @@ def test_a_delay_that_no_step_resolves_is_none() -> None:
 
 FRICTIONLESS = tuple(cable.replace(friction=0.0) for cable in BENCH.cables)
 SPRING = 2.0 * 50e3 / 2.0 * 0.05**2
-"""Both cables without friction about the pulleys [Nm/rad]."""
+"""Stiffness of both cables without friction about the pulleys [N m/rad]."""
 
 
 @pytest.mark.parametrize("play", [0.01, 0.05])
@@ -160,7 +163,7 @@ def test_backlash_of_a_frictionless_bench_is_a_dead_zone(play: float) -> None:
     time = TIME[:350]
     joint = 0.02 * np.sin(6.3 * time)
     motor = 0.03 * np.sin(9.4 * time) + 0.002 * np.sin(40.0 * time)
-    spec = repaired(BENCH, FRICTIONLESS, {"backlash": {"backlash": play}})
+    spec = repair_scene(BENCH, FRICTIONLESS, {"backlash": {"backlash": play}})
     found = rollout(spec, time, motor, joint)
     beyond = motor - joint
     beyond = beyond - np.clip(beyond, -play / 2.0, play / 2.0)
@@ -183,7 +186,7 @@ def test_lost_motion_of_a_bench_with_friction_is_the_play() -> None:
     )
     time = DT * np.arange(joint.size)
     plain = rollout(BENCH.path, time, np.zeros(joint.size), joint)[1]
-    spec = repaired(BENCH, BENCH.cables, {"backlash": {"backlash": play}})
+    spec = repair_scene(BENCH, BENCH.cables, {"backlash": {"backlash": play}})
     found = rollout(spec, time, np.zeros(joint.size), joint)[1]
     assert np.mean(np.abs(plain) < 0.05) < 0.1
     free = np.abs(found) < 0.05
@@ -199,7 +202,7 @@ def test_the_time_that_drifts_is_the_one_given() -> None:
         "motor_torque_drift": 0.1,
         "joint_torque_drift": 0.0,
     }
-    spec = repaired(BENCH, BENCH.cables, {"torque_sensor_offset": values})
+    spec = repair_scene(BENCH, BENCH.cables, {"torque_sensor_offset": values})
     early = rollout(spec, TIME, MOTOR, JOINT)[0]
     later = rollout(spec, TIME + 20.0, MOTOR, JOINT)[0]
     assert later - early == pytest.approx(np.full(TIME.size, 2.0))
@@ -233,6 +236,6 @@ def test_a_scene_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_the_radii_of_the_bench_become_the_gears() -> None:
     wide = replace(BENCH, motor_radius=0.04, joint_radius=0.06)
     played = wide.transmission.replay(DT, motor_angle=MOTOR, joint_angle=JOINT)
-    found = rollout(repaired(wide, wide.cables, {}), TIME, MOTOR, JOINT)
+    found = rollout(repair_scene(wide, wide.cables, {}), TIME, MOTOR, JOINT)
     assert error(found[0], played.motor_torque) < 1e-9
     assert error(found[1], played.joint_torque) < 1e-9

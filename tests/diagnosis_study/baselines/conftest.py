@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from baselines.signals import Signals, observed
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
-from cc_mujoco.diagnosis.inference.records import Record
+from cc_mujoco.diagnosis import BaselineFit, CrossValidation, Problem, Record, fit
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
 from diagnosis.recorded import BENCH, motions
 
 DT = 0.004
@@ -35,30 +35,30 @@ class Motion:
 
 
 def record(motor: Array, joint: Array, measured: Array, run_in: int = 25) -> Record:
-    """A record of these signals, of which the first samples do not count."""
+    """Return a record of these signals; its first samples do not count."""
     time = DT * np.arange(motor.size)
     counts = np.arange(motor.size) >= run_in
     return Record(
-        "one",
-        DT,
-        DT,
-        time,
-        motor,
-        joint,
-        np.array([motor, joint]),
-        measured,
-        25.0,
-        counts,
-        None,
-        0.0,
-        None,
-        "one",
+        trial="one",
+        dt=DT,
+        step=DT,
+        time=time,
+        motor_angle=motor,
+        joint_angle=joint,
+        read=np.array([motor, joint]),
+        measured=measured,
+        band=25.0,
+        counts=counts,
+        pretension=None,
+        start=0.0,
+        split=None,
+        group="one",
     )
 
 
 @pytest.fixture(scope="session")
 def faulty() -> Callable[[Array | float, Array | float], Signals]:
-    """Signals whose residual of motor and joint is this plus noise [Nm]."""
+    """Signals whose residual of motor and joint is this plus noise [N m]."""
 
     def made(motor: Array | float = 0.0, joint: Array | float = 0.0) -> Signals:
         torque = Motion.torque
@@ -75,7 +75,7 @@ def faulty() -> Callable[[Array | float, Array | float], Signals]:
 
 @pytest.fixture(scope="session")
 def motion() -> type[Motion]:
-    """That of `faulty`."""
+    """Return the class `Motion` of `faulty`."""
     return Motion
 
 
@@ -90,7 +90,7 @@ def there_and_back() -> Signals:
 
 @pytest.fixture(scope="session")
 def baseline_fit() -> Callable[..., BaselineFit]:
-    """The tuned baseline of a short trial of the bench that hides these effects."""
+    """Return a function that tunes the baseline to a trial with hidden effects."""
     return _tuning
 
 
@@ -107,7 +107,7 @@ def _tuning(hidden: dict[str, dict[str, float]]) -> BaselineFit:
     measured += NOISE * np.random.default_rng(1).standard_normal(measured.shape)
     seen = record(motor, joint, measured, run_in=100)
     floor = (np.full(measured.shape, NOISE),)
-    free = tuned(BENCH, (seen,), {})
+    free = baseline_parameters(BENCH, (seen,), {})
     problem = Problem(plant.limited([seen]), free, (), floor, floor)
     found = fit(problem, np.zeros(len(free)), [seen.counts])
     return BaselineFit(problem, found, CrossValidation(problem, (found,), ()), 0.0)

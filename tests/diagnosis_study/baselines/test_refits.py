@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from baselines import METHODS, installed
 from baselines.refits import bic
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit
+from cc_mujoco.diagnosis import BaselineFit
 
 IDS = ("viscous_friction", "joint_gravity", "motor_inertia")
 

@@ -11,14 +11,14 @@ import pytest
 from baselines.binning import BINS, in_bins, regressed
 from baselines.features import FAMILIES
 from baselines.signals import Signals
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis import EFFECTS
 
 Faulty = Callable[..., Signals]
 Residual = Callable[[Any], dict[str, np.ndarray]]
 
 
 def late(torque: np.ndarray, by: float, step: float = 0.004) -> np.ndarray:
-    """A torque as it was some seconds ago."""
+    """Return a torque delayed by some seconds."""
     at = step * np.arange(torque.size)
     return np.interp(at - by, at, torque)
 

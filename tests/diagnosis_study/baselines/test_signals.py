@@ -1,4 +1,4 @@
-"""What features read off a motion: direction, travel since a turn, rests."""
+"""Features of a motion: direction, travel since a reversal, rests."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ def judge(record: dict[str, Any]) -> str:
 
 
 def case(kind: str, hidden: str, binned: str | None) -> dict[str, Any]:
-    """A case that the diagnosis leaves unnamed."""
+    """Return a case whose effect the diagnosis does not name."""
     ranking = [binned or "backlash"]
     return {
         "kind": kind,

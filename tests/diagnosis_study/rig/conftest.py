@@ -1,4 +1,4 @@
-"""What the tests of the rig share."""
+"""Fixtures of the tests of the rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rig() -> Rig:
 
 
 def cut(trial: Trial, seconds: float) -> Trial:
-    """The first seconds of a trial, after its lead-in."""
+    """Return the first seconds of a trial, after its lead-in."""
     rows = round(1000 * (seconds + 0.6)) + 1
     return dataclasses.replace(
         trial, command=trial.command[:rows], target=trial.target[:rows]
@@ -40,23 +40,23 @@ def shortened() -> Callable[[Trial, float], Trial]:
 
 @pytest.fixture
 def dwelling() -> Trial:
-    """Moves with rests between them, of motor and hand."""
+    """Return motions of motor and hand with rests between the moves."""
     return cut(make_trials("rich", seed=3)[2], 3.0)
 
 
 @pytest.fixture
 def ladder() -> Trial:
-    """Slow to fast against a spring."""
+    """Return a trial of rising speed against a spring."""
     return make_trials("rich", seed=3)[0]
 
 
 @pytest.fixture(scope="session")
 def lively() -> Trial:
-    """Motor and hand on multisines."""
+    """Return a trial of multisines at motor and hand."""
     return cut(make_trials("rich", seed=3)[1], 1.5)
 
 
 @pytest.fixture(scope="session")
 def reversing() -> Trial:
-    """Up to high torque with many reversals on the way."""
+    """Return a trial with many reversals on the way to high torque."""
     return cut(make_trials("rich", seed=3)[4], 2.5)

@@ -1,4 +1,4 @@
-"""Signs, units and names of what is written are those of the data contract."""
+"""Signs, units and names of the written data follow the data contract."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_positive_motor_rotation_pulls_the_joint_positive(session: Data) -> None
 
 
 def test_torques_are_those_of_the_tensions(session: Data) -> None:
-    """What the motor puts in winds cable a; what comes out is what a leaves."""
+    """Positive motor torque winds cable a, and cable a pulls the joint positive."""
     rig = make_rig(3)
     columns = session[0]
     a, b = columns["tension_a_proximal_n"], columns["tension_b_proximal_n"]

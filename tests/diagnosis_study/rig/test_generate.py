@@ -42,7 +42,7 @@ def made(folder: Path, effect: str, strength: str = "3") -> Path:
 
 @pytest.fixture(scope="module")
 def nothing(two_trials: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data set that hides nothing."""
+    """Return a data set without hidden effects."""
     return made(tmp_path_factory.mktemp("nothing") / "set", "none")
 
 

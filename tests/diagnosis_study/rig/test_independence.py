@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 ALLOWED = {"rig", "numba", "numpy", "scipy", *sys.stdlib_module_names}
-STAMP = "cc_mujoco.code_stamp"
+STAMP = "cc_mujoco._utils.code_stamp"
 """Module that says when compiled code is out of date; it has nothing of the model."""
 
 
@@ -28,6 +28,6 @@ def test_only_general_libraries_are_imported(scripts: Path) -> None:
     for file in files:
         stamp = {STAMP} if file.name == "compiled.py" else set()
         assert imported(file) <= ALLOWED | stamp, file
-    from cc_mujoco import code_stamp
+    from cc_mujoco._utils import code_stamp
 
     assert imported(Path(code_stamp.__file__)) <= ALLOWED

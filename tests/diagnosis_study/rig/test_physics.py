@@ -22,7 +22,7 @@ def column(records: Array, name: str) -> Array:
 
 
 def pulled(rig: Rig, speed: float, seconds: float, **changes: float) -> Array:
-    """Records of a motor that turns steadily while a spring holds the handle."""
+    """Return the records of a steadily turning motor, the handle held by a spring."""
     time = np.arange(round(1000 * seconds) + 1) / 1000
     command = np.stack([speed * time, np.full_like(time, speed)], axis=1)
     plant = plant_of(rig)._replace(**changes)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.datasets import Bench
 from rig.posts import KNUCKLE_RADIUS, WINCH_RADIUS, Tendon, path, played
 
 DT = 1e-3

@@ -22,7 +22,7 @@ STRENGTHS = (2.0, 4.0)
 
 @st.composite
 def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
-    """What the diagnosis may have said of a case, seed and all."""
+    """Return a possible result of the diagnosis of a case, with its seed."""
     kind = draw(st.sampled_from([*KINDS, "pair"]))
     if kind == "pair":
         hidden = FEW[:2]

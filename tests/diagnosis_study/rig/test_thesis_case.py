@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import errors
-from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.datasets import Bench
+from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis import Options, load, run_inference
 from rig.dataset import make_dataset
 from rig.effects import EFFECTS
 from rig.generate import facts_of, write_data
@@ -42,7 +41,9 @@ def test_one_of_both_comes_first_and_both_are_found(
     write_data(tmp_path / "data", trials, facts_of("rich", 11))
     dataset, findings = load([tmp_path / "data"])
     assert not errors(findings)
-    result = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS)
+    result = run_inference(
+        dataset, Bench.of(scene_path("bench")), Options(ids=SUSPECTS)
+    )
     found = result.diagnosis
     assert found.verdict == "named", found.statement
     assert {effect.id for effect in found.effects} == BOTH

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import Section
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.bend import BendEstimator
-from cc_mujoco.transmission import Section
+from cc_mujoco.thesis.estimators import BendEstimator
 from estimation.runs import CABLE, Run, drifting, played, rms, strokes
 
 PATH = (Section(0.5, 0.2), Section(0.5, 0.8), Section(0.5, 0.3), Section(0.5, 0.5))

@@ -7,26 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco.cable import Cable, Section, replay
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.fusion import gains
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.consensus import SensorConsensus
-from cc_mujoco.thesis.estimators.directions import (
-    likeliest,
+from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.thesis._literal_solver import Constraint, sign_patterns, solve
+from cc_mujoco.thesis.estimators import SensorConsensus
+from cc_mujoco.thesis.estimators._directions import (
+    likeliest_pattern,
+    majority_directions,
     median_last_moving,
-    most_common,
     own_solutions,
 )
-from cc_mujoco.thesis.estimators.extrapolation import (
+from cc_mujoco.thesis.estimators._extrapolation import (
     CONDITIONS,
     Moment,
     excess_moment,
     fuse_correlated,
     own_errors,
 )
-from cc_mujoco.thesis.solver import Constraint, sign_patterns, solve
-from cc_mujoco.transmission import Cable, Section, replay
-from cc_mujoco.transmission.segments import Mesh
 
 CABLE = Cable(friction=0.1, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)
@@ -69,7 +69,9 @@ def test_moment_is_its_own_solution_without_noise(condition: str) -> None:
     )
     assert np.all(own.pattern == truth.pattern)
     assert np.all(own.contradiction == 0.0)
-    found = likeliest(MESH, truth.before, proximal, truth.tension, EVERY, np.ones(11))
+    found = likeliest_pattern(
+        MESH, truth.before, proximal, truth.tension, EVERY, np.ones(11)
+    )
     assert found.tolist() == truth.pattern.tolist()
 
 
@@ -81,8 +83,8 @@ def test_all_readings_at_once_err_less_often_than_the_vote() -> None:
     random = np.random.default_rng(2)
     reading = truth.tension + 2.0 * random.normal(size=(300, 11))
     known = mesh, truth.before, np.full(300, truth.displacement[0]), reading, EVERY
-    voted = most_common(own_solutions(*known, first=truth.pattern).pattern)
-    best = likeliest(*known, np.full(11, 2.0), first=truth.pattern)
+    voted = majority_directions(own_solutions(*known, first=truth.pattern).pattern)
+    best = likeliest_pattern(*known, np.full(11, 2.0), first=truth.pattern)
     wrong_vote, wrong = (np.mean(p != truth.pattern) for p in (voted, best))
     assert wrong < 0.3 * wrong_vote
 
@@ -101,14 +103,14 @@ def test_printed_example_of_the_median() -> None:
 
 def test_equal_votes_leave_the_direction() -> None:
     votes = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, -1.0]])
-    assert most_common(votes, [-1.0, -1.0, 1.0]).tolist() == [-1.0, 1.0, -1.0]
+    assert majority_directions(votes, [-1.0, -1.0, 1.0]).tolist() == [-1.0, 1.0, -1.0]
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_extrapolation_is_worse_than_interpolation(condition: str) -> None:
     truth = moment(condition)
     error = own_errors(MESH, truth, Sensors.everywhere(CABLE, 0.5), 300, 3)
-    carried = 0.5 * gains(MESH, truth.pattern, EVERY, through_rest=True)
+    carried = 0.5 * tension_gains(MESH, truth.pattern, EVERY, through_rest=True)
     worse = np.sqrt(np.mean(error**2, axis=0)) / carried
     sensor, node = np.indices(worse.shape)
     assert np.mean(worse[node > sensor]) > 1.2 * np.mean(worse[node < sensor])

@@ -5,30 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.fusion import gains
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.noise import (
+from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.thesis.estimators import SensorNoise, autocovariance_least_squares
+from cc_mujoco.thesis.estimators._noise_covariance import (
     LinearModel,
-    autocovariance_least_squares,
     autocovariances,
-    differences,
+    difference_variance,
     innovations,
     trend_model,
 )
-from cc_mujoco.thesis.estimators.sensor_noise import SensorNoise
-from cc_mujoco.transmission import Cable, Section
-from cc_mujoco.transmission.segments import Mesh
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10)
 NODES = (0, 4, 7, 10)
-FACTORS = 1.0 / gains(Mesh.of(CABLE), -np.ones(10), np.array(NODES))[:, -1]
+FACTORS = 1.0 / tension_gains(Mesh.of(CABLE), -np.ones(10), np.array(NODES))[:, -1]
 DEVIATION = np.array([2.0, 0.5, 1.0, 0.3])
 WANDER = 1e-4
 
 
 def recording(samples: int, random: np.random.Generator) -> np.ndarray:
-    """Readings of a tension that is the local trend of the model."""
+    """Return readings of a tension that follows the local-trend model."""
     step = np.sqrt(WANDER) * random.normal(size=samples)
     rate = np.cumsum(step) - step
     tension = 50.0 + np.cumsum(rate + 0.5 * step)
@@ -86,20 +85,20 @@ def test_differences_take_motion_for_noise() -> None:
     readings = recording(4000, np.random.default_rng(9))
     model = trend_model(FACTORS)
     found = autocovariance_least_squares(innovations(model, readings)[50:], model)
-    excess = differences(readings) - DEVIATION**2
+    excess = difference_variance(readings) - DEVIATION**2
     assert np.all(excess[1:] > 0.0)
     error = np.abs(found.sensor - DEVIATION**2)
     assert np.mean(error[1:]) < 0.3 * np.mean(excess[1:])
 
 
 def running(noise: SensorNoise, deviation: np.ndarray, samples: int, seed: int) -> None:
-    """A tension that jumps about, in both directions of motion."""
+    """Update with a tension that varies at random, in both directions of motion."""
     random = np.random.default_rng(seed)
     for i in range(samples):
         slip_direction = 1.0 if (i // 100) % 2 else -1.0
-        gain = gains(Mesh.of(CABLE), np.full(10, slip_direction), np.array([10]))[
-            0, list(NODES)
-        ]
+        gain = tension_gains(
+            Mesh.of(CABLE), np.full(10, slip_direction), np.array([10])
+        )[0, list(NODES)]
         truth = random.uniform(10.0, 90.0) * gain
         noise.update(
             truth + deviation * random.normal(size=4), np.full(10, slip_direction)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.slope_law import SlopeLaw
+from cc_mujoco.thesis.estimators import SlopeLaw
 from estimation.runs import CABLE, Run, played, strokes
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
@@ -20,7 +20,7 @@ def run() -> Run:
 
 
 def steps(law: SlopeLaw, run: Run, slip_direction: int) -> np.ndarray:
-    """What the law adds to mu_0 in every sample of mass motion this way."""
+    """Return the law's correction of mu_0 in each sample of mass motion this way."""
     whole = np.all(run.direction == slip_direction, axis=1)
     found = [
         law.update(*row)

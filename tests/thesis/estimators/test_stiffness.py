@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.samples import EstimateTrack
-from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
+from cc_mujoco.estimation import EstimateTrack
+from cc_mujoco.thesis.estimators import StiffnessEstimator
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
 
 FINE = CABLE.replace(segments=40, pretension=20.0)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.estimators.history import History
-from cc_mujoco.thesis.estimators.linearization import (
+from cc_mujoco.thesis.estimators import UnscentedEstimator
+from cc_mujoco.thesis.estimators._linearization import (
     kalman_gain,
-    linearized,
+    linearize,
     sigma_points,
     square_root,
 )
-from cc_mujoco.thesis.estimators.unscented import UnscentedEstimator
+from cc_mujoco.thesis.estimators._sliding_window import History
 from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
 
 NAMES = ("friction", "axial_stiffness", "pretension")
@@ -121,7 +121,7 @@ def test_replays_begin_at_the_last_slip_of_the_whole_cable(run: Run) -> None:
             truth = run.tension[row + 1 - count : row + 1]
             assert again.tension_distal == pytest.approx(truth[:, -1], rel=1e-6)
             assert again.tension_proximal == pytest.approx(truth[:, 0], rel=1e-6)
-            history.shorten([CABLE], [again])
+            history.drop_old_samples([CABLE], [again])
     assert max(kept[1:]) < 200
 
 
@@ -135,7 +135,7 @@ def test_without_anchor_replays_stay_short_and_are_right_after_the_next() -> Non
         history.add({name: float(column[row]) for name, column in recording.items()})
         again = history.replay(CABLE)
         assert again.u_distal.size <= 101
-        history.shorten([CABLE], [again])
+        history.drop_old_samples([CABLE], [again])
     assert again.tension_proximal[-1] == pytest.approx(true.tension[-1, 0], rel=1e-6)
     assert again.tension_distal[-1] == pytest.approx(true.tension[-1, -1], rel=1e-6)
 
@@ -168,11 +168,11 @@ def test_moments_lines_and_gains_are_those_of_linear_algebra() -> None:
     assert np.mean(points, axis=0) == pytest.approx(mean)
     apart = points[1:] - mean
     assert apart.T @ apart / 6.0 == pytest.approx(covariance)
-    line = linearized(points, points @ slope.T + 7.0)
+    line = linearize(points, points @ slope.T + 7.0)
     assert line.slope == pytest.approx(slope)
     assert line.offset == pytest.approx(np.full(5, 7.0))
     assert line.root == pytest.approx(np.zeros((5, 7)), abs=1e-9)
-    bent = linearized(points, points**2)
+    bent = linearize(points, points**2)
     variance = np.array([0.5, 1.0, 2.0])
     total = bent.slope @ covariance @ bent.slope.T + bent.root @ bent.root.T
     total += np.diag(variance)

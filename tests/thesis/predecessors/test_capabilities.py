@@ -1,28 +1,27 @@
-"""What each model can show: the table of the thesis's section 1.5, asked anew."""
+"""Capabilities of each model: the table of section 1.5 of the thesis, recomputed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from cc_mujoco.thesis import BristleChain, Distributed
 from cc_mujoco.thesis.predecessors import (
-    BristleChain,
-    Distributed,
     LuGreChain,
     LumpedMasses,
     ModifiedBoucWen,
     PassiveDistributed,
     StaticCapstan,
 )
-from cc_mujoco.thesis.predecessors.capabilities import (
+from cc_mujoco.thesis.predecessors._capabilities import (
     CABLE,
+    CAPABILITY_TESTS,
     DT,
-    QUESTIONS,
     SPRING,
-    ask,
-    front,
-    onset,
-    raised,
+    end_tension,
+    find_capabilities,
+    front_pull,
+    onset_pull,
 )
 
 BRISTLES = {
@@ -44,7 +43,7 @@ ABLE = {
         "non-uniform pretension",
         "creates no energy",
     },
-    Distributed: set(QUESTIONS),
+    Distributed: set(CAPABILITY_TESTS),
 }
 
 
@@ -52,19 +51,19 @@ def made(kind):
     if kind is not ModifiedBoucWen:
         return kind(CABLE)
     time = np.arange(0.0, 2.0, DT)
-    proximal = -2.5 * onset(CABLE) * np.sin(np.pi * time)
+    proximal = -2.5 * onset_pull(CABLE) * np.sin(np.pi * time)
     seen = Distributed(CABLE).replay(DT, proximal, SPRING)
     return kind.fitted(CABLE, DT, proximal, SPRING, seen)
 
 
 @pytest.mark.parametrize("kind", ABLE, ids=lambda kind: kind.__name__)
 def test_each_model_shows_what_its_equations_can(kind):
-    found = ask(made(kind))
+    found = find_capabilities(made(kind))
     assert {name for name, finding in found.items() if finding.able} == ABLE[kind]
     assert all(finding.told for finding in found.values())
 
 
 def test_front_formula_is_its_own_inverse_and_ends_at_the_onset():
-    assert raised(CABLE, front(CABLE, 15.0)) == pytest.approx(15.0, rel=1e-9)
-    pull = 0.6 * onset(CABLE)
-    assert CABLE.pretension < raised(CABLE, pull) < CABLE.pretension * np.e
+    assert end_tension(CABLE, front_pull(CABLE, 15.0)) == pytest.approx(15.0, rel=1e-9)
+    pull = 0.6 * onset_pull(CABLE)
+    assert CABLE.pretension < end_tension(CABLE, pull) < CABLE.pretension * np.e

@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.errors import CableError
+from cc_mujoco.thesis import BristleChain, Distributed, EndSpring
 from cc_mujoco.thesis.predecessors import (
     Bristle,
-    BristleChain,
-    Distributed,
-    EndSpring,
     Hysteresis,
     Locked,
     LumpedMasses,
@@ -24,7 +23,6 @@ from cc_mujoco.thesis.predecessors import (
     PassiveDistributed,
     StaticCapstan,
 )
-from cc_mujoco.transmission import Cable, Section, replay
 
 CABLE = Cable(
     axial_stiffness=4000.0,

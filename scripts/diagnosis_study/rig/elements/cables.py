@@ -26,23 +26,23 @@ ELASTIC = 0.6
 _ENOUGH = 1e-7
 _ITERATIONS = 60
 _HALVINGS = 8
-"""Of a step at most, where the nodes are not found."""
+"""Largest number of times that a step is halved when Newton's method fails."""
 _LAG = 4e-3
-"""Of the speed that friction goes by [s]."""
+"""Time constant of the filtered speed on which friction depends [s]."""
 
 
 class Cables(NamedTuple):
     """State of both cables; displacements are towards the motor [m].
 
     Attributes:
-        place: of the inner nodes (2, elements - 1) [m].
-        speed: of them [m/s].
-        slow: the same with a lag, which friction goes by.
-        deflection: of every contact (2, elements - 1) [m].
-        age: of every contact [s].
-        tension: of every element (2, elements) [N].
-        ferrule: how far the fastening at the motor has given (2,) [m].
-        work: (2, 2) of friction and of damping, by cable [J].
+        place: displacement of the inner nodes (2, elements - 1) [m].
+        speed: velocity of the inner nodes [m/s].
+        slow: low-pass filtered velocity, on which friction depends [m/s].
+        deflection: deflection of every contact (2, elements - 1) [m].
+        age: age of every contact [s].
+        tension: tension of every element (2, elements) [N].
+        ferrule: elongation of the fastening at the motor (2,) [m].
+        work: work of friction and of damping, by cable (2, 2) [J].
     """
 
     place: Array
@@ -56,7 +56,7 @@ class Cables(NamedTuple):
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
-    """Both cables at rest in pretension; `arcs` are the displacements of both."""
+    """Return both cables at rest at pretension, displaced by `arcs` [m]."""
     inner = p.mass.shape[1]
     zero = np.zeros((2, inner))
     return Cables(
@@ -73,11 +73,11 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
 
 @compiled
 def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
-    """A contact's deflection after a move, and its slope by the move.
+    """Return the deflection of a contact after a move, and its derivative by the move.
 
     Args:
         z: deflection before [m].
-        moved: how far the cable went [m].
+        moved: displacement of the cable [m].
         slides: deflection at which it slides [m].
     """
     way = 1.0 if moved >= 0.0 else -1.0
@@ -94,7 +94,7 @@ def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
 
 @compiled
 def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float]:
-    """Tension of an element, and its slope, by its stretch beyond pretension."""
+    """Return an element's tension and its slope by the stretch beyond pretension."""
     if p.toe == 0.0:
         tension = tight + k * stretch
         return (tension, k) if tension > 0.0 else (0.0, 0.0)
@@ -112,7 +112,7 @@ def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float
 def _coefficients(
     p: Plant, cables: Cables, c: int, joint: float, time: float, held: Array, dry: Array
 ) -> None:
-    """Fill `held` by what nodes hold over their load, `dry` by what needs none."""
+    """Fill `held` with friction over load, `dry` with load-independent friction."""
     inner = held.size
     overall = p.friction[c]
     whole, last = np.sum(p.bend[c]), p.yielding.shape[1] - 1
@@ -149,12 +149,12 @@ class _Row(NamedTuple):
 
     Attributes:
         elastic: tension of every element without damping (elements,) [N].
-        slope: of the tension by the stretch.
-        left: force that is not balanced (elements - 1,) [N].
-        low: of it by the node before, negative; likewise the others.
-        mid: by the node itself.
-        high: by the node behind.
-        force: of friction and grease [N].
+        slope: derivative of the tension by the stretch [N/m].
+        left: residual force (elements - 1,) [N].
+        low: negative derivative of `left` by the previous node's place [N/m].
+        mid: negative derivative by the node's own place [N/m].
+        high: negative derivative by the next node's place [N/m].
+        force: force of friction and grease [N].
         z: deflection of the contacts [m].
     """
 
@@ -181,7 +181,7 @@ def _balance(
     dt: float,
     row: _Row,
 ) -> float:
-    """Fill the row for these places; the largest force that is left [N].
+    """Fill the row for these places and return the largest residual force [N].
 
     `before` are places and both ends a step ago, `ends` the tension at rest and the
     displacements of both ends now.
@@ -270,21 +270,21 @@ def step(
     held: Array,
     dry: Array,
 ) -> tuple[float, float]:
-    """Advance a cable by dt; tensions of its ends [N].
+    """Advance a cable by dt and return the tensions of its ends [N].
 
     Args:
         p: the plant.
         cables: their state, which moves on.
-        c: which cable.
+        c: index of the cable.
         tight: tension at rest [N].
         near: displacement of its end at the motor before and after [m].
-        far: that of its end at the joint.
+        far: displacement of its end at the joint before and after [m].
         joint: angle of the joint [rad].
-        time: since the start [s].
-        dt: of the step [s].
-        row: room to work in, see `room`.
-        held: the same.
-        dry: the same.
+        time: time since the start [s].
+        dt: duration of the step [s].
+        row: work space, see `room`.
+        held: work space (elements - 1,).
+        dry: work space (elements - 1,).
 
     Raises:
         ValueError: The nodes of a step are not found.
@@ -320,7 +320,7 @@ def _advanced(
     held: Array,
     dry: Array,
 ) -> bool:
-    """Return whether the nodes after dt are found; else the cable is as it was.
+    """Return whether the nodes after dt are found; otherwise the cable is unchanged.
 
     `ends` are the displacements of both ends, before and after each.
     """
@@ -370,7 +370,7 @@ def _advanced(
 
 @compiled
 def room(inner: int) -> _Row:
-    """Room for `step` to work in."""
+    """Return the work space of `step`."""
     return _Row(
         np.empty(inner + 1), np.empty(inner + 1), np.empty(inner), np.empty(inner),
         np.empty(inner), np.empty(inner), np.empty(inner), np.empty(inner),

@@ -14,7 +14,7 @@ Hide = Callable[[Truth, float, Generator], Truth]
 
 
 def _plant(name: str, signed: bool = False, **drawn: tuple[float, float]) -> Hide:
-    """An effect that is one field of the plant, either way where `signed`.
+    """Return an effect that is one field of the plant, of either sign if `signed`.
 
     `drawn` are other fields, drawn evenly between two numbers.
     """
@@ -29,7 +29,7 @@ def _plant(name: str, signed: bool = False, **drawn: tuple[float, float]) -> Hid
 
 
 def _chain(name: str, signed: bool = False) -> Hide:
-    """An effect that is one field of the sensors."""
+    """Return an effect that is one field of the sensors."""
 
     def hide(truth: Truth, amount: float, random: Generator) -> Truth:
         size = float(random.choice([-1.0, 1.0])) * amount if signed else amount
@@ -39,7 +39,7 @@ def _chain(name: str, signed: bool = False) -> Hide:
 
 
 def _soft(truth: Truth, amount: float, random: Generator) -> Truth:
-    """Contacts that yield late, here more and there less."""
+    """Return contacts that yield late, by different amounts."""
     plant = truth.plant
     uneven = random.uniform(0.5, 1.5, plant.mass.shape)
     yielding = plant.yielding + amount * uneven

@@ -1,9 +1,9 @@
-"""The logger of a rig of finite elements, and what its sensors cannot do.
+"""Logger of a rig of finite elements, and the imperfections of its sensors.
 
-Each rig has about half of it, drawn from its seed and no effect, within what a careful
-experimenter lives with: encoders that are not on their axes, torque sensors behind a
-slow filter, time stamps that jitter. Every other rig has coarse encoders, 13 bits at
-the joint and 15 at the motor, that round and have no noise.
+Each rig has about half of them, sampled from its seed independently of any effect, at
+sizes that a careful experimenter accepts: eccentric encoders, slow filters of torque
+sensors, jitter of the sampling times. Every other rig has coarse encoders without
+noise, 13 bits at the joint and 15 bits at the motor.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 COARSE = {"motor_angle": 15, "joint_angle": 13}
 """Bits of coarse encoders."""
 _SAMPLE_CLOCK = 1e-5
-"""To which a moment is stamped [s]."""
+"""Resolution of time stamps [s]."""
 
 
 class Chain(NamedTuple):
-    """Sensor properties that distort what happens, off at 0; SI and radians."""
+    """Distortions by the sensors, off at 0; SI and radians."""
 
     # --- what this rig has, whatever is hidden ------------------------------------
     coarse: bool = False
@@ -37,28 +37,28 @@ class Chain(NamedTuple):
     """Error of the motor's encoder, once a turn [rad]."""
     motor_phase: float = 0.0
     joint_offcentre: float = 0.0
-    """The same at the joint."""
+    """Error of the joint's encoder, once a turn [rad]."""
     joint_phase: float = 0.0
     slow: float = 0.0
     """Time constant of the filter of both torque sensors [s]."""
     jitter: float = 0.0
-    """Of the moments at which is sampled [s]; they are stamped."""
+    """Standard deviation of the jitter of samples, included in time stamps [s]."""
 
     # --- what may be hidden -------------------------------------------------------
     gain: float = 0.0
-    """Excess gain of the joint's torque sensor; two thirds of it the other way."""
+    """Excess gain of the joint's torque sensor; two thirds at negative torque."""
     offset: float = 0.0
-    """Of the joint's torque sensor, which warms up during a trial [Nm]."""
+    """Offset of the joint's torque sensor, which warms up during a trial [N m]."""
     delay: float = 0.0
     """Group delay of a Bessel filter of both channels of the joint [s]."""
     cubic: float = 0.0
-    """What the joint's torque sensor lacks at 5 N m, by the cube of torque [Nm]."""
+    """Deficit of the joint's torque sensor at 5 N m, by the cube of torque [N m]."""
     pressed: float = 0.0
-    """Torque that the mean pull of both cables fakes at the joint, over its arm."""
+    """Spurious torque of the joint's sensor per mean tension of both cables [m]."""
 
 
 def chain_of(rig: Rig) -> Chain:
-    """Return what the sensors of a rig are like when nothing is hidden."""
+    """Return the sensors of a rig without a hidden effect."""
     random = np.random.default_rng([rig.seed, 0x105])
     has = random.random(4) < 0.5
     size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])
@@ -68,7 +68,7 @@ def chain_of(rig: Rig) -> Chain:
 
 
 def channels(rig: Rig) -> dict[str, Channel]:
-    """The channels of this rig's logger."""
+    """Return the channels of this rig's logger."""
     if not chain_of(rig).coarse:
         return CHANNELS
     rounded = {
@@ -90,7 +90,7 @@ def _moments(rig: Rig, chain: Chain, count: int) -> Array:
 
 
 def _filtered(numerator: Array, denominator: Array, signal: Array) -> Array:
-    """A filter of gain 1 that starts settled."""
+    """Return a filter of gain 1 that starts in steady state."""
     out = lfilter(numerator, denominator, signal - signal[0])
     return np.asarray(out + signal[0])
 
@@ -101,7 +101,7 @@ def _one_pole(seconds: float, signal: Array) -> Array:
 
 
 def _shown(records: Array, name: str, chain: Chain) -> Array:
-    """A channel as its sensor gives it to the logger."""
+    """Return a channel as its sensor reports it to the logger."""
     signal = records[:, COLUMNS.index(name)]
     if name == "motor_angle" and chain.motor_offcentre:
         signal = signal + chain.motor_offcentre * np.sin(signal - chain.motor_phase)
@@ -119,7 +119,7 @@ def _shown(records: Array, name: str, chain: Chain) -> Array:
 
 
 def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
-    """The joint's torque sensor with all that may be wrong with it."""
+    """Return the reading of the joint's torque sensor with all its faults."""
     out = torque
     if chain.gain:
         out = out + chain.gain * np.where(torque > 0.0, torque, torque / 1.5)
@@ -135,7 +135,7 @@ def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
 
 
 def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
-    """Return what a noise-free, endlessly fine logger stores, (samples, names)."""
+    """Return the readings of a logger without noise or rounding, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1.0 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
     moments = LEAD + _moments(rig, chain, round(recorded * SAMPLE_RATE))
@@ -153,13 +153,13 @@ def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> A
 def logged(
     clean: Array, rig: Rig, names: tuple[str, ...], key: list[int]
 ) -> dict[str, Array]:
-    """Noise and resolution added, under the names that the files use.
+    """Add noise and rounding, and return columns by their names in the files.
 
     Args:
         clean: (samples, names), see `sampled`.
-        rig: whose logger it is.
-        names: of the channels.
-        key: what the noise depends on; every channel adds its own number.
+        rig: rig of the logger.
+        names: names of the channels.
+        key: seed of the noise; every channel adds its own number.
     """
     columns = {"time_s": _moments(rig, chain_of(rig), clean.shape[0])}
     order = list(CHANNELS)

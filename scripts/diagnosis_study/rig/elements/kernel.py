@@ -51,7 +51,7 @@ def integrate(
 
 @compiled
 def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Length wound onto the motor pulley from angle 0, and its slope [m/rad].
+    """Return the length wound on the motor pulley from 0, and its slope [m/rad].
 
     Off its middle it is nearer on one side as it is farther on the other; oval, it is
     the same on both.
@@ -68,7 +68,7 @@ def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
 
 @compiled
 def _asked(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> float:
-    """Torque of a spring and damper towards a prescribed motion."""
+    """Return the torque of a spring and damper towards a prescribed motion."""
     there = path[at, 0] + part * (path[at + 1, 0] - path[at, 0])
     speed = path[at, 1] + part * (path[at + 1, 1] - path[at, 1])
     return float(tie[0] * (there - x) + tie[1] * (speed - v))
@@ -76,7 +76,7 @@ def _asked(tie: Array, path: Array, at: int, part: float, x: float, v: float) ->
 
 @compiled
 def _flanks(p: Plant, ahead: float, ahead_speed: float) -> float:
-    """Torque of the hub on the handle: flanks that dent as they meet."""
+    """Return the torque of the hub on the handle: flanks that dent as they meet."""
     deep = abs(ahead) - 0.5 * p.play
     if deep <= 0.0:
         return 0.0
@@ -87,7 +87,7 @@ def _flanks(p: Plant, ahead: float, ahead_speed: float) -> float:
 
 @compiled
 def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
-    """Torque of what sits on the joint pulley."""
+    """Return the torque of what sits on the joint pulley."""
     load = p.weight * math.sin(angle - p.weight_phase)
     load += p.band * 1.2 * math.tanh((angle - p.band_rest) / 1.2)
     load += p.felt * follower

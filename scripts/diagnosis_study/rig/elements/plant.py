@@ -1,8 +1,8 @@
-"""The physics of a rig of finite elements as the numbers that the integrator takes.
+"""Physics of a rig of finite elements: the constants of the integrator.
 
-The value that switches a hidden thing off is its default, always 0. What the builder of
-any such rig has to live with (a shaft that twists, a gear, an amplifier that has a
-limit) is drawn from the rig's seed and no effect.
+Every hidden effect is off at its default, 0. Imperfections that no builder can avoid (a
+compliant shaft, a gear, an amplifier with a torque limit) are sampled from the rig's
+seed and are no effects.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 ELEMENTS = 40
 """Elements per cable, with a node between two."""
 FINER = 0.7
-"""Length of what a node at the ends stands for over the mean."""
+"""Length per node at the ends over the mean length per node."""
 SWAY = 0.25
-"""How far the curvature of a conduit sways about its mean, relative, in a wave and a
-half along it, of any phase."""
+"""Largest relative amplitude of the curvature of a conduit about its mean: one and a
+half waves along it, at random phase."""
 
 
 class Plant(NamedTuple):
@@ -34,15 +34,15 @@ class Plant(NamedTuple):
     motor_radius: float
     joint_radius: float
     stiffness: Array
-    """Of every element (2, elements) [N/m]."""
+    """Stiffness of every element (2, elements) [N/m]."""
     mass: Array
-    """At every inner node (2, elements - 1) [kg]."""
+    """Mass at every inner node (2, elements - 1) [kg]."""
     bend: Array
-    """That every inner node stands for (2, elements - 1) [rad]."""
+    """Bend of the conduit at every inner node (2, elements - 1) [rad]."""
     middle: Array
-    """Where along the cable a node is, 0 at the motor to 1 (elements - 1,)."""
+    """Position of the inner nodes, 0 at the motor to 1 at the joint (elements - 1,)."""
     friction: Array
-    """(2,) coefficient."""
+    """Coefficient of friction (2,)."""
     joint_inertia: float
     joint_damping: float
     rotor_inertia: float
@@ -54,15 +54,15 @@ class Plant(NamedTuple):
 
     # --- what no builder gets rid of -------------------------------------------
     shaft: float = 0.0
-    """Compliance between motor and its pulley [rad/(Nm)]."""
+    """Compliance between motor and its pulley [rad/(N m)]."""
     shaft_time: float = 1e-3
-    """Its damping over its stiffness [s]."""
+    """Damping of the shaft over its stiffness [s]."""
     teeth: float = 0.0
-    """Error of the gear between them [rad]."""
+    """Amplitude of the transmission error of the gear [rad]."""
     teeth_order: float = 40.0
     teeth_phase: float = 0.0
     amplifier: float = 1e6
-    """Most torque of the motor [Nm]."""
+    """Torque limit of the motor [N m]."""
 
     # --- friction ------------------------------------------------------------
     grease: float = 0.0
@@ -73,9 +73,9 @@ class Plant(NamedTuple):
     """Excess of friction near rest over sliding friction, relative."""
     striction_speed: float = 0.01
     nap: float = 0.0
-    """Friction of cable a against the nap of its liner over that along it, less 1."""
+    """Relative excess of friction of cable a against the nap of its liner."""
     tight: float = 0.0
-    """Friction of a liner that is too tight, one cable, any load [N]."""
+    """Load-independent friction of one cable in a tight liner [N]."""
     polish: float = 0.0
     """Loss of friction coefficient per tension over the reference, relative."""
     creep: float = 0.0
@@ -90,60 +90,60 @@ class Plant(NamedTuple):
 
     # --- elasticity and geometry ------------------------------------------------
     relaxing: float = 0.0
-    """Part of the pretension that is lost in the end."""
+    """Fraction of the pretension that is lost eventually."""
     toe: float = 0.0
-    """Stiffness that a slack strand lacks of a taut one, relative [0..1)."""
+    """Relative deficit in stiffness of a slack strand, in [0, 1)."""
     toe_tension: float = 40.0
     ferrule: float = 0.0
     """Compliance of the fastening of cable a at the motor [m/N]."""
     ferrule_time: float = 3e-3
     offcentre: float = 0.0
-    """Motor pulley off its middle, over its radius; half of it oval, too."""
+    """Eccentricity of the motor pulley over its radius; its ovality is half of it."""
     offcentre_phase: float = 0.0
     oval_phase: float = 0.0
     play: float = 0.0
     """Full gap between joint pulley and handle [rad]."""
     contact: float = 1e6
-    """Of the flanks that meet: torque per angle to the power 3/2 [Nm]."""
+    """Stiffness of the flanks in contact: torque per angle to the power 3/2 [N m]."""
     contact_loss: float = 1.5
-    """Their damping over that torque, per speed [s/rad]."""
+    """Damping of the contact over its torque, per speed [s/rad]."""
     hub_inertia: float = 2.5e-4
 
     # --- loads on the shafts ----------------------------------------------------
     slots: float = 0.0
-    """Torque of the motor's slots [Nm]; a third of it three times as often."""
+    """Amplitude of the cogging torque [N m]; a third of it at three times the order."""
     slots_order: float = 14.0
     slots_phase: float = 0.0
     drum: float = 0.0
     """Inertia between torque sensor and motor pulley [kg m^2]."""
     weight: float = 0.0
-    """Unbalance of the joint pulley, m g l [Nm]."""
+    """Unbalance of the joint pulley, m g l [N m]."""
     weight_phase: float = 0.0
     band: float = 0.0
-    """Rubber band at the joint, which softens as it goes [Nm/rad]."""
+    """Stiffness of a softening rubber band at the joint [N m/rad]."""
     band_rest: float = 0.0
     disc: float = 0.0
     """Extra inertia of the joint pulley [kg m^2]."""
 
     # --- what no library should know ----------------------------------------------
     worn: float = 0.0
-    """Waves of the friction coefficient along the way of the cable, relative."""
+    """Relative amplitude of the friction coefficient along the travel of the cable."""
     worn_pitch: float = 0.02
     worn_phase: float = 0.0
     felt: float = 0.0
-    """Band at the joint that follows only after a play of its own [Nm/rad]."""
+    """Stiffness of a band at the joint with play of its own [N m/rad]."""
     felt_play: float = 0.15
     putty: float = 0.0
-    """Band at the joint that relaxes [Nm/rad]."""
+    """Stiffness of a band at the joint that relaxes [N m/rad]."""
     putty_time: float = 0.5
 
 
 def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
-    """The plant of a rig in which nothing is hidden.
+    """Return the plant of a rig without a hidden effect.
 
     Args:
-        rig: the rig; curvature, shaft, gear and amplifier are drawn from its seed.
-        elements: per cable.
+        rig: the rig; curvature, shaft, gear and amplifier are sampled from its seed.
+        elements: elements per cable.
     """
     random = np.random.default_rng([rig.seed, 0xE1E])
     border = np.linspace(0.0, 1.0, elements)
@@ -168,7 +168,7 @@ def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
 
 
 def _swaying(border: Array, random: Generator) -> Array:
-    """Bend that every inner node stands for, of 1 in all: of a curvature that sways."""
+    """Return each inner node's share of the bend, for a curvature with random waves."""
     phase = random.uniform(-math.pi, math.pi)
     size = SWAY * random.uniform(0.3, 1.0)
     turn = 3.0 * math.pi
@@ -181,7 +181,7 @@ def _swaying(border: Array, random: Generator) -> Array:
 
 
 def _lived_with(random: Generator) -> dict[str, float]:
-    """Return what this builder did not get rid of: about half of what there is."""
+    """Sample unavoidable imperfections: each is present with probability one half."""
     has_shaft, has_gear, has_limit = random.random(3) < 0.5
     stiff, teeth, limit = random.uniform([1.2e4, 1e-5, 7.0], [4e4, 4e-5, 12.0])
     phase = random.uniform(-math.pi, math.pi)

@@ -21,31 +21,31 @@ from rig.compiled import compiled
 from rig.guides.plant import Array, Plant
 
 SHARES = np.array([0.5, 0.3, 0.2])
-"""What each contact holds of the friction of a guide."""
+"""Share of each contact in the friction of a guide."""
 SOFT = np.array([0.5, 1.0, 2.0])
-"""Travel over which it comes to sliding, over `Plant.yield_travel`."""
+"""Travel of each contact up to sliding, over `Plant.yield_travel`."""
 _ENOUGH = 1e-6
 _ITERATIONS = 60
 _BEARABLE = 1e-3
-"""Left of the balance, over the reference tension, that is no equilibrium."""
+"""Residual over the reference tension above which Newton's method has failed."""
 _CREEPS = 2000
 _SOFTEST, _HARDEST = 1.0, 1e12
-"""Dampers against which guides creep [N/m]."""
+"""Bounds of the damper in pseudo-transient continuation [N/m]."""
 
 
 class Cables(NamedTuple):
     """State of both cables; displacements are towards the motor [m].
 
     Attributes:
-        place: of the cable at its guides (2, guides) [m].
-        stuck: where every contact holds it (2, guides, contacts) [m].
-        speed: of the cable at its guides, with a lag (2, guides) [m/s].
-        rest: how far bonds have grown, 0 to 1 (2, guides).
-        travel: (2,) mean way of the cable since the start [m].
-        tension: of every piece (2, guides + 1) [N].
-        stretch: of the anchorage at the joint (2,) [m].
-        snapped: (2,) whether the conduit has given way.
-        work: (2,) of friction and dampers [J].
+        place: displacement of the cable at its guides (2, guides) [m].
+        stuck: anchor point of every contact (2, guides, contacts) [m].
+        speed: low-pass filtered speed at the guides (2, guides) [m/s].
+        rest: growth of the bonds, 0 to 1 (2, guides).
+        travel: mean travel of the cable since the start (2,) [m].
+        tension: tension of every piece (2, guides + 1) [N].
+        stretch: elongation of the anchorage at the joint (2,) [m].
+        snapped: 1 where the conduit has given way, else 0 (2,).
+        work: work of friction and dampers (2,) [J].
     """
 
     place: Array
@@ -60,7 +60,7 @@ class Cables(NamedTuple):
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
-    """Both cables at rest in pretension; `arcs` are the displacements of both."""
+    """Return both cables at rest at pretension, displaced by `arcs` [m]."""
     guides = p.bend.shape[1]
     place = np.repeat(np.array(arcs)[:, None], guides, axis=1)
     stuck = np.repeat(place[:, :, None], SHARES.size, axis=2)
@@ -79,7 +79,7 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
 
 @compiled
 def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
-    """Tension of a piece and its slope by the stretch; never negative."""
+    """Return the tension of a piece and its slope by the stretch; never negative."""
     if sag == 0.0:
         return (stiffness * stretch, stiffness) if stretch > 0.0 else (0.0, 0.0)
     root = math.sqrt(stretch * stretch + sag * sag)
@@ -91,7 +91,7 @@ def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
 def _held(
     p: Plant, cables: Cables, c: int, i: int, joint: float
 ) -> tuple[float, float]:
-    """Return what a guide holds over its load, and friction that needs no load [N]."""
+    """Return friction over load at a guide, and its load-independent friction [N]."""
     guides = p.bend.shape[1]
     speed = cables.speed[c, i]
     factor = 1.0 + p.stick_excess / (1.0 + (speed / p.stick_speed) ** 2)
@@ -112,13 +112,13 @@ class _Row(NamedTuple):
     """Terms of a guide's balance, arrays of (guides,) but for the first two.
 
     Attributes:
-        tension: of every piece (guides + 1) [N].
-        slope: of that by its stretch (guides + 1) [N/m].
-        left: force that is not balanced [N].
-        low: of `left` by the place of the guide before, negative [N/m].
-        mid: by that of the guide itself, negative.
-        high: by that of the guide behind, negative.
-        force: of friction and dampers [N].
+        tension: tension of every piece (guides + 1) [N].
+        slope: derivative of the tension by the stretch (guides + 1) [N/m].
+        left: residual force [N].
+        low: negative derivative of `left` by the previous guide's place [N/m].
+        mid: negative derivative by the guide's own place [N/m].
+        high: negative derivative by the next guide's place [N/m].
+        force: force of friction and dampers [N].
     """
 
     tension: Array
@@ -143,7 +143,7 @@ def _balance(
     dt: float,
     row: _Row,
 ) -> tuple[float, float]:
-    """Return the rest of every guide's balance; the most, and the anchorage's stretch.
+    """Fill the row; return the largest residual [N] and the anchorage's stretch [m].
 
     `ends` are the tension at rest and the displacements of both ends.
     """
@@ -216,11 +216,11 @@ def _crept(
     dt: float,
     row: _Row,
 ) -> float:
-    """Find the equilibrium where Newton's method does not; the anchorage's stretch.
+    """Find the equilibrium where Newton's method fails; return the anchorage's stretch.
 
-    Where pieces are slack a guide is held by nothing but friction, and a step of
-    Newton's method leads anywhere. So the guides creep there from where they were,
-    against a damper that is as strong as it has to be for what is left to fall
+    Where pieces are slack, friction alone holds a guide and a step of Newton's method
+    is unreliable. The guides creep from their previous places instead, against a damper
+    that is raised until the residual decreases
     (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35,
     1998).
     """
@@ -263,17 +263,17 @@ def settle(
     joint: float,
     dt: float,
 ) -> tuple[float, float]:
-    """Bring a cable to the equilibrium of a step's end; tensions of its ends [N].
+    """Bring a cable to equilibrium at a step's end; return its end tensions [N].
 
     Args:
         p: the plant.
         cables: their state, which moves on.
-        c: which cable.
+        c: index of the cable.
         tight: tension at rest [N].
         near: displacement of its end at the motor [m].
-        far: that of its end at the joint [m].
+        far: displacement of its end at the joint [m].
         joint: angle of the joint [rad].
-        dt: of the step [s].
+        dt: duration of the step [s].
     """
     guides = p.bend.shape[1]
     place, tension = cables.place[c], cables.tension[c]

@@ -14,7 +14,7 @@ from rig.effects import Effect, Truth
 def _field(
     name: str, signed: bool = False
 ) -> Callable[[Truth, float, Generator], Truth]:
-    """An effect that is one field of the plant, either way where `signed`."""
+    """Return an effect that is one field of the plant, of either sign if `signed`."""
 
     def hide(truth: Truth, amount: float, random: Generator) -> Truth:
         size = float(random.choice([-1.0, 1.0])) * amount if signed else amount

@@ -37,7 +37,7 @@ def integrate(
 
 @compiled
 def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Length wound onto the motor pulley from angle 0, and its slope [m/rad].
+    """Return the length wound on the motor pulley from 0, and its slope [m/rad].
 
     The axis is off the middle: the tangent is nearer or farther as the middle goes
     round, on one side as it is not on the other.
@@ -50,7 +50,7 @@ def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
 
 @compiled
 def _wave(phase: float) -> float:
-    """Parabolas that follow each other, up and down, of height 1."""
+    """Return a wave of alternating parabolas of height 1."""
     part = (phase / math.pi) % 2.0
     return (
         4.0 * part * (1.0 - part) if part < 1.0 else -4.0 * (part - 1.0) * (2.0 - part)
@@ -66,7 +66,7 @@ def _tie(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> f
 
 @compiled
 def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
-    """Torque of the hub on the handle through the play, by how far it is ahead."""
+    """Return the torque of the hub on the handle through the play, by its lead."""
     over = abs(ahead) - 0.5 * p.play
     if over <= 0.0:
         return 0.0

@@ -19,7 +19,7 @@ def advance(
     steps: int,
     dt: float,
 ) -> None:
-    """Go on by some steps, symplectic as in `rig.guides.kernel`.
+    """Advance by some steps, symplectic as in `rig.guides.kernel`.
 
     Args:
         p: The plant; loads on the shafts, play, an axis off the middle and a
@@ -28,7 +28,7 @@ def advance(
         pretension: Tension at rest [N].
         state: Angle and speed of the motor, of the joint; which move on.
         ends: Tensions at the motor and at the joint, of both cables [N].
-        torque: Of the motor [Nm].
+        torque: Of the motor [N m].
         hand: Stiffness, damping, angle and speed that it asks for.
         steps: How many.
         dt: Of each [s].

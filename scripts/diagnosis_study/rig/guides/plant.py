@@ -1,6 +1,6 @@
-"""The physics of a rig with guides as the numbers that the integrator takes.
+"""Physics of a rig with guides: the constants of the integrator.
 
-The value that switches a hidden thing off is its default, always 0.
+Every hidden effect is off at its default, 0.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from rig.nominal import Rig
 Array = NDArray[np.float64]
 
 GUIDES = 36
-"""Rings per cable that the cable is bent over, between straight pieces."""
+"""Guide rings per cable, which bend it between straight pieces."""
 UNEVEN = 0.15
-"""How far bends and pieces differ from their mean, relative."""
+"""Largest relative deviation of bends and pieces from their mean."""
 
 
 class Plant(NamedTuple):
@@ -27,18 +27,18 @@ class Plant(NamedTuple):
     motor_radius: float
     joint_radius: float
     bend: Array
-    """Of every guide (2, guides) [rad]."""
+    """Bend at every guide (2, guides) [rad]."""
     piece: Array
     """Stiffness of every piece (2, guides + 1) [N/m]."""
     piece_share: Array
     """Length of every piece over that of the cable (2, guides + 1)."""
     friction: Array
-    """(2,) coefficient."""
+    """Coefficient of friction (2,)."""
     joint_inertia: float
     joint_damping: float
     rotor_inertia: float
     yield_travel: float = 5e-7
-    """Travel over which a contact comes to sliding [m]."""
+    """Travel of a contact up to sliding [m]."""
     reference_tension: float = 80.0
 
     # --- friction ------------------------------------------------------------
@@ -50,9 +50,9 @@ class Plant(NamedTuple):
     lean: float = 0.0
     """Excess of friction while cable a goes to the motor, relative."""
     wiper: float = 0.0
-    """Friction of the wipers of one cable, that needs no load [N]."""
+    """Load-independent friction of the wipers of one cable [N]."""
     adhesion: float = 0.0
-    """Loss of friction coefficient from no tension to much, relative."""
+    """Relative loss of the friction coefficient from low to high tension."""
     bonding: float = 0.0
     """Growth of friction in a long rest, relative."""
     bonding_time: float = 0.4
@@ -65,14 +65,14 @@ class Plant(NamedTuple):
 
     # --- elasticity and geometry ------------------------------------------------
     settling: float = 0.0
-    """Part of the pretension that is lost in the end."""
+    """Fraction of the pretension that is lost eventually."""
     settling_time: float = 0.3
     sag: float = 0.0
-    """Stretch over which a cable comes from slack to taut [m]."""
+    """Stretch of a cable from slack to taut [m]."""
     anchor: float = 0.0
     """Compliance of the anchorage at the joint, one cable [m/N]."""
     anchor_time: float = 2e-3
-    """Its damping over its stiffness [s]."""
+    """Damping of the anchorage over its stiffness [s]."""
     offcentre: float = 0.0
     """Distance of the motor pulley's axis from its middle [m]."""
     offcentre_phase: float = 0.0
@@ -84,16 +84,16 @@ class Plant(NamedTuple):
 
     # --- loads on the shafts ----------------------------------------------------
     detent: float = 0.0
-    """Torque of the motor's poles, a wave of parabolas [Nm]."""
+    """Torque of the motor's poles, a wave of parabolas [N m]."""
     detent_order: float = 14.0
     detent_phase: float = 0.0
     gear_inertia: float = 0.0
-    """Between torque sensor and motor pulley [kg m^2]."""
+    """Inertia between torque sensor and motor pulley [kg m^2]."""
     unbalance: float = 0.0
-    """Of the joint pulley, m g l [Nm]."""
+    """Unbalance of the joint pulley, m g l [N m]."""
     unbalance_phase: float = 0.0
     strap: float = 0.0
-    """Elastic strap over the joint pulley [Nm/rad], a little stiffer when stretched."""
+    """Stiffness of a strap over the joint pulley [N m/rad], rising with its stretch."""
     strap_rest: float = 0.0
     flywheel: float = 0.0
     """Extra inertia of the joint pulley [kg m^2]."""
@@ -108,13 +108,13 @@ class Plant(NamedTuple):
     """Length that the conduit of cable a gives when it snaps over [m]."""
     snap_tension: float = 100.0
     bearing: float = 0.0
-    """Friction of the joint pulley's bearing, that no sensor sees [Nm]."""
+    """Friction of the joint pulley's bearing, invisible to all sensors [N m]."""
 
 
 def plant_of(rig: Rig) -> Plant:
-    """The plant of a rig in which nothing is hidden.
+    """Return the plant of a rig without a hidden effect.
 
-    Bends and pieces are drawn from the rig's seed; their sums are the rig's.
+    Bends and pieces are sampled from the rig's seed; their sums are the rig's.
     """
     random = np.random.default_rng([rig.seed, 0x6D1])
 

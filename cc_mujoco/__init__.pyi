@@ -1,0 +1,34 @@
+from . import benchmark as benchmark
+from .cable import Cable as Cable
+from .cable import Section as Section
+from .cable import replay as replay
+from .control import CONTROLLERS as CONTROLLERS
+from .control import Controller as Controller
+from .control import controller as controller
+from .design import optimise as optimise
+from .design import study as study
+from .device import DEVICES as DEVICES
+from .device import MATERIALS as MATERIALS
+from .device import Drive as Drive
+from .device import Plant as Plant
+from .device import Sensing as Sensing
+from .diagnosis import Diagnosis as Diagnosis
+from .diagnosis import diagnose as diagnose
+from .errors import CableError as CableError
+from .human import TASKS as TASKS
+from .human import TRAJECTORIES as TRAJECTORIES
+from .human import Task as Task
+from .human import Trajectory as Trajectory
+from .human import Wearer as Wearer
+from .metrics import METRICS as METRICS
+from .metrics import Metric as Metric
+from .plugin import add_friction as add_friction
+from .plugin import from_mjcf as from_mjcf
+from .plugin import read as read
+from .plugin import step_limits as step_limits
+from .plugin import to_mjcf as to_mjcf
+from .simulation import EpisodeLog as EpisodeLog
+from .simulation import play as play
+from .simulation import simulate as simulate
+
+__version__: str

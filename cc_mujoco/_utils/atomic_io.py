@@ -1,0 +1,211 @@
+"""Writing to disk: whole or not at all, and never over a user's file.
+
+A folder is ours once it holds the mark of an earlier run, a file whose content names
+its writer; each subpackage knows its own. In any other folder nothing is replaced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cc_mujoco.errors import CableError
+
+METADATA_KEY = b"cc_mujoco"
+"""Key of the metadata that mark a Parquet file as ours."""
+MANIFEST = ".written"
+"""File that lists the checksums of the files of a folder, see `write_manifest`."""
+
+
+def require_ours(
+    folder: str | os.PathLike[str],
+    names: Iterable[str],
+    ours: Callable[[Path], bool],
+) -> None:
+    """Find out, before long work, whether results may be written to a folder.
+
+    Args:
+        folder: Where; it need not be there.
+        names: All files that may be written, relative to the folder.
+        ours: Whether the folder has the mark of an earlier run.
+
+    Raises:
+        CableError: If it is a file, cannot be written, or holds files by these names
+            that are not ours.
+    """
+    if not os.fspath(folder):
+        raise CableError("the folder to write to is empty; '.' is the current one.")
+    place = Path(folder)
+    if place.exists() and not place.is_dir():
+        raise CableError(f"{folder} is a file; it must be a folder or be free.")
+    theirs = [name for name in names if os.path.lexists(place / name)]
+    if theirs and not ours(place):
+        more = f" and {len(theirs) - 3} more" if len(theirs) > 3 else ""
+        raise CableError(
+            f"{folder} holds {', '.join(theirs[:3])}{more}, which no such run wrote; "
+            "name another folder to write to."
+        )
+    _require_writable(place)
+
+
+def checksum_line(path: Path) -> str:
+    """Return the checksum line of a file that a user may change, to store next to it.
+
+    Args:
+        path: Of the file, as it has just been written.
+    """
+    return f"{path.name} as written: {hashlib.sha256(path.read_bytes()).hexdigest()}"
+
+
+def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
+    """Require that no file of an earlier run was changed by the user.
+
+    Args:
+        folder: What an earlier run left.
+        names: Files that a user may have changed since.
+        told: Text of that run with the lines of `checksum_line`; a file that it does
+            not mention is not checked.
+
+    Raises:
+        CableError: If one was changed.
+    """
+    for name in names:
+        path = folder / name
+        if f"{name} as written: " not in told or not path.is_file():
+            continue
+        if checksum_line(path) not in told:
+            raise CableError(
+                f"{path} was changed since it was written, and would be replaced; "
+                "name another folder to write to."
+            )
+
+
+def write_manifest(folder: Path, names: Iterable[str]) -> None:
+    """Keep the checksums of the files that were written to a folder.
+
+    Args:
+        folder: Where they are, and `MANIFEST` will be.
+        names: Those that may be there.
+    """
+    there = [folder / name for name in names if (folder / name).is_file()]
+    manifest = "".join(f"{checksum_line(path)}\n" for path in there)
+    with replacing(folder / MANIFEST) as partial:
+        partial.write_text(manifest, encoding="utf-8")
+
+
+def require_unmodified(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
+    """Require that no file is replaced or deleted that was changed after writing.
+
+    Args:
+        folder: Where an earlier run may have left `MANIFEST`; one that was interrupted
+            has left none, and then nothing is looked at.
+        names: Files that may be replaced or deleted.
+
+    Raises:
+        CableError: If one was changed, or is another's.
+    """
+    try:
+        manifest = Path(folder, MANIFEST).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return
+    for name in names:
+        path = Path(folder, name)
+        if path.is_file() and checksum_line(path) not in manifest:
+            raise CableError(
+                f"{path} is not as an earlier run wrote it, and would be replaced or "
+                "deleted; name another folder to write to."
+            )
+
+
+def is_marked(path: Path) -> bool:
+    """Return whether this is a Parquet file of ours."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return METADATA_KEY in (pq.read_schema(path).metadata or {})
+    except (OSError, pa.ArrowException):
+        return False
+
+
+def _require_writable(folder: Path) -> None:
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    try:
+        with tempfile.TemporaryDirectory(prefix=".cc-mujoco-", dir=there):
+            pass
+    except OSError as error:
+        raise CableError(
+            f"cannot write {folder}: {there}: {error.strerror}; choose another folder."
+        ) from None
+
+
+@contextmanager
+def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a sibling path to write to; it becomes `target` when the block succeeds.
+
+    The sibling lies in the same folder, so that the last step is one rename. If the
+    block raises, the sibling is deleted and `target` is untouched.
+
+    Raises:
+        CableError: It cannot be written, as when the disk is full; names the file.
+    """
+    target = Path(target)
+    partial = _sibling_path(target)
+    with _name_failures(target):
+        try:
+            yield partial
+            os.replace(partial, target)
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield an empty sibling folder whose files move into `target` on success.
+
+    A new `target` appears whole, by one rename. In an existing one only files of the
+    same names are replaced, each by one rename, after all of them are complete. If the
+    block raises, the sibling is deleted and `target` is untouched.
+
+    Raises:
+        CableError: It cannot be written; names the file or folder.
+    """
+    target = Path(target).absolute()
+    partial = _sibling_path(target)
+    with _name_failures(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()
+        try:
+            yield partial
+            if target.exists():
+                for file in sorted(partial.iterdir()):
+                    os.replace(file, target / file.name)
+            else:
+                os.rename(partial, target)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _sibling_path(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{os.getpid()}.partial")
+
+
+@contextmanager
+def _name_failures(target: Path) -> Iterator[None]:
+    """Name the file in the error when writing fails; a full disk does not name it."""
+    try:
+        yield
+    except OSError as error:
+        parts = (re.sub(r"^\.(.+)\.\d+\.partial$", r"\1", p) for p in target.parts)
+        reason = error.strerror or str(error)
+        raise CableError(
+            f"cannot write {Path(*parts)}: {reason.rstrip('.')}."
+        ) from error

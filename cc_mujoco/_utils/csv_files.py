@@ -1,0 +1,274 @@
+"""Tables in CSV files, as spreadsheets, loggers and people write them.
+
+    sheet = read_sheet("motion.csv")
+    time, angle = sheet.column("time_s", CLOCK), sheet.column("angle_rad", ANGLE)
+    angles = [sheet.number(row, angle, -10.0, 10.0) for row in sheet.rows]
+
+Cells may be separated by commas, semicolons, tabs or bars; numbers may have decimal
+commas unless commas separate the cells. Text is UTF-8, UTF-16 with a byte order mark,
+or else Latin-1. Comment lines (`#`) and Excel's `sep=;` may stand above the names.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import difflib
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from cc_mujoco._utils.units import Kind, unit_of, words
+from cc_mujoco.errors import CableError
+
+SEPARATORS = ",;\t|"
+HEAD_BYTES = 1 << 16
+"""Bytes of a file from which `layout` is found."""
+
+_SEPARATOR_LINE = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*|\s*[-+]?\d+,\s*")
+
+
+class Layout(NamedTuple):
+    """Form of a CSV file.
+
+    Attributes:
+        encoding: of the text.
+        top: lines before the first line of data.
+        separator: between cells.
+        decimal: point or comma.
+        names: of the columns.
+    """
+
+    encoding: str
+    top: int
+    separator: str
+    decimal: str
+    names: list[str]
+
+
+class CsvColumn(NamedTuple):
+    """A column of numbers.
+
+    Attributes:
+        name: in the file.
+        place: of its cells in a row.
+        factor: that its numbers are multiplied by.
+        unit: that they are in, after that.
+    """
+
+    name: str
+    place: int
+    factor: float
+    unit: str
+
+
+class Row(NamedTuple):
+    """A line of data.
+
+    Attributes:
+        line: its number in the file, from 1.
+        cells: stripped, with decimal points.
+    """
+
+    line: int
+    cells: list[str]
+
+
+class Sheet(NamedTuple):
+    """A CSV file as it was read.
+
+    Attributes:
+        path: of the file.
+        top: number of the line that names the columns, from 1.
+        names: of the columns.
+        rows: lines of data that are not blank.
+    """
+
+    path: Path
+    top: int
+    names: list[str]
+    rows: list[Row]
+
+    def column(self, name: str, measured: Kind) -> CsvColumn:
+        """Return the column of a quantity, which may be in any of its units.
+
+        Args:
+            name: with the unit of the program at its end, such as `angle_rad`; a file
+                may also have `angle_deg` or `Angle [deg]`.
+            measured: what it measures.
+
+        Raises:
+            CableError: there is no such column, or there are several.
+        """
+        stem = name.rpartition("_")[0]
+        found = {}
+        for place, other in enumerate(self.names):
+            unit = unit_of(other, measured)
+            if unit is not None and "_".join(words(other)[:-1]) == stem:
+                found[other] = CsvColumn(
+                    other, place, measured.factors[unit], measured.unit
+                )
+        if name in found:
+            return found[name]
+        if len(found) > 1:
+            raise CableError(
+                f"{self.path}, line {self.top}: {' and '.join(found)} are both {name}; "
+                "keep one of them."
+            )
+        if not found:
+            raise self._missing(name, stem, measured)
+        return next(iter(found.values()))
+
+    def number(self, row: Row, column: CsvColumn, low: float, high: float) -> float:
+        """Return the number in a cell, in the unit of the program.
+
+        Args:
+            row: of the cell.
+            column: of the cell.
+            low: least that it may be.
+            high: most that it may be.
+
+        Raises:
+            CableError: it is not a finite number in [low, high].
+        """
+        text = row.cells[column.place] if column.place < len(row.cells) else ""
+        try:
+            value = float(text) * column.factor
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and low <= value <= high):
+            among = "a finite number"
+            if math.isfinite(low) or math.isfinite(high):
+                ends = (f"{end / column.factor:g}" for end in (low, high))
+                among = "a number between {} and {}".format(*ends)
+            raise CableError(
+                f"{self.path}, line {row.line}, column {column.name}: {text!r} must be "
+                f"{among}."
+            )
+        return value
+
+    def _missing(self, name: str, stem: str, measured: Kind) -> CableError:
+        """Return the error for a column that is not there."""
+        start = f"{self.path}, line {self.top}: there is no column {name!r}"
+        near = next(iter(difflib.get_close_matches(name, self.names, 1, 0.4)), "")
+        if near and (unit := unit_of(near, measured)) is not None:
+            return CableError(
+                f"{start}; if it is {near!r}, name it {stem}_{unit.lower()}."
+            )
+        units = " or ".join(f"{stem}_{unit.lower()}" for unit in measured.factors)
+        advice = f"; if it is {near!r}, name it by its unit" if near else "; name it"
+        return CableError(f"{start}{advice}: {units}.")
+
+
+def read_sheet(
+    path: str | Path,
+    what: str = "",
+    require: Callable[[int], None] = lambda lines: None,
+) -> Sheet:
+    """Read a whole CSV file.
+
+    Args:
+        path: of the file.
+        what: it holds, for the sentence where it cannot be read, such as `the costs`.
+        require: called with the number of lines below the names, before they are
+            parsed, so that a caller may refuse so many.
+
+    Raises:
+        CableError: it cannot be read, is no text or names no columns.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+        form = layout(path, content[:HEAD_BYTES])
+        text = content.decode(form.encoding).removeprefix("\ufeff")
+        lines = text.splitlines(keepends=True)[form.top :]
+        require(len(lines))
+        reader = csv.reader(lines, delimiter=form.separator)
+        found = [(form.top + reader.line_num, row) for row in reader]
+    except OSError as error:
+        reason = error.strerror or str(error)
+        named = f"{what} {path}".lstrip()
+        raise CableError(f"cannot read {named}: {reason}.") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise CableError(f"{path} is not a CSV text file: {error}.") from None
+    names = list(form.names)
+    while names and not names[-1]:
+        names.pop()
+    rows = []
+    for line, cells in found:
+        cells = [_with_decimal_point(cell.strip(), form.separator) for cell in cells]
+        while len(cells) > len(names) and not cells[-1]:
+            cells.pop()
+        if any(cells):
+            rows.append(Row(line, cells))
+    return Sheet(path, form.top, names, rows)
+
+
+def layout(path: Path, head: bytes) -> Layout:
+    """Find out the form of a CSV file by its beginning.
+
+    Args:
+        path: of the file, for the sentence where it is none.
+        head: the first bytes of it, see `HEAD_BYTES`.
+
+    Raises:
+        CableError: it is no text, or does not begin with the names of columns.
+    """
+    encoding = _encoding(head)
+    lines = head.decode(encoding, errors="ignore").removeprefix("\ufeff").splitlines()
+    top, separator = 0, ""
+    while top < len(lines):
+        line = lines[top]
+        if (given := _SEPARATOR_LINE.fullmatch(line)) is not None and top == 0:
+            separator = given[1]
+        elif line.strip() and not line.startswith("#"):
+            break
+        top += 1
+    if top == len(lines):
+        raise CableError(f"{path} is empty; its first line must name the columns.")
+    header = lines[top]
+    separator = separator or max(SEPARATORS, key=header.count)
+    names = [cell.strip() for cell in next(csv.reader([header], delimiter=separator))]
+    if not all(name.isprintable() for name in names):
+        raise CableError(
+            f"{path} is no text; give CSV, or Parquet with the ending .parquet."
+        )
+    if all(is_number(name) for name in names):
+        raise CableError(
+            f"{path}, line {top + 1} is numbers; the first line must name the columns."
+        )
+    decimal = "."
+    if separator != ",":
+        cells = (cell for line in lines[top + 1 :] for cell in line.split(separator))
+        decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, cells)) else "."
+    return Layout(encoding, top + 1, separator, decimal, names)
+
+
+def is_number(cell: str, decimal: str = ".") -> bool:
+    """Return whether a cell holds a number."""
+    try:
+        float(cell.strip().replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _with_decimal_point(cell: str, separator: str) -> str:
+    """Return a cell with a decimal point where it has a decimal comma."""
+    if separator != "," and _DECIMAL_COMMA.fullmatch(cell):
+        return cell.replace(",", ".")
+    return cell
+
+
+def _encoding(head: bytes) -> str:
+    """Return the encoding of a text by its beginning."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8"

@@ -1,0 +1,262 @@
+"""Origin of the numbers of a run besides its settings: the code that made them.
+
+    then = code_provenance("law:make")  # plain JSON, stored with the numbers
+    provenance_differences(then, code_provenance("law:make"))  # ["law.py"] if edited
+
+It is the library's own sources and scenes, the versions of what it computes with, and
+the user's files: the module of a controller or metric, the modules that it imports from
+outside the standard library and the installed packages, a policy's file, and the files
+that such a module declares:
+
+    CC_MUJOCO_FILES = ("gains.toml",)  # in law.py; relative to its folder
+
+What is not seen: a file that a module reads but does not declare, and a module that it
+imports by a name that is no constant (`importlib.import_module`), unless declared.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import hashlib
+import importlib
+import importlib.util
+import json
+import os
+import site
+import sys
+import sysconfig
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from cc_mujoco._utils.atomic_io import METADATA_KEY
+from cc_mujoco.errors import CableError
+
+POLICY_ENDING = ".safetensors"
+"""Ending of a policy's file."""
+
+VERSIONED_PACKAGES = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
+"""Packages that decide the numbers."""
+
+DECLARED = "CC_MUJOCO_FILES"
+"""Name in a user's module of the files that it reads, a tuple of paths."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that decide the numbers."""
+    return {n: importlib.import_module(n).__version__ for n in VERSIONED_PACKAGES}
+
+
+@cache
+def sources() -> str:
+    """Return a digest of the library's sources, scenes and tables."""
+    found: dict[str, bytes] = {}
+    for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
+        root = Path(str(importlib.import_module(package).__file__)).parent
+        for path in root.rglob("*"):
+            if path.suffix in (".py", ".xml", ".csv"):
+                place = Path(*package.split("."), path.relative_to(root))
+                found[place.as_posix()] = path.read_bytes()
+    digest = hashlib.sha256()
+    for name, content in sorted(found.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()[:24]
+
+
+def code_provenance(*controllers: str, trajectory: str = "") -> dict[str, Any]:
+    """Return the provenance of numbers from this process, as plain JSON.
+
+    Args:
+        controllers: names of controllers and metrics that were made before.
+        trajectory: name, or path of a CSV file.
+
+    Raises:
+        CableError: a module declares files that cannot be read.
+    """
+    files = {}
+    if trajectory.lower().endswith(".csv"):
+        files[trajectory] = _digest(os.path.abspath(trajectory))
+    for controller in filter(is_user_controller, controllers):
+        files |= _user_file_digests(controller)
+    return {"versions": versions(), "sources": sources(), "files": files}
+
+
+def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:
+    """Return the differences of two results of `code_provenance`, as sentences.
+
+    Args:
+        then: one that was kept; may be anything that was found in its place.
+        now: the other.
+    """
+    if then == now:
+        return []
+    if not (isinstance(then, Mapping) and set(then) == set(now)):
+        return ["an earlier version of cc_mujoco"]
+    found = [] if then["sources"] == now["sources"] else ["the sources of cc_mujoco"]
+    for kind in ("versions", "files"):
+        for name in {**then[kind], **now[kind]}:
+            one, other = then[kind].get(name), now[kind].get(name)
+            if one != other:
+                versions_text = f" ({one}, now {other})" if kind == "versions" else ""
+                found.append(name + versions_text)
+    return found
+
+
+def with_provenance(table: Any, about: Mapping[str, Any]) -> Any:
+    """Return a table of pyarrow with its provenance in the metadata."""
+    return table.replace_schema_metadata({METADATA_KEY: json.dumps(about).encode()})
+
+
+def read_provenance(table: Any) -> Any:
+    """Return the provenance that `with_provenance` put into a table, or None."""
+    with contextlib.suppress(ValueError):
+        return json.loads((table.schema.metadata or {}).get(METADATA_KEY, b"null"))
+    return None
+
+
+def earlier_results_message(
+    kept: int, number: int, kind: str, changed: Sequence[str] = ()
+) -> str:
+    """Return a run's message on earlier results; empty if there are none.
+
+    Args:
+        kept: how many are there already.
+        number: of all.
+        kind: of what, a plural.
+        changed: how others differ, that are there and are replaced.
+    """
+    parts = [f"{kept} of {number} {kind} kept; --again runs them anew."] if kept else []
+    if changed:
+        differing = ", ".join(dict.fromkeys(changed))
+        parts.append(f"Earlier {kind} are replaced: they differ in {differing}.")
+    return " ".join(parts)
+
+
+def is_user_controller(controller: str) -> bool:
+    """Return whether a controller of this name comes from a file of the user."""
+    return ":" in controller or controller.endswith(POLICY_ENDING)
+
+
+@cache
+def _is_user_file(path: str) -> bool:
+    """Return whether a path is a user's file: not of Python, nor of a package."""
+    return os.path.isabs(path) and not path.startswith(_library_folders())
+
+
+@cache
+def _library_folders() -> tuple[str, ...]:
+    places = [sysconfig.get_path(n) for n in ("stdlib", "platstdlib", "purelib",
+              "platlib")]  # fmt: skip
+    places += [*site.getsitepackages(), site.getusersitepackages()]
+    for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
+        spec = importlib.util.find_spec(package)
+        places.append(str(Path(str(spec and spec.origin)).parent))
+    places += ["/proc", "/sys", "/dev", "/etc"]
+    return tuple(os.path.join(place, "") for place in places)
+
+
+def _user_file_digests(controller: str) -> dict[str, str]:
+    """Return digests of a controller's user files, by relocatable names."""
+    if controller.endswith(POLICY_ENDING):
+        first = os.path.abspath(controller)
+        base = os.path.dirname(first)
+    else:
+        name = controller.partition(":")[0]
+        first = _source_path(sys.modules.get(name)) or ""
+        up = name.count(".") + first.endswith("__init__.py")
+        base = str([*Path(first).parents, Path.cwd()][up]) if first else os.getcwd()
+    found = [first] if first else []
+    for path in found:  # which grows
+        if path.endswith(".py"):
+            more = {*_imported(path), *_declared(path)}
+            found += sorted(more.difference(found))
+    named = {}
+    for path in found:
+        near = next((b for b in (base, os.getcwd()) if _is_inside(path, b)), None)
+        name = os.path.relpath(path, near) if near else path
+        named[name.replace(os.sep, "/")] = _digest(path)
+    return named
+
+
+def _module(path: str) -> ModuleType | None:
+    """Return the loaded module of a source."""
+    return next(
+        (m for m in list(sys.modules.values()) if _source_path(m) == path), None
+    )
+
+
+def _declared(path: str) -> list[str]:
+    """Return the files that a user's module declares.
+
+    Raises:
+        CableError: one of them cannot be read, or the declaration is none.
+    """
+    files = getattr(_module(path), DECLARED, ())
+    if isinstance(files, str | os.PathLike) or not all(
+        isinstance(each, str | os.PathLike) for each in files
+    ):
+        raise CableError(
+            f"{path}: {DECLARED} is {files!r}; it must be a tuple of paths."
+        )
+    found = [os.path.join(os.path.dirname(path), each) for each in files]
+    for place in found:
+        if not os.access(place, os.R_OK):
+            raise CableError(f"{path}: {DECLARED} names {place}, which cannot be read.")
+    return [os.path.normpath(place) for place in found]
+
+
+def _imported(path: str) -> set[str]:
+    """Return the user's modules that a source of theirs imports, if they are loaded."""
+    module = _module(path)
+    try:
+        tree = ast.parse(_source_code(path) or b"")
+    except (SyntaxError, ValueError):
+        return set()
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            start = "." * node.level + (node.module or "")
+            with contextlib.suppress(ImportError, ValueError):
+                start = importlib.util.resolve_name(
+                    start, getattr(module, "__package__", None)
+                )
+                names |= {start, *(f"{start}.{alias.name}" for alias in node.names)}
+    # A package runs before what lies in it.
+    names |= {n[:i] for n in names for i, c in enumerate(n) if c == "."}
+    found = {_source_path(sys.modules.get(name)) for name in names}
+    return {source for source in found if source and _is_user_file(source)}
+
+
+def _source_path(module: ModuleType | None) -> str | None:
+    """Return the path of a module's source, if it has one."""
+    path = getattr(module, "__file__", None)
+    return path if isinstance(path, str) and path.endswith(".py") else None
+
+
+def _is_inside(path: str, folder: str) -> bool:
+    """Return whether a file is in a folder, but not in a hidden one inside it."""
+    inner = path.removeprefix(os.path.join(folder, ""))
+    return inner != path and f"{os.sep}." not in os.sep + inner
+
+
+def _content(path: str) -> bytes | None:
+    """Return what is in a file; None if it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError:
+        return None
+
+
+_source_code = cache(_content)
+"""Content of a module as first read: a process goes on with what it imported."""
+
+
+def _digest(path: str) -> str:
+    """Return a file's digest; empty if it cannot be read."""
+    content = _source_code(path) if path.endswith(".py") else _content(path)
+    return "" if content is None else hashlib.sha256(content).hexdigest()[:24]

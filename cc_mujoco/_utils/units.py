@@ -1,0 +1,82 @@
+"""Units that columns of a file may be in, and how to read them off a column's name.
+
+>>> from cc_mujoco._utils.units import ANGLE, unit_of
+>>> unit = unit_of("motor_angle_deg", ANGLE)
+>>> unit, round(ANGLE.factors[unit], 6)
+('deg', 0.017453)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+
+class Kind(NamedTuple):
+    """A physical quantity.
+
+    Attributes:
+        name: the word for it.
+        unit: the unit it has inside the program.
+        factors: that unit in every unit that a file may use.
+    """
+
+    name: str
+    unit: str
+    factors: dict[str, float]
+
+
+_TURN = 2.0 * math.pi
+_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
+CLOCK = Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
+ANGLE = Kind(
+    "angle", "rad", {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360, "rev": _TURN}
+)
+TORQUE = Kind(
+    "torque",
+    "Nm",
+    {
+        "Nm": 1.0,
+        "mNm": 1e-3,
+        "Nmm": 1e-3,
+        "Ncm": 1e-2,
+        "kgfcm": 1e-2 * _KGF,
+        "lbfin": _INCH * _LBF,
+    },
+)
+FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
+
+_UNIT_WORDS = {
+    "\N{DEGREE SIGN}": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "turns": "rev",
+    "sec": "s",
+    "\N{MICRO SIGN}s": "us",
+}
+"""Other words for a unit."""
+_WORD_SEPARATORS = re.compile(r"[\s_.,:;|(){}\[\]-]+")
+_UNITS = {
+    unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
+} | {"m", "mm"}
+
+
+def words(column: str) -> list[str]:
+    """Return the words of a column's name in lower case, the unit as it is spelled."""
+    found = [word for word in _WORD_SEPARATORS.split(column.lower()) if word]
+    return [*found[:-1], *(_UNIT_WORDS.get(word, word) for word in found[-1:])]
+
+
+def last_word(column: str) -> str:
+    """Return the word in which a name ends; empty for a rate, as `speed_rad_s`."""
+    found = words(column)
+    if not found or (len(found) > 1 and found[-2] in _UNITS):
+        return ""
+    return found[-1]
+
+
+def unit_of(column: str, measured: Kind) -> str | None:
+    """Return the unit of a quantity in which the name of a column ends, or None."""
+    word = last_word(column)
+    return next((unit for unit in measured.factors if unit.lower() == word), None)

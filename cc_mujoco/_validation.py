@@ -1,0 +1,62 @@
+"""Checks of arguments: one sentence when one is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.errors import CableError
+
+MAX_DURATION = 1e4
+"""Most that an episode may last [s]; all of its motion is kept in memory."""
+
+
+def require_number(label: str, value: Any, low: float, high: float, unit: str) -> None:
+    """Check that a value is a number in [low, high].
+
+    Raises:
+        CableError: If it is not (NaN never is), naming it and the range.
+    """
+    Parameter(label, unit, low=low, high=high).check(value)
+
+
+def require_parameter(
+    owner: object, name: str, low: float, high: float, unit: str
+) -> None:
+    """Check that an attribute of an object is a number in [low, high].
+
+    Raises:
+        CableError: If it is not, naming the object's class and the attribute.
+    """
+    require_number(
+        f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, unit
+    )
+
+
+def require_list(label: str, given: Any) -> tuple[str, ...]:
+    """Check that an argument is a list of texts, and not one text.
+
+    Raises:
+        CableError: If it is not.
+    """
+    found = tuple(given) if isinstance(given, Iterable) else (given,)
+    if isinstance(given, str) or not all(isinstance(one, str) for one in found):
+        raise CableError(f"{label} must be a list of texts, not {given!r}.")
+    return found
+
+
+def require_dictionary(label: str, given: Any) -> Mapping[str, Any]:
+    """Check that an argument is a dictionary by name; None is an empty one.
+
+    Raises:
+        CableError: If it is not.
+    """
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise CableError(f"{label} must be a dictionary, not {given!r}.")
+    for name in given:
+        if not isinstance(name, str):
+            raise CableError(f"{label} must have texts as names, not {name!r}.")
+    return given

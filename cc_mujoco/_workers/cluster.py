@@ -1,0 +1,229 @@
+"""Running the pieces of a job on the workers of a Dask cluster, with the same code.
+
+Every task first compares the code of its worker with that of the client, so that a
+worker that joins later is checked too; those present are checked before the first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import pickle
+import time
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from functools import lru_cache
+from typing import Any
+
+from cc_mujoco._utils.provenance import code_provenance, provenance_differences
+from cc_mujoco._workers.job import Job, Progress
+from cc_mujoco.errors import CableError
+
+CONNECT_TIMEOUT = 5.0
+"""Time that a scheduler has to answer [s]."""
+WORKER_TIMEOUT = 60.0
+"""Time without any worker after which a study gives up [s]."""
+POLL_INTERVAL = 1.0
+"""Time between two looks at whether there are workers [s]."""
+
+Answer = tuple[Any, str]
+"""Answer of a worker: a result, and why it has none."""
+
+
+def run_on_cluster(
+    job: Job,
+    pieces: Mapping[int, Any],
+    scheduler: str,
+    progress: Progress = lambda done: None,
+    worker_timeout: float = WORKER_TIMEOUT,
+) -> Generator[tuple[int, Any], None, None]:
+    """Run pieces on the workers of a cluster.
+
+    What a worker that dies was doing, Dask gives to another.
+
+    Args:
+        job: what to do with them.
+        pieces: by number.
+        scheduler: address of the scheduler, `tcp://HOST:PORT`.
+        progress: called with what is done.
+        worker_timeout: time without any worker after which to give up [s].
+
+    Yields:
+        Numbers and results of pieces as they are finished, in no particular order.
+
+    Raises:
+        CableError: Dask is not installed, no scheduler answers, a worker has other
+            code, there are no workers, or the cluster gives up.
+    """
+    if not worker_timeout > 0.0:
+        raise CableError(f"worker timeout must be above 0 s, not {worker_timeout!r} s.")
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise CableError(
+            "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
+        ) from None
+    _require_scheduler(distributed, scheduler)
+    makers, pickled_job = pickle.dumps(job.made_by()), pickle.dumps(job)
+    ask = _portable()
+    lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
+    done = 0
+    try:
+        with distributed.Client(
+            scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False
+        ) as client:
+            watch = _Watch(client, scheduler, worker_timeout)
+            while not client.nthreads():
+                watch.look()
+            found = client.run(ask, makers, pickled_job, None, on_error="return")
+            for worker, answer in found.items():
+                if not isinstance(answer, OSError):  # it has left
+                    _result_of(answer, worker)
+            numbers = {}
+            for number, piece in pieces.items():
+                # Not pure: Dask must not take it for a piece of an earlier run.
+                future = client.submit(
+                    ask, makers, pickled_job, pickle.dumps(piece), pure=False
+                )
+                numbers[future] = number
+            completed = distributed.as_completed(list(numbers), loop=client.loop)
+            while numbers:
+                if not completed.has_ready():
+                    watch.look()
+                    continue
+                for future in completed.next_batch(block=False):
+                    result, number = _result_of(future.result()), numbers.pop(future)
+                    done += job.size(pieces[number])
+                    progress(float(done))
+                    yield number, result
+    except lost as error:
+        # Dask writes more, in lines of its own, where it lost its scheduler.
+        why = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+        raise CableError(
+            f"the cluster at {scheduler} gave up a piece of the work: {why}; the "
+            "others are kept, and the same command goes on."
+        ) from None
+
+
+def answer_piece(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
+    """Do a piece on a worker, if its code is that of the client.
+
+    Args:
+        makers: what makes the results, by the client; pickled.
+        job: pickled.
+        piece: pickled; without one the worker is only checked.
+    """
+    if why := _refusal_reason(makers, job):
+        return None, why
+    if piece is None:
+        return None, ""
+    return pickle.loads(job).do(pickle.loads(piece), lambda share: None), ""
+
+
+@lru_cache(maxsize=8)
+def _refusal_reason(makers: bytes, job: bytes) -> str:
+    """Return why this process cannot take part, or ""."""
+    theirs = pickle.loads(makers)
+    other = provenance_differences({**theirs, "files": {}}, code_provenance())
+    if not other:
+        found: Job = pickle.loads(job)
+        try:
+            found.rehearse()
+        except CableError as error:
+            return f"cannot do its part: {error}"
+        other = provenance_differences(theirs, found.made_by())
+    return f"has other code, which differs in {', '.join(other)}" if other else ""
+
+
+def _portable() -> Callable[..., tuple[str, Answer]]:
+    """Return a function that a worker understands without this package."""
+
+    # Nested, so that it is sent as it is and not by the name of its module.
+    def ask(*question: Any) -> Any:
+        try:
+            from distributed import get_worker
+
+            name = get_worker().address
+        except (ImportError, ValueError):
+            name = "of the cluster"
+        try:
+            from cc_mujoco._workers.cluster import answer_piece
+        except Exception as error:
+            return name, (None, f"cannot import this version of cc_mujoco ({error})")
+        return name, answer_piece(*question)
+
+    return ask
+
+
+def _result_of(answer: Any, worker: str = "") -> Any:
+    """Return the result in the answer of a worker.
+
+    Raises:
+        CableError: it has none.
+    """
+    if isinstance(answer, BaseException):
+        raise CableError(f"worker {worker} cannot take part: {answer}.")
+    name, (result, why) = answer
+    if why:
+        raise CableError(
+            f"worker {name} {why.rstrip('.')}; give every worker the same code and "
+            "versions and start it anew."
+        )
+    return result
+
+
+class _Watch:
+    """Watchdog that gives up if there have been no workers for too long."""
+
+    def __init__(self, client: Any, scheduler: str, patience: float) -> None:
+        self._client, self._scheduler, self._worker_timeout = (
+            client,
+            scheduler,
+            patience,
+        )
+        self._seen = self._next_poll = time.monotonic()
+
+    def look(self) -> None:
+        """Rest a little; now and then see whether there are workers."""
+        time.sleep(0.05)
+        if time.monotonic() < self._next_poll:
+            return
+        self._next_poll = time.monotonic() + POLL_INTERVAL
+        if self._client.nthreads():
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > self._worker_timeout:
+            raise CableError(
+                f"the cluster at {self._scheduler} has had no worker for "
+                f"{self._worker_timeout:g} s; start one with `dask worker "
+                f"{self._scheduler}`, or give --worker-timeout more seconds."
+            )
+
+
+def _require_scheduler(distributed: Any, address: str) -> None:
+    """Query the scheduler without Dask's client, which waits long and dies loudly."""
+
+    async def ask() -> Any:
+        server = distributed.rpc(address, timeout=CONNECT_TIMEOUT)
+        try:
+            return await asyncio.wait_for(server.identity(), CONNECT_TIMEOUT)
+        finally:
+            await server.close_rpc()
+
+    # In a thread, as this one may have a loop, in a notebook for example.
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            who = pool.submit(asyncio.run, ask()).result()
+        except Exception as error:  # whatever a stranger's bytes make Dask raise
+            silent = isinstance(error, (TimeoutError, OSError))
+            why = "" if silent or isinstance(error, MemoryError) else f" ({error})"
+            raise CableError(
+                f"no Dask scheduler answers at {address}{why}; give the "
+                "tcp://HOST:PORT that `dask scheduler` prints."
+            ) from None
+    kind = who.get("type") if isinstance(who, dict) else None
+    if kind != "Scheduler":
+        raise CableError(
+            f"what answers at {address} is no Dask scheduler but a "
+            f"{kind or 'stranger'}; give the tcp://HOST:PORT that `dask scheduler` "
+            "prints."
+        )

@@ -1,0 +1,104 @@
+"""Running the pieces of a job on this machine, on threads or processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Generator, Mapping
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from typing import Any
+
+from cc_mujoco._workers.job import Job, Progress
+
+
+class _StoppedError(Exception):
+    """Exception that ends a piece that is no longer wanted."""
+
+
+def run_here(
+    job: Job,
+    pieces: Mapping[int, Any],
+    progress: Progress = lambda done: None,
+    *,
+    count: int = 0,
+    processes: bool = False,
+) -> Generator[tuple[int, Any], None, None]:
+    """Run pieces on this machine.
+
+    Args:
+        job: what to do with them.
+        pieces: by number.
+        progress: called with what is done, from any thread, one at a time.
+        count: threads or processes; 0 means one per processor.
+        processes: whether Python does most of the work, so that threads would wait for
+            each other; one process is this one.
+
+    Yields:
+        Numbers and results of pieces as they are finished, in no particular order.
+    """
+    count = min(count or os.cpu_count() or 1, max(len(pieces), 1))
+    if processes and count == 1:
+        done = 0.0
+        for number, piece in pieces.items():
+            result = job.do(piece, _ignore_tick)
+            done += job.size(piece)
+            progress(done)
+            yield number, result
+        return
+    waiting = dict(pieces)
+    shares = dict.fromkeys(pieces, 0.0)
+    stopped, lock = threading.Event(), threading.Lock()
+
+    def tell(number: int, share: float) -> None:
+        with lock:
+            shares[number] = share * job.size(pieces[number])
+            progress(sum(shares.values()))
+
+    def work(number: int) -> Any:
+        def tick(share: float) -> None:
+            if stopped.is_set():
+                raise _StoppedError
+            tell(number, share)
+
+        return job.do(pieces[number], tick)
+
+    pool: Executor
+    if processes:
+        # A fresh interpreter each: threads of the parent would not survive a fork.
+        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"))
+    else:
+        pool = ThreadPoolExecutor(count)
+    # Never more in the queue than is under way, so that an end comes soon.
+    queue: dict[Future[Any], int] = {}
+    try:
+        while waiting or queue:
+            while waiting and len(queue) < count:
+                number = next(iter(waiting))
+                piece = waiting.pop(number)
+                future = (
+                    pool.submit(job.do, piece, _ignore_tick)
+                    if processes
+                    else pool.submit(work, number)
+                )
+                queue[future] = number
+            for future in wait(queue, return_when=FIRST_COMPLETED).done:
+                number = queue.pop(future)
+                result = future.result()
+                if processes:
+                    tell(number, 1.0)
+                yield number, result
+    finally:
+        stopped.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _ignore_tick(share: float) -> None:
+    """Ignore a tick."""

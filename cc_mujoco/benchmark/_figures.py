@@ -1,0 +1,180 @@
+"""Figures of the benchmark: what accuracy costs, the cycle, what makes it worse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
+from cc_mujoco.benchmark._ranking import normalise_errors
+from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
+from cc_mujoco.benchmark._results import Results, rms_errors
+from cc_mujoco.human import Walk
+from cc_mujoco.report._figures import COLORS, GREY, figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+CYCLE_BINS = 30
+"""Bins of a cycle, or of the time after a reversal."""
+REVERSAL_WINDOW = 0.6
+"""Time after a reversal that is shown [s]."""
+STARTUP_TIME = 1.0
+"""Beginning of an episode that the cycle leaves out: motions grow in it [s]."""
+PASSIVE_REFERENCES = ("unplugged", "motor-off")
+"""References whose motor does nothing."""
+
+
+def pareto(results: Results, scene: str) -> Figure:
+    """Draw normalised error against effort and chatter, with the best joined."""
+    errors = normalise_errors(rms_errors(results)[scene], SCALE_CONTROLLER)
+    looks = _line_styles(errors)
+    with style():
+        drawing = figure(9.6, 4.0)
+        panels = drawing.subplots(1, 2, sharey=True)
+        for axes, cost in zip(panels, ("rms_motor_torque", "chatter"), strict=True):
+            points = {
+                law: (_mean_score(results, scene, law, cost), float(np.mean(values)))
+                for law, values in errors.items()
+                if law not in PASSIVE_REFERENCES
+            }
+            points = {law: p for law, p in points.items() if math.isfinite(p[0])}
+            entries = [point for law, point in points.items() if law not in REFERENCES]
+            line = np.array(sorted(_pareto_front(entries)))
+            axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
+            for law, point in points.items():
+                about = looks[law] | {"linestyle": "", "markersize": 6}
+                axes.plot(*point, label=law, clip_on=False, **about)
+            for law in PASSIVE_REFERENCES:
+                about = looks[law] | {"marker": "", "lw": 0.9}
+                axes.axhline(float(np.mean(errors[law])), label=law, **about)
+            axes.set(ylim=(0.0, None))
+            axes.set_xlabel(
+                "effort: RMS torque of the motor [N m]"
+                if cost == "rms_motor_torque"
+                else "chatter: RMS of the same less its mean over 50 ms [N m]"
+            )
+        panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
+        panels[1].set(title="and against chatter")
+        panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return drawing
+
+
+def cycle(results: Results, scene: str) -> Figure:
+    """Draw the error over the gait, or after a reversal, in the ordinary condition."""
+    looks = _line_styles(rms_errors(results)[scene])
+    shown = {
+        cell.controller: (cell, played.trace)
+        for cell, played in results
+        if cell.condition.scene == scene and played.trace
+    }
+    with style():
+        drawing = figure(7.6, 3.8)
+        axes = drawing.add_subplot()
+        label = "time since the joint last reversed [s]"
+        for law, (cell, trace) in shown.items():
+            gait = isinstance(cell.condition.trajectory, Walk)
+            most = 1.0 if gait else REVERSAL_WINDOW
+            label = "phase of the gait" if gait else label
+            place = trace["phase"] if gait else _since_reversal(trace)
+            rms = _binned_rms(place / most, trace)
+            at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
+            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
+        axes.set(
+            title=f"{scene}: error over the cycle, ordinary condition",
+            xlabel=label,
+            ylabel="RMS error [N m]",
+            ylim=(0.0, None),
+        )
+        if shown:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return drawing
+
+
+def levels(results: Results, scene: str) -> Figure:
+    """Draw normalised error over transmissions, a panel for each model error."""
+    rms = rms_errors(results)[scene]
+    errors, names = normalise_errors(rms, SCALE_CONTROLLER), list(rms[SCALE_CONTROLLER])
+    looks = _line_styles(errors)
+    kinds = [e for e in MODEL_ERRORS if any(n.endswith(f"-{e}") for n in names)] or [""]
+    with style():
+        drawing = figure(2.9 * len(kinds) + 1.8, 3.6)
+        panels = drawing.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
+        for axes, error in zip(panels, kinds, strict=True):
+            known = [t for t in TRANSMISSIONS if f"{t}-{error}" in names]
+            for law, values in errors.items():
+                means = [np.mean(values[names.index(f"{t}-{error}")]) for t in known]
+                axes.plot(known, means, label=law, **looks[law] | {"markersize": 3.5})
+            axes.set(title=f"model: {error}", ylim=(0.0, None))
+        panels[0].set(ylabel="normalised error")
+        panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        title = f"{scene}: transmissions and errors of the model"
+        drawing.suptitle(title, x=0.01, ha="left", fontsize=11)
+    return drawing
+
+
+def _since_reversal(trace: Mapping[str, Array]) -> Array:
+    """Return the time since the last reversal of the joint (samples * seeds,) [s]."""
+    found = np.full(trace["time_s"].size, np.inf)
+    for seed in np.unique(trace["seed"]):
+        own = trace["seed"] == seed
+        time, angle = trace["time_s"][own], trace["joint_angle_rad"][own]
+        way = np.sign(np.gradient(angle))
+        turned = np.concatenate([[True], way[1:] * way[:-1] < 0.0])
+        found[own] = time - np.maximum.accumulate(np.where(turned, time, 0.0))
+    return found
+
+
+def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
+    """Return the RMS error in bins from 0 to 1 (BINS,), NaN in empty ones."""
+    counted = (trace["time_s"] >= STARTUP_TIME) & (place < 1.0)
+    bins = (place[counted] * CYCLE_BINS).astype(int)
+    error = (trace["joint_torque_nm"] - trace["desired_torque_nm"])[counted]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = np.bincount(bins, error**2, CYCLE_BINS) / np.bincount(
+            bins, minlength=CYCLE_BINS
+        )
+    return np.asarray(np.sqrt(square))
+
+
+def _mean_score(results: Results, scene: str, law: str, score: str) -> float:
+    """Return the mean of a score over conditions and seeds, NaN without an episode."""
+    values = [
+        played.scores[score]
+        for cell, played in results
+        if (cell.condition.scene, cell.controller) == (scene, law)
+    ]
+    scores = np.concatenate(values)
+    scores = scores[np.isfinite(scores)]
+    return float(np.mean(scores)) if scores.size else math.nan
+
+
+def _pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    return [
+        point
+        for point in points
+        if not any(
+            other != point and other[0] <= point[0] and other[1] <= point[1]
+            for other in points
+        )
+    ]
+
+
+def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the line and marker of every controller; references are grey."""
+    laws = list(laws)
+    dashes, markers = (":", "--", "-.", (0, (5, 1))), ("v", "^", "D", "s")
+    found: dict[str, dict[str, Any]] = {}
+    for place, law in enumerate(name for name in laws if name in REFERENCES):
+        look = {"linestyle": dashes[place % 4], "marker": markers[place % 4]}
+        found[law] = look | {"color": GREY}
+    for place, law in enumerate(name for name in laws if name not in REFERENCES):
+        color, marker = COLORS[place % 7], "os"[place // 7 % 2]
+        found[law] = {"linestyle": "-", "marker": marker, "color": color}
+    return found

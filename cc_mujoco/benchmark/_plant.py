@@ -1,0 +1,178 @@
+"""True parameters of devices, sampled by seed, which a controller does not know.
+
+    drawn = draw(condition, seeds=(0, 1))
+    drawn[0].plant.cables["flexor"].friction      # of the plant
+    Belief(0.1).of(drawn[0].plant.cables["flexor"], random)     # of the controller
+
+A condition and a seed are one plant, one motion and one noise for every controller, so
+that controllers are compared in pairs. Conditions that differ in the error of the model
+alone share their plants; all others draw independently of each other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.benchmark._conditions import TRANSMISSIONS, Condition, plant_key
+from cc_mujoco.cable import Cable
+from cc_mujoco.cable._parameters import BENDS, PATHS
+from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.device._sensors import BIAS
+from cc_mujoco.device._variables import Value
+from cc_mujoco.human import Perturbed, Trajectory, Walk
+
+MAX_SIGMAS = 3.0
+"""Draws beyond this many standard deviations are cut."""
+
+CABLE_SPREAD = {
+    "friction": 0.15,
+    "axial_stiffness": 0.1,
+    "pretension": 0.2,
+    "wrap": 0.1,
+}
+"""Relative standard deviations of the cables of a plant around their nominal values."""
+
+IMPEDANCE_SPREAD, CADENCE_SPREAD = 0.2, 0.03
+"""Relative standard deviations of the wearer's impedance and of a gait's period."""
+
+SENSORS_PER_CABLE = 3
+"""Tension sensors on a cable, see `Sensing.equip`."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A plant that was drawn, and what its episode has besides."""
+
+    plant: Plant
+    """The device with its cables, wearer, delay and noise."""
+    seed: int
+    """Seed of its motion and noise; that of the episode and its condition make it."""
+    trajectory: Trajectory
+    bias: tuple[float, ...]
+    """Bias of the joint torque sensor, then of every tension sensor, as a multiple of
+    the standard deviation of the device's noise."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Standard deviations of the relative errors of a controller's parameters."""
+
+    error: float = 0.1
+    """Error of both friction coefficients, axial stiffness and pretension."""
+    bias: float = 0.0
+    """Relative error of friction that is the same for all, added to the draw."""
+
+    def __post_init__(self) -> None:
+        """Refuse errors that leave nothing of a parameter."""
+        require_parameter(self, "error", 0.0, 0.3, "")
+        require_parameter(self, "bias", -0.9, 5.0, "")
+
+    def of(self, cable: Cable, random: np.random.Generator) -> Cable:
+        """Return a cable as it is believed; its route is known."""
+        friction, stiffness, pretension = (
+            self.error * _clipped_normal(random) for _ in range(3)
+        )
+        factor = max(1.0 + self.bias + friction, 0.05)
+        return cable.replace(
+            friction=factor * cable.friction,
+            static_friction=factor * cable.static_friction,
+            axial_stiffness=(1.0 + stiffness) * cable.axial_stiffness,
+            pretension=(1.0 + pretension) * cable.pretension,
+        )
+
+
+def sample_plants(condition: Condition, seeds: Sequence[int]) -> list[Draw]:
+    """Draw the plants of a condition, one for each seed."""
+    device = Scene(condition.scene)
+    return [_sample_plant(condition, seed, device) for seed in seeds]
+
+
+def _sample_plant(condition: Condition, seed: int, device: Scene) -> Draw:
+    place = zlib.crc32(f"{condition.scene} {plant_key(condition.name)}".encode())
+    own = int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
+    random = np.random.default_rng([own, 2])
+    values: dict[str, Value] = {}
+    for name, cable in device.cables.items():
+        factors = {
+            n: 1.0 + s * _clipped_normal(random) for n, s in CABLE_SPREAD.items()
+        }
+        liner = TRANSMISSIONS[condition.transmission]
+        drawn: dict[str, Value] = {
+            "friction": factors["friction"] * liner.friction,
+            "static_friction": factors["friction"] * liner.static_friction,
+            "axial_stiffness": factors["axial_stiffness"] * cable.axial_stiffness,
+            "pretension": factors["pretension"] * cable.pretension,
+        }
+        if cable.path == PATHS[0] and condition.moving_route:
+            drawn["bend"] = BENDS[1]
+        elif cable.path == PATHS[0]:
+            drawn["wrap"] = factors["wrap"] * cable.wrap
+        values |= {f"{name}.{key}": value for key, value in drawn.items()}
+    values["wearer"] = condition.impedance * (
+        1.0 + IMPEDANCE_SPREAD * _clipped_normal(random)
+    )
+    source = condition.trajectory
+    cadence = 1.0 + CADENCE_SPREAD * _clipped_normal(random)
+    low, high = condition.delay
+    # In turns: of few seeds each delay has its share, as so much depends on it.
+    values["delay"] = low + (seed + place) % (high - low + 1)
+    values["noise"] = condition.noise
+    sensors = 1 + SENSORS_PER_CABLE * len(device.cables)
+    return Draw(
+        plant=Plant(device, values),
+        seed=own,
+        trajectory=_with_period_factor(source, cadence),
+        bias=tuple(
+            condition.noise * BIAS * _clipped_normal(random) for _ in range(sensors)
+        ),
+    )
+
+
+def believed_drive(
+    drive: Drive,
+    driven: Sequence[str],
+    draws: Sequence[Draw],
+    beliefs: Sequence[Belief],
+) -> Drive:
+    """Return the drive with the parameters that each plant's controller believes.
+
+    Args:
+        drive: Of the device; gives the arms of the cables.
+        driven: Names of the cables that the motor winds.
+        draws: One per device.
+        beliefs: How wrong they are, one per device.
+    """
+    rows = []
+    for drawn, belief in zip(draws, beliefs, strict=True):
+        random = np.random.default_rng([drawn.seed, 3])
+        cables = drawn.plant.cables
+        rows.append(
+            tuple(
+                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
+                for name, s in zip(driven, drive.cables, strict=True)
+            )
+        )
+    return dataclasses.replace(drive, cable_drives=tuple(rows))
+
+
+def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
+    """Return a gait with its period scaled, also inside another trajectory."""
+    if isinstance(source, Walk):
+        return dataclasses.replace(source, period=factor * source.period)
+    if isinstance(source, Perturbed):
+        return dataclasses.replace(
+            source, base=_with_period_factor(source.base, factor)
+        )
+    return source
+
+
+def _clipped_normal(random: np.random.Generator) -> float:
+    """Return a standard normal sample, clipped at `MAX_SIGMAS`."""
+    return float(min(max(random.normal(), -MAX_SIGMAS), MAX_SIGMAS))

@@ -1,0 +1,160 @@
+"""Significance of differences between controllers: paired bootstrap over seeds.
+
+    errors = normalise_errors(rms, "none")       # controller -> (conditions, seeds)
+    for place in rank_controllers(errors): print(place.name, place.first, place.last)
+
+Conditions are fixed, and each has plants of its own unless they are shared: a resample
+draws seeds within every set of plants, the same ones for all controllers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+RESAMPLES = 10_000
+MAX_NORMALISED_ERROR = 10.0
+"""Normalised error of an episode that diverged, and the most that any counts."""
+
+
+class Place(NamedTuple):
+    """Place of a controller; NaN where one seed gives no interval."""
+
+    name: str
+    score: float
+    """Mean normalised error."""
+    low: float
+    high: float
+    """Upper end of its interval."""
+    first: int
+    last: int
+    """Last of the ranks that it may have, 1 is the best."""
+    better_than: tuple[str, ...]
+
+
+class Difference(NamedTuple):
+    """Difference of the mean of one controller less that of another."""
+
+    mean: float
+    low: float
+    high: float
+
+    @property
+    def real(self) -> bool:
+        """Return whether the interval leaves out 0."""
+        return self.low > 0.0 or self.high < 0.0
+
+    def __str__(self) -> str:
+        """Return the mean and interval."""
+        if math.isnan(self.low):
+            return f"{self.mean:+.3f}"
+        return f"{self.mean:+.3f} ({self.low:+.3f} to {self.high:+.3f})"
+
+
+def normalise_errors(
+    rms: Mapping[str, Mapping[str, Array]], scale: str
+) -> dict[str, Array]:
+    """Return errors relative to one controller's mean error in the same condition.
+
+    Args:
+        rms: RMS error by controller and condition, (seeds,); NaN where it diverged.
+        scale: The controller whose mean error is 1.
+
+    Returns:
+        By controller, (conditions, seeds).
+    """
+    unit = {name: float(np.nanmean(values)) for name, values in rms[scale].items()}
+    found = {}
+    for name, own in rms.items():
+        rows = np.array([own[condition] / unit[condition] for condition in unit])
+        found[name] = np.minimum(
+            np.where(np.isfinite(rows), rows, MAX_NORMALISED_ERROR),
+            MAX_NORMALISED_ERROR,
+        )
+    return found
+
+
+def bootstrap_means(
+    errors: Mapping[str, Array], plants: Sequence[str] = ()
+) -> dict[str, Array]:
+    """Return the means of resamples, by controller (resamples,), in pairs.
+
+    Args:
+        errors: By controller, (conditions, seeds).
+        plants: Of every condition; equal where plants are shared. By default none are.
+    """
+    conditions, seeds = next(iter(errors.values())).shape
+    names = np.array(plants or range(conditions))
+    random = np.random.default_rng(0)
+    total = {name: np.zeros(RESAMPLES) for name in errors}
+    for own in dict.fromkeys(names.tolist()):
+        chosen = random.integers(seeds, size=(RESAMPLES, seeds))
+        for name, values in errors.items():
+            over = values[names == own].sum(axis=0)
+            total[name] += over[chosen].mean(axis=1) / conditions
+    # Of n seeds a resample varies less than n new ones would, by (n - 1) / n.
+    wider = math.sqrt(seeds / (seeds - 1.0)) if seeds > 1 else math.nan
+    return {
+        name: float(np.mean(errors[name])) + wider * (means - np.mean(errors[name]))
+        for name, means in total.items()
+    }
+
+
+def compare_resamples(
+    one: Array, other: Array, mean: float, tests: int = 1
+) -> Difference:
+    """Return the difference of two controllers.
+
+    Args:
+        one: Its resamples, see `bootstrap_means`.
+        other: Those of the other.
+        mean: The difference itself.
+        tests: Among how many tests the interval is one (Bonferroni).
+    """
+    tail = 50.0 * (1.0 - CONFIDENCE) / tests
+    low, high = np.percentile(one - other, [tail, 100.0 - tail])
+    return Difference(mean, float(low), float(high))
+
+
+def rank_controllers(
+    errors: Mapping[str, Array], plants: Sequence[str] = ()
+) -> list[Place]:
+    """Return all controllers, the best first.
+
+    A controller is better than another where the interval of their difference leaves
+    out 0, for all pairs at once. Arguments are those of `bootstrap_means`.
+    """
+    means = {name: float(np.mean(values)) for name, values in errors.items()}
+    draws = bootstrap_means(errors, plants)
+    pairs = list(combinations(errors, 2))
+    better: dict[str, list[str]] = {name: [] for name in errors}
+    for a, b in pairs:
+        found = compare_resamples(draws[a], draws[b], means[a] - means[b], len(pairs))
+        if found.real:
+            winner, loser = (a, b) if found.mean < 0.0 else (b, a)
+            better[winner].append(loser)
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    places = []
+    for name in sorted(errors, key=lambda n: means[n]):
+        low, high = np.percentile(draws[name], [tail, 100.0 - tail])
+        beaten_by = sum(name in losers for losers in better.values())
+        places.append(
+            Place(
+                name,
+                means[name],
+                max(float(low), 0.0),  # no error is negative, whatever few seeds say
+                float(high),
+                1 + beaten_by,
+                len(errors) - len(better[name]),
+                tuple(better[name]),
+            )
+        )
+    return places

@@ -1,0 +1,238 @@
+"""The one file of a benchmark's results, and how two of them compare.
+
+A row is an episode: scene, condition, controller, seed, normalised error, scores, what
+was drawn and what was believed. The metadata say what made them: code, conditions,
+machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.provenance import (
+    provenance_differences,
+    read_provenance,
+    with_provenance,
+)
+from cc_mujoco.benchmark._cell import Cell, CellResult
+from cc_mujoco.benchmark._ranking import normalise_errors
+from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
+from cc_mujoco.errors import CableError
+
+Array = NDArray[np.float64]
+Results = Sequence[tuple[Cell, CellResult]]
+Errors = dict[str, dict[str, dict[str, Array]]]
+"""RMS errors by scene, controller and condition, (seeds,)."""
+
+
+def rms_errors(results: Results) -> Errors:
+    """Return the RMS errors of a run."""
+    found: Errors = {}
+    for cell, played in results:
+        own = found.setdefault(cell.condition.scene, {})
+        errors = played.scores["rms_torque_error"]
+        own.setdefault(cell.controller, {})[cell.condition.name] = errors
+    return found
+
+
+def describe_machine() -> dict[str, str | int]:
+    """Describe the machine that this process runs on."""
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "processors": os.cpu_count() or 1,
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
+    return names[0] if names else platform.processor()
+
+
+def write_results(
+    path: str | os.PathLike[str],
+    results: Results,
+    suite: str,
+    makers: Mapping[str, Any],
+) -> None:
+    """Write the file of results.
+
+    Args:
+        path: Of the file.
+        results: Of a run.
+        suite: Its name.
+        makers: See `_utils.provenance.code_provenance`.
+    """
+    scaled = {
+        s: normalise_errors(own, SCALE_CONTROLLER)
+        for s, own in rms_errors(results).items()
+    }
+    places: dict[tuple[str, str], int] = {}
+    columns: dict[str, list[Any]] = {}
+    for cell, played in results:
+        at = cell.condition
+        place = places.get((at.scene, cell.controller), 0)
+        places[at.scene, cell.controller] = place + 1
+        for row, seed in enumerate(cell.seeds):
+            entry: dict[str, Any] = {
+                "scene": at.scene,
+                "condition": at.name,
+                "transmission": at.transmission,
+                "model_error": at.error,
+                "controller": cell.controller,
+                "seed": seed,
+                "error": float(scaled[at.scene][cell.controller][place, row]),
+            }
+            entry |= {name: float(v[row]) for name, v in played.scores.items()}
+            entry |= {name: v[row] for name, v in played.plants.items()}
+            for name, value in entry.items():
+                columns.setdefault(name, []).append(value)
+    used = {f"{c.condition.scene} {c.condition.name}": c.condition for c, _ in results}
+    table = pa.table(columns)
+    about = {
+        "suite": suite,
+        "conditions": {name: repr(condition) for name, condition in used.items()},
+        "durations": {name: condition.duration for name, condition in used.items()},
+        "made_by": dict(makers),
+        "machine": describe_machine(),
+    }
+    about["digest"] = _digest(table, about)
+    with replacing(path) as partial:
+        pq.write_table(with_provenance(table, about), partial)
+
+
+def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
+    """Return the digest of all rows and of their provenance without the digest."""
+    digest = hashlib.sha256()
+    made = {name: value for name, value in about.items() if name != "digest"}
+    digest.update(json.dumps(made, sort_keys=True).encode())
+    for name in table.column_names:
+        digest.update(json.dumps([name, table[name].to_pylist()]).encode())
+    return digest.hexdigest()
+
+
+def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
+    """Read the rows of a results file, and their provenance.
+
+    Raises:
+        CableError: If it is no such file, or was changed after it was written.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException):
+        raise CableError(f"{path} is no Parquet file that can be read.") from None
+    about = read_provenance(table)
+    if not (isinstance(about, dict) and {"suite", "conditions"} <= about.keys()):
+        raise CableError(f"{path} is no file of results of `cc-mujoco benchmark`.")
+    if "digest" not in about:
+        raise CableError(
+            f"{path} has no digest of its rows: an earlier version of cc_mujoco wrote "
+            "it; run the benchmark again."
+        )
+    if about["digest"] != _digest(table, about):
+        raise CableError(
+            f"{path} was changed after it was written: its rows do not have the digest "
+            "that stands in it; run the benchmark again."
+        )
+    return table, about
+
+
+def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
+    """Return the RMS errors of a results file, and their provenance.
+
+    Returns:
+        The errors, and the metadata of `write_results` with the seeds of every
+        condition (`seeds`).
+
+    Raises:
+        CableError: If it is no such file, or was changed after it was written.
+    """
+    table, about = read_rows(path)
+    found: dict[str, dict[str, dict[str, list[tuple[int, float]]]]] = {}
+    names = ("scene", "controller", "condition", "seed", "rms_torque_error")
+    rows = zip(*(table[name].to_pylist() for name in names), strict=True)
+    for scene, law, condition, seed, error in rows:
+        own = found.setdefault(scene, {}).setdefault(law, {})
+        own.setdefault(condition, []).append((seed, error))
+    about["seeds"] = {
+        f"{scene} {condition}": sorted(seed for seed, _ in values)
+        for scene, laws in found.items()
+        for condition, values in laws[SCALE_CONTROLLER].items()
+    }
+    return {
+        scene: {
+            law: {c: np.array([e for _, e in sorted(v)]) for c, v in own.items()}
+            for law, own in laws.items()
+        }
+        for scene, laws in found.items()
+    }, about
+
+
+def join_results(
+    one: tuple[Errors, Mapping[str, Any]], other: tuple[Errors, Mapping[str, Any]]
+) -> tuple[Errors, list[str]]:
+    """Join two results files, and return the differences in their provenance.
+
+    A controller whose errors differ is there twice, as `NAME (a)` and `NAME (b)`.
+
+    Raises:
+        CableError: If they have no device in common, or not the same conditions or
+            seeds in it.
+    """
+    (first, about), (second, of_other) = one, other
+    common = [scene for scene in first if scene in second]
+    if not common:
+        raise CableError(
+            f"nothing to compare: one has {', '.join(first)}, the other "
+            f"{', '.join(second)}."
+        )
+    found: Errors = {}
+    for scene in common:
+        a, b = first[scene], second[scene]
+        texts = [
+            {
+                (kind, n): t
+                for kind in ("conditions", "seeds")
+                for n, t in provenance[kind].items()
+                if n.startswith(f"{scene} ")
+            }
+            for provenance in (about, of_other)
+        ]
+        if texts[0] != texts[1]:
+            raise CableError(
+                f"the conditions or the seeds of {scene} are not the same in both "
+                "files; run both with the same suite, --conditions, --seeds and "
+                "--first-seed."
+            )
+        own = found.setdefault(scene, {})
+        for name in dict.fromkeys((*a, *b)):
+            both = name in a and name in b
+            if not both or _errors_equal(a[name], b[name]):
+                own[name] = a.get(name, b.get(name, {}))
+            else:
+                own[f"{name} (a)"], own[f"{name} (b)"] = a[name], b[name]
+        own.setdefault(SCALE_CONTROLLER, a[SCALE_CONTROLLER])
+        for name in (*REFERENCES, f"{SCALE_CONTROLLER} (a)", f"{SCALE_CONTROLLER} (b)"):
+            own.pop(name, None)
+    return found, provenance_differences(about["made_by"], of_other["made_by"])
+
+
+def _errors_equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
+    return all(np.array_equal(v, other[c], equal_nan=True) for c, v in one.items())

@@ -1,0 +1,314 @@
+"""Running all cells: on several processes or a cluster, keeping what is done.
+
+Every finished cell has its files in `cells`; a later run of the same code and settings
+passes over it. Cells share nothing, so where they are played changes no bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cc_mujoco._utils.atomic_io import is_marked, replacing, require_unmodified
+from cc_mujoco._utils.atomic_io import require_ours as require_ours_in
+from cc_mujoco._utils.provenance import (
+    earlier_results_message,
+    provenance_differences,
+    read_provenance,
+    with_provenance,
+)
+from cc_mujoco._workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
+from cc_mujoco.benchmark import _user_entry as entry
+from cc_mujoco.benchmark._cell import (
+    Cell,
+    CellResult,
+    batch_groups,
+    play_group,
+    prepare_episodes,
+)
+from cc_mujoco.benchmark._conditions import SUITES, Condition
+from cc_mujoco.benchmark._references import (
+    REFERENCES,
+    SCALE_CONTROLLER,
+    require_unused_name,
+)
+from cc_mujoco.benchmark._timing import StepTimes, time_steps
+from cc_mujoco.errors import CableError, look_up
+
+MAX_SEEDS = 1000
+"""Most seeds: of more, not even the names of the results are quickly listed."""
+
+MAX_SEED = 2**31
+"""Largest first seed."""
+
+CELLS_FOLDER, RESULTS_FILE, TABLES_FILE = "cells", "results.parquet", "table.md"
+FIGURE_STEMS = ("pareto", "cycle", "levels")
+"""Figures of a scene."""
+
+
+@dataclass(frozen=True)
+class BenchmarkPlan:
+    """Choice of what to run; empty is all that the suite has."""
+
+    controllers: tuple[str, ...]
+    suite: str = "v1"
+    scenes: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
+    """Names of some, of the devices that have them."""
+    seeds: int = 0
+    """Number of seeds; 0 is what the suite has."""
+    first_seed: int = 0
+    """The first of them; the others follow. Who judges may choose it afterwards."""
+    duration: float | None = None
+    """Length of an episode; that of the conditions by default [s]."""
+
+    def players(self) -> tuple[str, ...]:
+        """Return the references, `none` and the controllers, each once."""
+        return tuple(dict.fromkeys((*REFERENCES, SCALE_CONTROLLER, *self.controllers)))
+
+    def played(self) -> list[Condition]:
+        """Return all conditions.
+
+        Raises:
+            CableError: If a name is unknown.
+        """
+        suite = look_up("suite", self.suite, SUITES)
+        found = [
+            condition
+            for scene in self.scenes or tuple(suite.makers)
+            for condition in suite.conditions(scene)
+        ]
+        names = {condition.name: None for condition in found}
+        for name in self.conditions:
+            look_up("condition", name, names)
+        if self.conditions:
+            found = [c for c in found if c.name in self.conditions]
+        if self.duration is not None:
+            found = [dataclasses.replace(c, duration=self.duration) for c in found]
+        return found
+
+    def cells(self) -> list[Cell]:
+        """Return all cells, in the order of tables.
+
+        Raises:
+            CableError: If there are none, a name is unknown, or the files of two would
+                have the same name.
+        """
+        if not self.controllers:
+            raise CableError("a benchmark needs at least one controller.")
+        for name in self.controllers:
+            require_unused_name(name)
+        count = self.seeds or look_up("suite", self.suite, SUITES).seeds
+        if not 1 <= count <= MAX_SEEDS:
+            raise CableError(
+                f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {self.seeds:,}."
+            )
+        if not 0 <= self.first_seed <= MAX_SEED:
+            raise CableError(
+                f"the first seed must be 0 to {MAX_SEED:,}, not {self.first_seed:,}."
+            )
+        seeds = tuple(range(self.first_seed, self.first_seed + count))
+        found: dict[str, Cell] = {}
+        for condition in self.played():
+            for name in self.players():
+                cell = Cell(condition, name, seeds)
+                # What is named twice is played once.
+                other = found.setdefault(cell.name, cell)
+                if other != cell:
+                    raise CableError(
+                        f"controllers {other.controller!r} and {name!r} would have the "
+                        f"same files, {cell.name}; rename one."
+                    )
+        return list(found.values())
+
+
+@dataclass(frozen=True)
+class Playing:
+    """A plan as a `_workers.Job` whose pieces are groups of cells."""
+
+    plan: BenchmarkPlan
+
+    def rehearse(self) -> None:
+        """Find out, before long work, whether every name can be used.
+
+        Raises:
+            CableError: If a name cannot be used.
+        """
+        shortest = {
+            c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
+        }
+        self.plan.cells()
+        for condition in shortest.values():
+            drive = prepare_episodes([Cell(condition, SCALE_CONTROLLER)]).drive
+            for name in self.plan.controllers:
+                entry.make_controller(name, drive)
+
+    def made_by(self) -> dict[str, Any]:
+        """See `Job.made_by`."""
+        return entry.controller_provenance(*self.plan.controllers)
+
+    def size(self, piece: Sequence[Cell]) -> int:
+        """Return the number of cells."""
+        return len(piece)
+
+    def do(self, piece: Sequence[Cell], tick: Tick) -> list[tuple[pa.Table, ...]]:
+        """Play a group; the sealed tables of every cell."""
+        results = play_group(piece)
+        found = []
+        for cell, result in zip(piece, results, strict=True):
+            entry = cell.controller not in REFERENCES and cell.condition.usual
+            times = time_steps(cell) if entry else None
+            found.append(_tables(cell, result, times))
+        return found
+
+
+def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether a plan's results may be written to a folder.
+
+    Raises:
+        CableError: If not; see `_utils.atomic_io.require_ours`.
+    """
+    cells = [f"{CELLS_FOLDER}/{file}" for cell in plan.cells() for file in _files(cell)]
+    scenes = dict.fromkeys(condition.scene for condition in plan.played())
+    pictures = [f"{scene}-{stem}.png" for scene in scenes for stem in FIGURE_STEMS]
+    require_ours_in(
+        out,
+        (TABLES_FILE, RESULTS_FILE, *pictures, *cells),
+        lambda place: any(map(is_marked, (place / CELLS_FOLDER).glob("*.parquet"))),
+    )
+    require_unmodified(out, (TABLES_FILE,))
+
+
+def run(
+    plan: BenchmarkPlan,
+    out: str | os.PathLike[str],
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    worker_timeout: float = WORKER_TIMEOUT,
+    again: bool = False,
+    progress: Callable[[float], None] = lambda done: None,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> list[tuple[Cell, CellResult]]:
+    """Run every cell that is not done and return all, in the order of the plan.
+
+    Args:
+        plan: What to run.
+        out: Folder; cells lie in `cells` inside.
+        workers: Processes; 0 means one per processor.
+        scheduler: Address of a Dask scheduler whose workers play instead.
+        worker_timeout: Time without any worker after which to give up [s].
+        again: Run also what is done.
+        progress: Called with the number of cells that are done.
+        say: Called with a sentence on what an earlier run left, if it left something.
+
+    Raises:
+        CableError: If a name is unknown, a controller cannot be used or the folder
+            cannot be written or holds files that are not a benchmark's.
+    """
+    require_ours(plan, out)
+    job = Playing(plan)
+    job.rehearse()
+    folder = Path(out) / CELLS_FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    cells = plan.cells()
+    left: list[Cell] = []
+    changed: list[str] = []
+    for cell in cells:
+        there, other = _read(folder, cell)
+        changed += other
+        if again or there is None:
+            left.append(cell)
+    kept = len(cells) - len(left)
+    if kept or changed:
+        say(earlier_results_message(kept, len(cells), "cells", changed))
+    progress(float(kept))
+    pieces = dict(enumerate(batch_groups(left)))
+
+    def count(done: float) -> None:
+        progress(kept + done)
+
+    if scheduler is None:
+        playing = run_here(job, pieces, count, count=workers, processes=True)
+    else:
+        playing = run_on_cluster(job, pieces, scheduler, count, worker_timeout)
+    with contextlib.closing(playing):
+        for number, found in playing if pieces else ():
+            for cell, tables in zip(pieces[number], found, strict=True):
+                for file, table in zip(_files(cell), tables, strict=True):
+                    with replacing(folder / file) as partial:
+                        pq.write_table(table, partial)
+    played = []
+    for cell in cells:
+        result, other = _read(folder, cell)
+        if result is None:
+            why = ", ".join(other) or "the file"
+            raise CableError(
+                f"{folder}: {cell.name} was played and then differed in {why}; leave "
+                "code and folder alone while a benchmark runs, and run it again."
+            )
+        played.append((cell, result))
+    return played
+
+
+def _files(cell: Cell) -> list[str]:
+    parts = ("scores", "trace") if cell.condition.usual else ("scores",)
+    return [f"{cell.name}.{part}.parquet" for part in parts]
+
+
+def _cell_key(cell: Cell) -> dict[str, Any]:
+    """Return the key of a cell, whose controller was made before."""
+    return {"cell": repr(cell), "made_by": entry.controller_provenance(cell.controller)}
+
+
+def _tables(
+    cell: Cell, result: CellResult, times: StepTimes | None
+) -> tuple[pa.Table, ...]:
+    """Return the tables that the files of a cell hold."""
+    about = _cell_key(cell)
+    median, worst = times or (None, None)
+    columns = {**result.scores, **result.plants}
+    columns |= {"step_median_s": [median] * len(cell.seeds)}
+    columns |= {"step_worst_s": [worst] * len(cell.seeds)}
+    found = [columns, result.trace] if cell.condition.usual else [columns]
+    return tuple(with_provenance(pa.table(part), about) for part in found)
+
+
+def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
+    """Return a finished cell, or None and how its code differs from this."""
+    found: list[pa.Table] = []
+    now = _cell_key(cell)
+    for file in _files(cell):
+        try:
+            table = pq.read_table(folder / file)
+        except (OSError, pa.ArrowInvalid):
+            return None, []
+        then = read_provenance(table)
+        if then != now:
+            then = then if isinstance(then, dict) else {}
+            if then.get("cell", now["cell"]) != now["cell"]:
+                return None, ["their settings"]
+            return None, provenance_differences(then.get("made_by"), now["made_by"])
+        found.append(table)
+    scores = {
+        name: found[0][name].to_numpy()
+        for name in found[0].column_names
+        if not name.startswith(("plant_", "believed_", "step_"))
+    }
+    rest = {
+        name: found[0][name].to_pylist()
+        for name in found[0].column_names
+        if name not in scores
+    }
+    trace = (
+        {n: found[1][n].to_numpy() for n in found[1].column_names} if found[1:] else {}
+    )
+    return CellResult(scores, rest, trace), []

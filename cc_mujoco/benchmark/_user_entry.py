@@ -1,0 +1,252 @@
+"""A controller from outside in a process of its own.
+
+    law = Entry(drive, "my_module:my_function")     # a `Controller`, as any other
+    torque = law.torque(measured)
+
+The process that judges sends it the drive and what is measured, and takes torques, as
+bytes of numbers, and nothing else. So whatever the code of an entry changes in Python,
+it changes in its own process: neither a plant, a score nor another entry. Seeds and
+plants are not sent. One process serves an entry for as long as that of the judge lives.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import pickle
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.provenance import (
+    POLICY_ENDING,
+    code_provenance,
+    is_user_controller,
+)
+from cc_mujoco.control import Controller, controller
+from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.errors import CableError
+
+_LENGTH_HEADER = struct.Struct("<q")
+_ANSWER_HEADER = struct.Struct("<qqqd")
+"""Key, number of dimensions (0 or 1), number of torques, and time that it took [s]."""
+_MAX_ANSWER_BYTES = 1 << 26
+"""Bytes of the longest answer."""
+_PROGRAM = (
+    "import sys; sys.path[:] = {path!r}; "
+    "from cc_mujoco.benchmark._user_entry import serve; serve()"
+)
+
+_processes: dict[str, _Process] = {}
+"""Process of every entry that this process judges."""
+
+
+def is_entry(name: str) -> bool:
+    """Return whether a controller of this name has code of its own: `module:name`.
+
+    The file of a policy has none: it is numbers.
+    """
+    return is_user_controller(name) and not name.endswith(POLICY_ENDING)
+
+
+def make_controller(name: str, drive: Drive) -> Controller:
+    """Return the controller of a name, in a process of its own if it has own code.
+
+    Raises:
+        CableError: If there is none, or its code raises.
+    """
+    return Entry(drive, name) if is_entry(name) else controller(name, drive)
+
+
+def controller_provenance(*names: str) -> dict[str, Any]:
+    """Return the `code_provenance` of controllers, with the files of user entries.
+
+    Args:
+        names: controllers that `make_controller` has made in this process.
+    """
+    found = code_provenance(*(name for name in names if not is_entry(name)))
+    for name in filter(is_entry, names):
+        found["files"] |= _processes[name].files
+    return found
+
+
+class Entry(Controller):
+    """A controller from outside, as the process that judges sees it."""
+
+    def __init__(self, drive: Drive, name: str) -> None:
+        """Make it, in its process, which is started if there is none yet.
+
+        Args:
+            drive: The device to be driven.
+            name: `module:function`.
+
+        Raises:
+            CableError: If it cannot be made.
+        """
+        super().__init__(drive)
+        self.name = name
+        if name not in _processes or not _processes[name].is_alive:
+            _processes[name] = _Process(name)
+        self._process = _processes[name]
+        self._key = self._process.make(drive)
+        self.spent = 0.0
+        """Time of the processor that the last torque took, by the entry [s]."""
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Reset the controller; see `Controller.reset`."""
+        self._process.ask("reset", self._key, where)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Raises:
+            CableError: If the entry raises, gives no torques or ends.
+        """
+        answer = self._process.ask("torque", self._key, dict(observation))
+        try:
+            _, dimensions, count, self.spent = _ANSWER_HEADER.unpack_from(answer)
+            values = np.frombuffer(answer, dtype=np.float64, offset=_ANSWER_HEADER.size)
+        except (struct.error, ValueError):
+            dimensions, count, values = -1, 0, np.zeros(0)
+        if dimensions not in (0, 1) or values.size != count or count < 1:
+            raise CableError(f"controller {self.name!r} did not answer with torques.")
+        return self.limited(float(values[0]) if dimensions == 0 else values.copy())
+
+
+class _Process:
+    """The process of an entry, from the side of the judge."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self.files: dict[str, str] = {}
+        program = _PROGRAM.format(path=[place for place in sys.path if place])
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", program],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # an interruption is the judge's alone
+        )
+        atexit.register(self.end)
+
+    @property
+    def is_alive(self) -> bool:
+        """Return whether it has not ended."""
+        return self._process.poll() is None
+
+    def make(self, drive: Drive) -> int:
+        """Make the controller; return the key by which it is called.
+
+        Raises:
+            CableError: If it cannot be made.
+        """
+        answer = json.loads(self.ask("make", 0, (self._name, drive)))
+        files = answer.get("files") if isinstance(answer, dict) else None
+        if not isinstance(files, dict):
+            raise CableError(f"controller {self._name!r} did not say what it is of.")
+        self.files = {str(name): str(digest) for name, digest in files.items()}
+        return int(answer["key"])
+
+    def ask(self, what: str, key: int, about: Any) -> bytes:
+        """Return the answer to a question.
+
+        Raises:
+            CableError: If the entry raises or ends.
+        """
+        assert self._process.stdin is not None and self._process.stdout is not None
+        try:
+            _send(self._process.stdin, pickle.dumps((what, key, about)))
+            answer = _receive(self._process.stdout)
+        except (OSError, EOFError):
+            self.end()
+            code = self._process.returncode
+            raise CableError(
+                f"controller {self._name!r} ended its process, with exit code {code}."
+            ) from None
+        if answer[:1] == b"!":
+            raise CableError(answer[1:].decode("utf-8", errors="replace"))
+        return answer[1:]
+
+    def end(self) -> None:
+        """End the process."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                try:
+                    pipe.close()
+                except OSError:
+                    continue
+        try:
+            self._process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def serve() -> None:
+    """Run the process of an entry: answer requests until the judge has ended."""
+    questions = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    # What the entry prints would be taken for answers.
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)
+    laws: list[Controller] = []
+    while True:
+        try:
+            question = _receive(questions)
+        except (OSError, EOFError):
+            return
+        try:
+            answer = b"." + _answer(laws, *pickle.loads(question))
+        except CableError as error:
+            answer = b"!" + str(error).encode()
+        try:
+            _send(answers, answer)
+        except OSError:
+            return
+
+
+def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
+    """Return the answer to a question of the judge."""
+    if what == "make":
+        name, drive = about
+        laws.append(controller(name, drive))
+        reply = {"key": len(laws) - 1, "files": code_provenance(name)["files"]}
+        return json.dumps(reply).encode()
+    law = laws[key]
+    with controller_errors(law.name or type(law).__name__):
+        if what == "reset":
+            law.reset(about)
+            return b""
+        begun = time.thread_time()
+        with np.errstate(all="ignore"):  # what diverged is not a number
+            torque = np.asarray(law.torque(about), dtype=np.float64)
+        spent = time.thread_time() - begun
+    flat = np.ascontiguousarray(torque).ravel()
+    return _ANSWER_HEADER.pack(key, torque.ndim, flat.size, spent) + flat.tobytes()
+
+
+def _send(pipe: IO[bytes], content: bytes) -> None:
+    pipe.write(_LENGTH_HEADER.pack(len(content)) + content)
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> bytes:
+    (length,) = _LENGTH_HEADER.unpack(_read(pipe, _LENGTH_HEADER.size))
+    if not 0 <= length <= _MAX_ANSWER_BYTES:
+        raise EOFError
+    return _read(pipe, length)
+
+
+def _read(pipe: IO[bytes], length: int) -> bytes:
+    content = pipe.read(length)
+    if len(content) < length:
+        raise EOFError
+    return content

@@ -1,0 +1,147 @@
+"""Random rows of a file of results, played again and compared bit for bit.
+
+    verify("runs/benchmark/results.parquet", 5)
+
+The rows are drawn by the operating system: who wrote the file cannot know which.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import random
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from cc_mujoco._utils.provenance import provenance_differences
+from cc_mujoco.benchmark import _user_entry as user_entry
+from cc_mujoco.benchmark._cell import Cell, play
+from cc_mujoco.benchmark._conditions import SUITES, Condition
+from cc_mujoco.benchmark._ranking import normalise_errors
+from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
+from cc_mujoco.benchmark._results import read_results, read_rows
+from cc_mujoco.benchmark._runner import BenchmarkPlan, Playing
+from cc_mujoco.errors import CableError, look_up
+
+
+def verify(path: str | os.PathLike[str], count: int) -> str:
+    """Play random rows of a file of results again, each with the others of its cell.
+
+    Computing times are not compared. Of every row of the file the normalised error is
+    computed anew from the RMS errors.
+
+    Args:
+        path: Of the file.
+        count: How many rows to draw.
+
+    Returns:
+        A sentence that says how much was compared.
+
+    Raises:
+        CableError: If the file was changed, was made by other code or on conditions
+            that this version does not have, or a row is not what a replay gives.
+    """
+    table, about = read_rows(path)
+    if not 1 <= count <= len(table):
+        raise CableError(
+            f"--rows must be 1 to {len(table):,}, the rows of {path}, not {count:,}."
+        )
+    rows = table.to_pylist()
+    laws = dict.fromkeys(row["controller"] for row in rows)
+    conditions = _conditions(path, about)
+    plan = BenchmarkPlan(
+        tuple(law for law in laws if law not in REFERENCES),
+        about["suite"],
+        tuple(dict.fromkeys(row["scene"] for row in rows)),
+    )
+    Playing(plan).rehearse()
+    if other := provenance_differences(
+        about["made_by"], user_entry.controller_provenance(*plan.controllers)
+    ):
+        raise CableError(
+            f"{path} was made by other code, which differs in {', '.join(other)}; "
+            "verify it with the code that made it."
+        )
+    _require_normalised(path, table)
+    drawn = random.SystemRandom().sample(range(len(rows)), count)
+    cells = dict.fromkeys(_cell_of_row(rows[number]) for number in drawn)
+    compared = 0
+    for scene, condition, law in cells:
+        own = [row for row in rows if _cell_of_row(row) == (scene, condition, law)]
+        seeds = tuple(row["seed"] for row in own)
+        found = play(Cell(conditions[f"{scene} {condition}"], law, seeds))
+        columns: dict[str, Any] = {**found.scores, **found.plants}
+        for place, row in enumerate(own):
+            for name, values in columns.items():
+                if not _entries_equal(row[name], values[place]):
+                    raise CableError(
+                        f"{path} is not what a replay gives: {name} of {law} in "
+                        f"{scene} {condition}, seed {row['seed']}, is {row[name]} in "
+                        f"the file and {values[place]} now."
+                    )
+        compared += len(own)
+    return (
+        f"{count} random rows of {len(rows)}, and with them all {compared} of their "
+        f"{len(cells)} cells, are what a replay gives, bit for bit."
+    )
+
+
+def _cell_of_row(row: dict[str, Any]) -> tuple[str, str, str]:
+    return row["scene"], row["condition"], row["controller"]
+
+
+def _entries_equal(one: Any, other: Any) -> bool:
+    """Return whether two entries of a table are equal, NaN to NaN."""
+    if isinstance(one, float) and np.isnan(one):
+        return bool(np.isnan(other))
+    return bool(np.all(np.asarray(one) == np.asarray(other)))
+
+
+def _conditions(
+    path: str | os.PathLike[str], about: dict[str, Any]
+) -> dict[str, Condition]:
+    """Return the conditions of a file by name.
+
+    Raises:
+        CableError: If this version has other ones.
+    """
+    suite = look_up("suite", about["suite"], SUITES)
+    found = {}
+    for name, text in about["conditions"].items():
+        scene, _, condition = name.partition(" ")
+        there = {one.name: one for one in suite.conditions(scene)}
+        at = look_up("condition", condition, there)
+        found[name] = dataclasses.replace(at, duration=about["durations"][name])
+        if repr(found[name]) != text:
+            raise CableError(
+                f"{path} was played in a condition {name!r} that this version of "
+                "cc_mujoco has otherwise; verify it with the version that made it."
+            )
+    return found
+
+
+def _require_normalised(path: str | os.PathLike[str], table: pa.Table) -> None:
+    """Refuse a file whose normalised errors do not follow from its RMS errors."""
+    errors, _ = read_results(path)
+    scaled = {
+        scene: normalise_errors(own, SCALE_CONTROLLER) for scene, own in errors.items()
+    }
+    places: dict[tuple[str, str], dict[str, int]] = {}
+    seeds: dict[tuple[str, str, str], list[int]] = {}
+    rows = table.to_pylist()
+    for row in rows:
+        scene, condition, law = _cell_of_row(row)
+        known = places.setdefault((scene, law), {})
+        known.setdefault(condition, len(known))
+        seeds.setdefault((scene, condition, law), []).append(row["seed"])
+    for row in rows:
+        scene, condition, law = _cell_of_row(row)
+        rank = sorted(seeds[scene, condition, law]).index(row["seed"])
+        own = scaled[scene][law][places[scene, law][condition], rank]
+        if not _entries_equal(row["error"], float(own)):
+            raise CableError(
+                f"{path}: the normalised error of {law} in {scene} {condition}, seed "
+                f"{row['seed']}, is {row['error']}; its RMS errors make it {own}."
+            )

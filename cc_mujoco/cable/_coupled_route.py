@@ -1,0 +1,286 @@
+"""Cables whose path one joint moves: bends that change, and pieces that lie open.
+
+    drive = CoupledCables((cable,), (course,), motor_radius=0.008)
+    drive.replay(dt, motor_angle=motor, joint_angle=joint).joint_torque
+
+What the path does is a table over the angle of the joint; the cable is that of the
+kernel. What a piece gains in length enters the cable there, and by virtual work the
+joint feels every tension with the gain of its piece per angle. Angles are positive
+where the first cable pulls, and positive motor rotation winds that cable.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._pack import set_path
+from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._pulleys import Driven
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledPath:
+    """The path of one cable at every angle of the joint that moves it.
+
+    Attributes:
+        joint: (angles,) of the joint, increasing by equal steps [rad].
+        wrap: (angles, n) wrap angle of the segments [rad].
+        contact: (angles, n) length over which the segments rub [m].
+        gained: (angles, n + 1) by how much longer the path is at every node than at 0
+            [m]; 0 inside a conduit.
+        distal: (angles,) displacement of the distal end from where it is at 0 [m]; 0
+            where it is tied to the end of the path.
+        length: (angles, n + 1) of path that every node stands for [m]; empty where
+            the sections of the cable say so.
+        guided: number of segments inside a conduit.
+    """
+
+    joint: FloatArray
+    wrap: FloatArray
+    contact: FloatArray
+    gained: FloatArray
+    distal: FloatArray
+    length: FloatArray
+    guided: int
+
+    @property
+    def open(self) -> bool:
+        """Return whether pieces of the cable lie outside a conduit."""
+        return self.length.size > 0
+
+    @property
+    def reach(self) -> FloatArray:
+        """Length of cable that path and distal end take together (angles,) [m]."""
+        found: FloatArray = self.gained.sum(axis=1) + self.distal
+        return found
+
+
+@dataclass(frozen=True)
+class CoupledCables:
+    """Cables on a motor's pulley, whose paths one joint moves.
+
+    Attributes:
+        cables: agonist first.
+        courses: of each; of as many segments.
+        motor_radius: of the motor's pulley [m].
+        distal_share: of the distal ends' displacements, where their pulley or lever is
+            another than that of the courses.
+    """
+
+    cables: tuple[Cable, ...]
+    courses: tuple[CoupledPath, ...]
+    motor_radius: float
+    distal_share: float = 1.0
+
+    def replay(
+        self, dt: float, *, motor_angle: ArrayLike, joint_angle: ArrayLike
+    ) -> Driven:
+        """Play both angles; the first sample is at rest in pretension.
+
+        Beyond the angles of the courses the path stays as it is at their end.
+
+        Args:
+            dt: time between samples [s].
+            motor_angle: (samples,) [rad].
+            joint_angle: (samples,) [rad].
+
+        Raises:
+            CableError: arrays that do not fit or are not finite, or a time step that is
+                none.
+        """
+        motor, joint = (
+            np.ascontiguousarray(angle, dtype=np.float64)
+            for angle in (motor_angle, joint_angle)
+        )
+        if motor.ndim != 1 or motor.shape != joint.shape or motor.size == 0:
+            raise CableError(
+                f"the angles have shapes {motor.shape} and {joint.shape}; both must be "
+                "(samples,)"
+            )
+        if not (np.isfinite(motor).all() and np.isfinite(joint).all()):
+            raise CableError("the angles of a motion must be finite")
+        if not (math.isfinite(dt) and dt > 0.0):
+            raise CableError(f"time step is {dt!r} s; it must be positive and finite")
+        played = np.array(
+            [
+                self._played(cable, course, sign, dt, motor, joint)
+                for cable, course, sign in zip(
+                    self.cables, self.courses, (-1.0, 1.0), strict=False
+                )
+            ]
+        )
+        proximal, distal, torque, pull, lost = np.moveaxis(played, 0, 1)
+        return Driven(
+            motor,
+            pull.sum(axis=0),
+            joint,
+            torque.sum(axis=0),
+            proximal,
+            distal,
+            lost,
+        )
+
+    def _played(
+        self,
+        cable: Cable,
+        course: CoupledPath,
+        sign: float,
+        dt: float,
+        motor: FloatArray,
+        joint: FloatArray,
+    ) -> FloatArray:
+        """Return the outputs of one cable (5, samples), see `_play`."""
+        arm = np.array([sign * self.motor_radius])
+        prm = _pack_on_path(cable, course)
+        cables = stepper.Cables(
+            prm[None], np.array([cable.segments]), arm, arm, np.zeros(1)
+        )
+        step = course.joint[1] - course.joint[0]
+        reached = self.distal_share * course.distal
+        out = np.empty((5, motor.size))
+        _play(
+            cables,
+            _Tables(
+                float(course.joint[0]),
+                float(step),
+                course.wrap,
+                course.contact,
+                course.length,
+                course.gained,
+                np.gradient(course.gained, step, axis=0),
+                reached,
+                np.gradient(reached, step),
+            ),
+            motor,
+            joint,
+            dt,
+            out,
+        )
+        return out
+
+
+def _pack_on_path(cable: Cable, course: CoupledPath) -> FloatArray:
+    """Return the packed parameters of a cable on its course."""
+    n = cable.segments
+    if course.wrap.shape[1] != n:
+        raise CableError(
+            f"the course has {course.wrap.shape[1]} segments and the cable {n}"
+        )
+    prm = packed_parameters(cable)
+    if course.open:
+        layout.segment_angles(prm, n)[:] = course.wrap[0]
+        layout.contact_length(prm, n)[:] = course.contact[0]
+        layout.node_length(prm, n)[:] = course.length[0]
+        prm[layout.LENGTH] = course.length[0].sum()
+        prm[layout.GUIDED] = course.guided
+        kernel.pack_mesh(np.array(cable.scalars), n, prm)
+    kernel.expect_change(prm)
+    if course.open:
+        kernel.expect_lengthening(prm)
+    return prm
+
+
+class _Tables(NamedTuple):
+    """A course and its slopes, over angles from `first` in steps of `step`."""
+
+    first: float
+    step: float
+    wrap: FloatArray
+    contact: FloatArray
+    length: FloatArray
+    gained: FloatArray
+    gain: FloatArray
+    distal: FloatArray
+    arm: FloatArray
+
+
+@internal
+def _interpolate_row(
+    row: FloatArray, following: FloatArray, share: float, out: FloatArray
+) -> None:
+    for i in range(out.size):
+        out[i] = row[i] + share * (following[i] - row[i])
+
+
+@internal
+def _table_position(tables: _Tables, joint: float) -> tuple[int, float]:
+    """Return the table row at or before an angle, and the fraction to the next."""
+    at = (joint - tables.first) / tables.step
+    at = min(max(at, 0.0), tables.distal.size - 1.0)
+    row = min(int(at), tables.distal.size - 2)
+    return row, at - row
+
+
+@compiled
+def _play(
+    cables: stepper.Cables,
+    tables: _Tables,
+    motor: FloatArray,
+    joint: FloatArray,
+    dt: float,
+    out: FloatArray,
+) -> None:
+    """Compute tensions [N], torques of joint and motor [N m] and friction heat [J].
+
+    All (samples,), in this order; torques as the cable's tensions make them.
+    """
+    n, prm = cables.n[0], cables.prm[0]
+    state, new = np.zeros(kernel.state_size(n)), np.zeros(kernel.state_size(n))
+    work = np.empty(kernel.work_size(n))
+    wrap, contact = np.empty(n), np.empty(n)
+    before, gained, gain = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
+    longer, length, was = np.zeros(n + 1), np.empty(n + 1), np.empty(n + 1)
+    lengthens = prm[layout.PATH_LENGTHENS] != 0.0
+    row, share = _table_position(tables, joint[0])
+    _interpolate_row(tables.gained[row], tables.gained[row + 1], share, before)
+    if lengthens:
+        _interpolate_row(tables.length[row], tables.length[row + 1], share, length)
+    u_distal = tables.distal[row] + share * (
+        tables.distal[row + 1] - tables.distal[row]
+    )
+    u_proximal, _ = stepper.proximal_displacement(cables, 0, motor[0])
+    kernel.initialize(prm, n, u_proximal, u_distal, state)
+    for k in range(motor.size):
+        u_proximal, lever = stepper.proximal_displacement(cables, 0, motor[k])
+        if k == 0 or joint[k] != joint[k - 1]:
+            row, share = _table_position(tables, joint[k])
+            _interpolate_row(tables.wrap[row], tables.wrap[row + 1], share, wrap)
+            _interpolate_row(
+                tables.contact[row], tables.contact[row + 1], share, contact
+            )
+            _interpolate_row(tables.gained[row], tables.gained[row + 1], share, gained)
+            _interpolate_row(tables.gain[row], tables.gain[row + 1], share, gain)
+            u_distal = tables.distal[row] + share * (
+                tables.distal[row + 1] - tables.distal[row]
+            )
+            set_path(prm, n, wrap, contact)
+        if lengthens:
+            was[:] = length
+            _interpolate_row(tables.length[row], tables.length[row + 1], share, length)
+            for i in range(n + 1):
+                longer[i] = gained[i] - before[i]
+                before[i] = gained[i]
+            moving_path.carry(prm, n, layout.tensions(state, n), was, length, longer)
+        kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
+        state[:] = new
+        tension = layout.tensions(state, n)
+        arm = tables.arm[row] + share * (tables.arm[row + 1] - tables.arm[row])
+        torque = -arm * max(tension[n], 0.0)
+        for i in range(n + 1):
+            torque -= gain[i] * max(tension[i], 0.0)
+        out[0, k], out[1, k] = max(tension[0], 0.0), max(tension[n], 0.0)
+        out[2, k] = torque
+        out[3, k] = -cables.proximal[0] * lever * max(tension[0], 0.0)
+        out[4, k] = state[2]

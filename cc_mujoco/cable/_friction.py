@@ -1,0 +1,295 @@
+"""Friction terms of a cable in its conduit: the force that opposes a slip.
+
+Every law is reduced, for the step at hand, to per-segment coefficients. Along a segment
+that slips at speed v, tension grows in the direction of motion from T_behind to
+
+    T_ahead = E T_behind + B + C v,
+
+E = exp(mu a) with the segment's wrap angle a (thesis 2.10), B the drag that needs no
+tension, C that of viscosity. A segment that does not slip holds as long as neither of
+its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so
+a new term is a field of `Cable` and its share in the functions below.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable._parameter import Term
+from cc_mujoco.cable._parameters import PARAMETERS, TERMS
+
+INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+"""Position of each scalar parameter in the packed vector."""
+
+_FRICTION = INDEX["friction"]
+_STATIC = INDEX["static_friction"]
+_CRITICAL_SLIP = INDEX["critical_slip_distance"]
+_VISCOUS = INDEX["viscous_friction"]
+_STRIBECK = INDEX["stribeck_friction"]
+_STRIBECK_SPEED = INDEX["stribeck_speed"]
+_STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
+_LOAD_INDEPENDENT = INDEX["load_independent_friction"]
+_SEAL_PROXIMAL = INDEX["seal_proximal"]
+_SEAL_DISTAL = INDEX["seal_distal"]
+_BRISTLE = INDEX["bristle_length"]
+_PRETENSION = INDEX["pretension"]
+_TENSION_EXPONENT = INDEX["tension_exponent"]
+_AGEING_TIME = INDEX["ageing_time"]
+_WRAP_GROWTH = INDEX["wrap_growth"]
+_WRAP_REACH = INDEX["wrap_reach"]
+_DRIFT = INDEX["friction_drift"]
+_HEATING = INDEX["friction_heating"]
+_COOLING = INDEX["cooling_time"]
+_GREASE = INDEX["grease_drag"]
+_GREASE_EXPONENT = INDEX["grease_exponent"]
+
+MAX_EXPONENT = 30.0
+"""Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
+
+MIN_GREASE_SPEED = 1e-6
+"""Slip speed [m/s] below which the drag of grease is in proportion to it."""
+
+MIN_BRISTLE_LENGTH = 1e-9
+"""Length [m] that shorter bristles have, too; they are Coulomb friction by then."""
+MIN_BRISTLE_STIFFNESS = 1e-12
+"""Stiffness [N/m] below which bristles give none, as those of a slack cable."""
+
+
+def _term_indices(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
+    """Return the indices of the selected terms, each paired with `constant_without`."""
+    return tuple(
+        (INDEX[name], INDEX[term.constant_without or name])
+        for name, term in TERMS.items()
+        if holds(term)
+    )
+
+
+_VARYING_TERMS = _term_indices(
+    lambda term: (
+        term.acts_on != "pulley"
+        and bool(term.depends_on)
+        and (term.acts_on, term.depends_on) != ("elasticity", ("load",))
+    )
+)
+_SCALING_TERMS = _term_indices(
+    lambda term: (
+        term.acts_on == "coefficient"
+        and not {"load", "time", "place"}.isdisjoint(term.depends_on)
+    )
+)
+
+
+@compiled
+def ratio(coefficient: float, angle: float) -> float:
+    """Return the tension ratio exp(mu a) of one segment, cut at `MAX_EXPONENT`."""
+    return math.exp(min(coefficient * angle, MAX_EXPONENT))
+
+
+@internal
+def is_state_dependent(values: FloatArray) -> bool:
+    """Return whether load, time or place change the coefficients."""
+    for switch, other in _SCALING_TERMS:
+        if values[switch] != 0.0 and values[other] != 0.0:
+            return True
+    return False
+
+
+@internal
+def is_constant_coulomb(values: FloatArray) -> bool:
+    """Return whether all but elasticity is constant, along the cable as well."""
+    for switch, other in _VARYING_TERMS:
+        if values[switch] != 0.0 and values[other] != 0.0:
+            return False
+    return True
+
+
+@internal
+def _weighted_length(length: float, growth: float) -> float:
+    """Return a segment's length, weighted by the capstan growth ahead [m]."""
+    exponent = math.log(growth)
+    if exponent < 1e-9:
+        return length
+    return length * (growth - 1.0) / exponent
+
+
+@compiled
+def drag(
+    values: FloatArray, length: float, growth: float, j: int, guided: int
+) -> float:
+    """Return B of segment j, which rubs over `length` [m] and has E = `growth` [N].
+
+    The first `guided` segments are in a conduit, which may have a seal at either end.
+    """
+    load_independent: float = values[_LOAD_INDEPENDENT]
+    total = 0.0
+    if load_independent != 0.0:
+        total = load_independent * _weighted_length(length, growth)
+    if j == 0 and guided > 0:
+        total += values[_SEAL_PROXIMAL]
+    if j == guided - 1:
+        total += values[_SEAL_DISTAL]
+    return total
+
+
+@internal
+def grease_viscosity(values: FloatArray, speed: float) -> float:
+    """Return the drag of grease per conduit length and slip speed [N s/m^2].
+
+    Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926: g |v|^n = (g |v|^(n-1)) |v|,
+    constant below `MIN_GREASE_SPEED`.
+    """
+    if values[_GREASE] == 0.0:
+        return 0.0
+    power = values[_GREASE_EXPONENT] - 1.0
+    return float(values[_GREASE] * max(speed, MIN_GREASE_SPEED) ** power)
+
+
+@internal
+def next_guess(values: FloatArray, guess: float, speed: float) -> float:
+    """Return the next guess of the slip speed for the viscosity of grease [m/s].
+
+    Of an error in ln v a round leaves 1 - n where drag is all that resists, and nothing
+    where the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 + n) of it,
+    either way.
+    """
+    further = 2.0 / (1.0 + values[_GREASE_EXPONENT])
+    return float(
+        max(guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further, MIN_GREASE_SPEED)
+    )
+
+
+@internal
+def viscosity(
+    values: FloatArray, length: float, growth: float, speed: float, dt: float
+) -> float:
+    """Return C of a segment per displacement in one step of `dt` [N/m]."""
+    viscous: float = values[_VISCOUS] + grease_viscosity(values, speed)
+    if viscous == 0.0:
+        return 0.0
+    return viscous * _weighted_length(length, growth) / dt
+
+
+@internal
+def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
+    """Return the coefficient of a segment that slips.
+
+    Args:
+        values: packed scalar parameters.
+        slip: distance slipped since the segment last stuck or turned [m], >= 0.
+        speed: remembered slip speed [m/s], >= 0.
+    """
+    coefficient: float = values[_FRICTION]
+    if values[_STATIC] > 0.0 and values[_CRITICAL_SLIP] > 0.0:
+        excess = values[_STATIC] - values[_FRICTION]
+        coefficient += excess * math.exp(-slip / values[_CRITICAL_SLIP])
+    if values[_STRIBECK] > 0.0:
+        decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
+        coefficient += values[_STRIBECK] * math.exp(-decay)
+    return coefficient
+
+
+@compiled
+def holding_coefficient(values: FloatArray) -> float:
+    """Return the coefficient that a segment at rest can hold."""
+    coefficient: float = max(values[_FRICTION], values[_STATIC])
+    if values[_STRIBECK] > 0.0:
+        coefficient += values[_STRIBECK]
+    return coefficient
+
+
+@internal
+def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
+    """Return the slip speed for the Stribeck term of the next step [m/s].
+
+    For grease it is only where the search for the speed of that step begins.
+
+    The memory follows the slip speed over `critical_slip_distance` of slip, or at once
+    when that is 0; a segment that sticks forgets.
+    """
+    if slip == 0.0:
+        return 0.0
+    now: float = abs(slip) / dt
+    if values[_CRITICAL_SLIP] == 0.0:
+        return now
+    return now + (speed - now) * math.exp(-abs(slip) / values[_CRITICAL_SLIP])
+
+
+@internal
+def bristle_stiffness(
+    values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
+) -> float:
+    """Return the stiffness of the bristles of a segment of tension `mean` [N/m]."""
+    length = max(values[_BRISTLE], MIN_BRISTLE_LENGTH)
+    stiffness: float = (coefficient * angle * mean + drag) / length
+    return stiffness if stiffness > MIN_BRISTLE_STIFFNESS else 0.0
+
+
+@internal
+def bristle_force(force: float, stretch: float, stiffness: float) -> float:
+    """Return the force of bristles (`force` [N], `stretch` [m]) of a new `stiffness`.
+
+    Softer ones keep their stretch, stiffer ones their force, so that a stiffness which
+    follows the tension never adds energy.
+    """
+    most = stiffness * abs(stretch)
+    return min(max(force, -most), most)
+
+
+@internal
+def drift_factor(values: FloatArray, time: float, heat: float) -> float:
+    """Return the factor on every coefficient by the time [s] and heat [J] so far."""
+    drift = values[_DRIFT] * time + values[_HEATING] * heat
+    return float(max(1.0 + drift, 0.0))
+
+
+@internal
+def heat_after_step(values: FloatArray, heat: float, lost: float, dt: float) -> float:
+    """Return the heat in the conduit after a step with this friction loss [J]."""
+    if values[_HEATING] == 0.0:
+        return 0.0
+    return float((heat + lost) * math.exp(-dt / values[_COOLING]))
+
+
+@internal
+def wrap_factor(
+    values: FloatArray, travel: float, begin: float, end: float, length: float
+) -> float:
+    """Return the factor on the wrap angle of the segment from `begin` to `end` [m].
+
+    The distal end is `travel` from its rest [m].
+    """
+    reach = length * values[_WRAP_REACH]
+    inside, own = end - (length - reach), end - begin
+    share = min(max(inside, 0.0), own) / own if own > 0.0 else 0.0
+    bent = share * values[_WRAP_GROWTH]
+    return float(max(1.0 + bent * travel, 0.0))
+
+
+@internal
+def load_factor(values: FloatArray, mean: float) -> float:
+    """Return the factor on the coefficient of a segment of tension `mean` [N]."""
+    exponent: float = values[_TENSION_EXPONENT]
+    if exponent == 0.0:
+        return 1.0
+    load = max(mean / values[_PRETENSION], 0.01)
+    return float(load**exponent)
+
+
+@internal
+def age_after_step(values: FloatArray, age: float, slip: float, dt: float) -> float:
+    """Return the age ln(1 + t/t_0) of the contacts after a step with this slip [m].
+
+    Contacts grow older and slip over `critical_slip_distance` renews them: dt' = 1 -
+    |v| t'/l, exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
+    """
+    scale = values[_AGEING_TIME]
+    if slip == 0.0:
+        return math.log(math.exp(age) + dt / scale)
+    if values[_CRITICAL_SLIP] == 0.0:
+        return 0.0
+    ways = abs(slip) / values[_CRITICAL_SLIP]
+    kept = math.exp(-ways)
+    gained = dt * (-math.expm1(-ways) / ways)
+    return math.log1p(math.expm1(age) * kept + gained / scale)

@@ -1,0 +1,194 @@
+"""Layout of the numbers of a cable: packed parameters and state, and views of both.
+
+    prm = np.empty(parameter_size(n))
+    segment_angles(prm, n)[3]          # wrap angle of a segment [rad]
+    tensions(state, n)[0]              # of the proximal end [N]
+
+Both vectors have a header of single numbers, then rows of one number per node or
+segment. Every offset derives from the rows before it; nothing else counts them.
+
+State vector:
+
+    0, 1               displacement of the proximal and the distal end [m]
+    2                  energy dissipated so far [J]
+    3                  stretch of the cable, negative where it is slack [m]; 0 where its
+                       path may lengthen, so that the ends do not determine it
+    4                  time since the start [s], while a term depends on the state
+    5                  way of the distal end since the start [m], under this condition
+    6                  heat of friction in the conduit [J], while friction depends on it
+    7 : 8 + n          tension of node i [N]; negative where slack
+    8 + n : 8 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    8 + 2 n : 8 + 3 n  remembered slip speed of segment j [m/s]
+    8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
+    8 + 4 n : 8 + 5 n  stretch of these bristles [m]
+    8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `_friction.age_after_step`
+"""
+
+from __future__ import annotations
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable._parameters import PARAMETERS
+
+SCALARS = len(PARAMETERS)
+"""Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
+(
+    BENDS_CHANGE, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, PATH_LENGTHENS,
+    YIELD_PROXIMAL, YIELD_DISTAL, CARRY_ENERGY,
+) = range(SCALARS, SCALARS + 9)  # fmt: skip
+"""Behind them: whether bends may change, the two questions of `_friction.py`, length,
+number of segments inside a conduit, whether the path itself may lengthen, the
+compliance of the supports of the ends [m/N], and the energy that `_moving_path.carry`
+took for the next step [J]."""
+_ROWS_START = SCALARS + 9
+
+STATE_HEADER = 7
+"""Numbers before the tensions."""
+TIME, TRAVEL, HEAT = 4, 5, 6
+_SEGMENT_STATE = 5
+_SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
+_STEP_WORK = 11  # per segment, behind it: slip, coefficients, bristles and speed
+# Per node, behind that: tension before the step, and `_nonlinear_elasticity.py`.
+_NODE_WORK = 3
+
+
+@compiled
+def state_size(n: int) -> int:
+    """Return the length of the state vector of a cable of n segments."""
+    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
+
+
+@compiled
+def parameter_size(n: int) -> int:
+    """Return the length of the packed parameter vector of a cable of n segments."""
+    return _ROWS_START + 10 * n + 4
+
+
+@compiled
+def scalars(prm: FloatArray) -> FloatArray:
+    """Return the scalar parameters in the order of `PARAMETERS`."""
+    return prm[:SCALARS]
+
+
+@compiled
+def segment_angles(prm: FloatArray, n: int) -> FloatArray:
+    """Wrap angle of every segment (n,) [rad]."""
+    return prm[_ROWS_START : _ROWS_START + n]
+
+
+@compiled
+def constant_growth(prm: FloatArray, n: int) -> FloatArray:
+    """Return E of every segment where all is constant, see `_friction.py` (n,)."""
+    return prm[_ROWS_START + n : _ROWS_START + 2 * n]
+
+
+@compiled
+def constant_hold(prm: FloatArray, n: int) -> FloatArray:
+    """Return H of every segment where all is constant (n,)."""
+    return prm[_ROWS_START + 2 * n : _ROWS_START + 3 * n]
+
+
+@compiled
+def constant_drag(prm: FloatArray, n: int) -> FloatArray:
+    """Return B of every segment where all is constant (n,) [N]."""
+    return prm[_ROWS_START + 3 * n : _ROWS_START + 4 * n]
+
+
+@compiled
+def node_compliance(prm: FloatArray, n: int) -> FloatArray:
+    """Return the compliance of every node (n + 1,) [m/N]."""
+    return prm[_ROWS_START + 4 * n : _ROWS_START + 5 * n + 1]
+
+
+@compiled
+def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
+    """Return the stiffness of every node (n + 1,) [N/m]."""
+    return prm[_ROWS_START + 5 * n + 1 : _ROWS_START + 6 * n + 2]
+
+
+@compiled
+def node_length(prm: FloatArray, n: int) -> FloatArray:
+    """Return the length of cable that every node represents (n + 1,) [m].
+
+    Where the path may lengthen: by which the node is a spring, see `_moving_path.py`.
+    """
+    return prm[_ROWS_START + 6 * n + 2 : _ROWS_START + 7 * n + 3]
+
+
+@compiled
+def contact_length(prm: FloatArray, n: int) -> FloatArray:
+    """Return the length over which every segment rubs (n,) [m]."""
+    return prm[_ROWS_START + 7 * n + 3 : _ROWS_START + 8 * n + 3]
+
+
+@compiled
+def lengthening(prm: FloatArray, n: int) -> FloatArray:
+    """Stretch of every node by its path in the next step (n + 1,) [m]."""
+    return prm[_ROWS_START + 8 * n + 3 : _ROWS_START + 9 * n + 4]
+
+
+@compiled
+def half_compliance(prm: FloatArray, n: int) -> FloatArray:
+    """Return the compliance of half the contact length of every segment (n,) [m/N]."""
+    return prm[_ROWS_START + 9 * n + 4 : _ROWS_START + 10 * n + 4]
+
+
+@compiled
+def tensions(state: FloatArray, n: int) -> FloatArray:
+    """Return the tension of every node (n + 1,) [N]; negative where slack."""
+    return state[STATE_HEADER : STATE_HEADER + n + 1]
+
+
+@internal
+def _segment_row(state: FloatArray, n: int, row: int) -> FloatArray:
+    start = STATE_HEADER + 1 + (1 + row) * n
+    return state[start : start + n]
+
+
+@compiled
+def slips(state: FloatArray, n: int) -> FloatArray:
+    """Return the slip of every segment since it last stuck or turned (n,) [m]."""
+    return _segment_row(state, n, 0)
+
+
+@compiled
+def slip_speeds(state: FloatArray, n: int) -> FloatArray:
+    """Return the remembered slip speed of every segment (n,) [m/s]."""
+    return _segment_row(state, n, 1)
+
+
+@compiled
+def bristle_forces(state: FloatArray, n: int) -> FloatArray:
+    """Return the friction of every segment that its bristles hold (n,) [N]."""
+    return _segment_row(state, n, 2)
+
+
+@compiled
+def bristle_stretches(state: FloatArray, n: int) -> FloatArray:
+    """Stretch of the bristles of every segment (n,) [m]."""
+    return _segment_row(state, n, 3)
+
+
+@compiled
+def contact_ages(state: FloatArray, n: int) -> FloatArray:
+    """Return the contact age of every segment (n,), see `_friction.age_after_step`."""
+    return _segment_row(state, n, 4)
+
+
+@compiled
+def work_size(n: int) -> int:
+    """Return the length of the scratch vector of a step of a cable of n segments."""
+    return (_SOLVER_WORK + _NODE_WORK) * (n + 1) + _STEP_WORK * n
+
+
+@internal
+def row(work: FloatArray, n: int, i: int) -> FloatArray:
+    """Return row i of coefficients (n,) in scratch."""
+    start = _SOLVER_WORK * (n + 1) + i * n
+    return work[start : start + n]
+
+
+@internal
+def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
+    """Return row i of the scratch memory of the nodes (n + 1,)."""
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + i * (n + 1)
+    return work[start : start + n + 1]

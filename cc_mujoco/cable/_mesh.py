@@ -1,0 +1,108 @@
+"""Places of the segments of a cable: short where its conduit bends, compiled.
+
+    edges = np.empty(n + 1)
+    lay_segments(sections, n, edges)         # places of the nodes on the conduit [m]
+    segment_wraps(sections, edges, angles)   # wrap angle of every segment [rad]
+
+Friction changes the tension only along bends. Segments of equal length would be wasted
+on straight sections, and a tight bend at an end of the conduit, where every reversal
+begins, would get too few. Half of the segments follow the length here and half the wrap
+angle: with x the place along a conduit of length L and wrap angle W, their density is
+
+    rho(x) = min((1 + kappa(x) L / W) / 2, MAX_REFINEMENT times the mean of rho).
+
+Only the shape of the conduit counts. Other friction, or all bends tighter by the same
+factor, leave the nodes where they are, so that a fit never moves them. A conduit of
+constant curvature has equal segments.
+
+The bound is for the ends. Friction holds all but half of the outermost segment at
+first, so that half as long a segment makes an end twice as stiff
+(`_nodes.end_stiffness`) and reduces the longest stable time step by sqrt(2).
+"""
+
+from __future__ import annotations
+
+import math
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+
+MAX_REFINEMENT = 8.0
+"""Times that a segment may be shorter than the mean."""
+_MAX_ROUNDS, _CONVERGED_SHARE = 50, 1.0 - 1e-12
+
+
+@internal
+def measure_conduit(sections: FloatArray) -> tuple[float, float, bool]:
+    """Return length [m] and wrap [rad] of a conduit, and whether it bends evenly."""
+    length, wrap, even = 0.0, 0.0, True
+    for s in range(sections.shape[0]):
+        length += sections[s, 0]
+        wrap += sections[s, 0] / sections[s, 1]
+        even = even and sections[s, 1] == sections[0, 1]
+    # Bends so tight that their angle is no number leave nothing to choose by.
+    return length, wrap, even or not math.isfinite(wrap)
+
+
+@compiled
+def lay_segments(sections: FloatArray, n: int, edges: FloatArray) -> None:
+    """Lay n segments along a conduit.
+
+    Args:
+        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
+        n: number of segments.
+        edges: out, where segments begin and end, from 0 to the length (n + 1,) [m].
+    """
+    length, wrap, even = measure_conduit(sections)
+    if even:
+        step = length / n
+        for j in range(n + 1):
+            edges[j] = j * step
+        return
+    mean, total = 1.0, 0.0
+    for _ in range(_MAX_ROUNDS):
+        total = 0.0
+        for s in range(sections.shape[0]):
+            total += sections[s, 0] * _segment_density(
+                sections[s, 1], length, wrap, mean
+            )
+        if total / length > _CONVERGED_SHARE * mean:
+            break
+        mean = total / length
+    j, start, below = 1, 0.0, 0.0
+    edges[0], edges[n] = 0.0, length
+    for s in range(sections.shape[0]):
+        density = _segment_density(sections[s, 1], length, wrap, mean)
+        above = below + sections[s, 0] * density
+        while j < n and j * total <= n * above:
+            edges[j] = start + (j * total / n - below) / density
+            j += 1
+        start, below = start + sections[s, 0], above
+    for i in range(j, n):  # what rounding left over
+        edges[i] = length
+
+
+@internal
+def _segment_density(radius: float, length: float, wrap: float, mean: float) -> float:
+    """Return the segments per length where the conduit has this radius, relative."""
+    return float(min(0.5 + 0.5 * length / (radius * wrap), MAX_REFINEMENT * mean))
+
+
+@compiled
+def segment_wraps(sections: FloatArray, edges: FloatArray, angles: FloatArray) -> None:
+    """Wrap angle of every segment: the curvature of the sections that it covers.
+
+    Args:
+        sections: as in `lay_segments`, of any conduit of that length.
+        edges: where segments begin and end (n + 1,) [m].
+        angles: out (n,) [rad].
+    """
+    for j in range(angles.size):
+        begin, end = edges[j], edges[j + 1]
+        angle, start = 0.0, 0.0
+        for s in range(sections.shape[0]):
+            stop = start + sections[s, 0]
+            shared = min(end, stop) - max(begin, start)
+            if shared > 0.0:
+                angle += shared / sections[s, 1]
+            start = stop
+        angles[j] = angle

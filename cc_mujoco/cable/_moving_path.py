@@ -1,0 +1,223 @@
+"""The law of a cable on a path whose pieces change their length, compiled.
+
+A node is what lies of the cable along so much of the path. With l the length of path
+now, m the unstretched length of cable in it and T its tension,
+
+    1 + strain(T) = l / m,        T = EA (l - m) / m without bedding.
+
+So a piece of 0.2 m is ten times as stiff as one of 2 m. The unstretched lengths follow
+from path and tensions; they are moved between nodes and never made, by slip and where
+the path moves over a cable that sticks: a pulley that turns carries it from one piece
+to the next, with the strain that it has.
+
+A step is found in unstretched lengths too: near the tension before it a node is a
+spring of EA (1 + strain)^2 / l, and what its path gained counts divided by 1 + strain.
+`apply_material_law` then replaces the straight line by the law, so that no cable is
+lost or made over any number of steps. A drum takes cable in at the strain of the
+pretension.
+
+Cable that is moved from node a to node b takes its energy along. Where m dU/dm at fixed
+l is T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean strain)
+per unstretched length, which is the heat (`heating`), and cable that is carried to a
+node of another strain than its own loses what this differs from the work that it does.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _elasticity as elastic
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
+
+_EA = law.INDEX["axial_stiffness"]
+_PRETENSION = law.INDEX["pretension"]
+_END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
+_BEDDING = law.INDEX["bedding_strain"]
+_BEDDING_TENSION = law.INDEX["bedding_tension"]
+_MAX_NODE_SHARE = 0.5
+"""Part of a node's cable that a step may take out of it."""
+_MAX_ROUNDS = 6
+_FLOW_TOLERANCE = 1e-15
+"""Flow that is rounding [m]."""
+
+
+@internal
+def _cable_per_length(prm: FloatArray) -> elastic.Piece:
+    """Return the cable per unstretched length."""
+    return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_BEDDING_TENSION])
+
+
+@internal
+def stretch_ratio(prm: FloatArray, tension: float) -> float:
+    """Return the length of cable by its unstretched length; below 1 where slack."""
+    if not nodes.is_curved(prm):
+        return float(1.0 + tension / prm[_EA])
+    return 1.0 + elastic.stretch_of(_cable_per_length(prm), tension)
+
+
+@internal
+def unstretched_shortfall(prm: FloatArray, moved: float) -> float:
+    """Return by how much less cable, unstretched, a drum takes than it winds [m]."""
+    return moved - moved / stretch_ratio(prm, prm[_PRETENSION])
+
+
+@internal
+def heating(prm: FloatArray, proximal: float, distal: float) -> float:
+    """Return the heat of slip by tension difference and unstretched slip, see above.
+
+    `proximal` and `distal` are the tensions at the ends of the segment [N].
+    """
+    low, high = max(proximal, 0.0), max(distal, 0.0)
+    if not nodes.is_curved(prm):
+        return float(1.0 + 0.5 * (low + high) / prm[_EA])
+    return 0.5 * (stretch_ratio(prm, low) + stretch_ratio(prm, high))
+
+
+@internal
+def _carried_length(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    length: FloatArray,
+    j: int,
+    flow: float,
+    ratio: float,
+) -> tuple[float, float]:
+    """Return the unstretched length that a flow of path takes from node j on [m].
+
+    `flow` is in stretched lengths [m], negative towards node j; `ratio` is that of the
+    stretched and the unstretched length of the node that it leaves.
+
+    Returns:
+        That, of its sign, and the elastic energy that is lost in mixing [J].
+    """
+    if abs(flow) <= _FLOW_TOLERANCE:
+        return 0.0, 0.0
+    k, way = (j, -1) if flow > 0.0 else (j + 1, 1)
+    left, total = abs(flow), 0.0
+    while left > 0.0:
+        last = k + way < 0 or k + way > n
+        part = left if last else min(left, length[k])
+        total += part / ratio
+        left -= part
+        k += way
+        if left > 0.0:
+            ratio = stretch_ratio(prm, tension[k])
+    total = total if flow > 0.0 else -total
+    low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
+    if low == high:
+        return total, 0.0
+    return total, (high - low) * (total * heating(prm, low, high) - flow)
+
+
+@compiled
+def carry(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    before: FloatArray,
+    now: FloatArray,
+    gained: FloatArray,
+) -> bool:
+    """Lay the nodes of a packed cable along another path, for the next step.
+
+    Args:
+        prm: packed parameters; `PATH_LENGTHENS` is set.
+        n: number of segments.
+        tension: of the state before the step (n + 1,) [N].
+        before: length of path of every node then (n + 1,) [m].
+        now: the same now (n + 1,) [m].
+        gained: by how much the path of a node would be longer if nothing slipped
+            (n + 1,) [m]; their sum is that of the changes in length.
+
+    Returns:
+        Whether anything that a step depends on is another than before.
+    """
+    longer, length = at.lengthening(prm, n), at.node_length(prm, n)
+    compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
+    soft = 1.0 / prm[_EA]
+    flow, carried, mixed, changed = 0.0, 0.0, 0.0, False
+    following = stretch_ratio(prm, tension[0])
+    for i in range(n + 1):
+        came, ratio = carried, following
+        flow += gained[i] - (now[i] - before[i])
+        carried = 0.0
+        if i < n:
+            following = stretch_ratio(prm, tension[i + 1])
+            left = ratio if flow > 0.0 else following
+            carried, lost = _carried_length(prm, n, tension, before, i, flow, left)
+            mixed += lost
+        share = 1.0 / ratio
+        taken = (now[i] - before[i]) * share + carried - came
+        loose = now[i] * share * share
+        changed = changed or taken != longer[i] or loose != length[i]
+        longer[i], length[i] = taken, loose
+        if i == 0 or i == n:
+            nodes.set_node(prm, n, i)
+        else:
+            compliance[i] = length[i] * soft
+            stiffness[i] = 1.0 / compliance[i]
+    mixed = max(mixed, 0.0)
+    changed = changed or mixed != prm[at.CARRY_ENERGY]
+    prm[at.CARRY_ENERGY] = mixed
+    return changed
+
+
+@internal
+def _spring(prm: FloatArray, n: int, i: int) -> float:
+    """Return the compliance of the spring at a node [m/N]."""
+    if i == n:
+        return float(prm[_END_COMPLIANCE])
+    return float(prm[_PROXIMAL_COMPLIANCE]) if i == 0 else 0.0
+
+
+@internal
+def _tension_by_law(
+    prm: FloatArray, n: int, i: int, before: float, after: float
+) -> float:
+    """Return the tension of node i by the law, from the linear solution `after` [N]."""
+    spring = _spring(prm, n, i)
+    if spring == 0.0 and not nodes.is_curved(prm):
+        whole = prm[_EA] + before
+        risen = min(after - before, _MAX_NODE_SHARE * whole)
+        return float(before + risen * whole / (whole - risen))
+    start = stretch_ratio(prm, before)
+    length = at.node_length(prm, n)[i] * start * start
+    moved = nodes.stretch_between(prm, n, i, before, after)
+    unit, tension = _cable_per_length(prm), after
+    for _ in range(_MAX_ROUNDS):
+        strain = max(stretch_ratio(prm, tension), start * (1.0 - _MAX_NODE_SHARE))
+        off = length / start - length / strain + spring * (tension - before) - moved
+        slope = length * elastic.compliance_at(unit, tension) / (strain * strain)
+        tension -= off / (slope + spring)
+    return tension
+
+
+@internal
+def apply_material_law(
+    prm: FloatArray, n: int, before: FloatArray, after: FloatArray
+) -> None:
+    """Replace the tensions of a step by those of the law (n + 1,) [N].
+
+    They are those before the step and, in and out, after it.
+    """
+    for i in range(n + 1):
+        if after[i] != before[i]:
+            after[i] = _tension_by_law(prm, n, i, before[i], after[i])
+
+
+@compiled
+def set_unstretched_lengths(
+    prm: FloatArray, n: int, tension: FloatArray, length: FloatArray
+) -> None:
+    """Give the nodes of a packed cable the unstretched lengths of a state.
+
+    With them its elastic energy and its slack are right. `tension` [N] and `length` of
+    path [m] are of the state (n + 1,).
+    """
+    own = at.node_length(prm, n)
+    for i in range(n + 1):
+        own[i] = length[i] / stretch_ratio(prm, tension[i])
+        nodes.set_node(prm, n, i)

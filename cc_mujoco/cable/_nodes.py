@@ -1,0 +1,166 @@
+"""Relation of stretch and tension at the nodes of a cable, compiled.
+
+A node is a piece of cable between the centres of the adjacent segments; the springs at
+the ends are part of the first and the last. Packed parameters and state are those of
+`_layout.py`.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _elasticity as elastic
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as at
+
+_EA = law.INDEX["axial_stiffness"]
+_END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
+_BRISTLE = law.INDEX["bristle_length"]
+_BEDDING = law.INDEX["bedding_strain"]
+_BEDDING_TENSION = law.INDEX["bedding_tension"]
+
+
+@internal
+def is_curved(prm: FloatArray) -> bool:
+    """Return whether the stiffness of a node depends on its tension."""
+    return float(prm[_BEDDING]) > 0.0
+
+
+@internal
+def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
+    """Return node i, with the spring at its end."""
+    bedding = at.node_length(prm, n)[i] * prm[_BEDDING]
+    return elastic.Piece(at.node_compliance(prm, n)[i], bedding, prm[_BEDDING_TENSION])
+
+
+@internal
+def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
+    """Return half of the contact length of segment j."""
+    bedding = 0.5 * at.contact_length(prm, n)[j] * prm[_BEDDING]
+    return elastic.Piece(at.half_compliance(prm, n)[j], bedding, prm[_BEDDING_TENSION])
+
+
+@internal
+def set_node(prm: FloatArray, n: int, i: int) -> None:
+    """Pack the taut stiffness and compliance of a node, with its springs."""
+    spring = 0.0
+    if i == n:
+        spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
+    elif i == 0:
+        spring = prm[_PROXIMAL_COMPLIANCE] + prm[at.YIELD_PROXIMAL]
+    stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[_EA] + spring)
+    at.node_stiffness(prm, n)[i] = stiffness
+    at.node_compliance(prm, n)[i] = 1.0 / stiffness
+
+
+@internal
+def node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
+    """Stretch of node i [m]."""
+    if not is_curved(prm):
+        return float(tension * at.node_compliance(prm, n)[i])
+    return elastic.stretch_of(node_piece(prm, n, i), tension)
+
+
+@internal
+def tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
+    """Return the tension of node i at a stretch [m]."""
+    if not is_curved(prm):
+        return float(stretched * at.node_stiffness(prm, n)[i])
+    return elastic.tension_of(node_piece(prm, n, i), stretched)
+
+
+@internal
+def tension_after_stretch(
+    prm: FloatArray, n: int, i: int, tension: float, stretched: float
+) -> float:
+    """Return the tension of node i after it was stretched further [m]."""
+    if stretched == 0.0:
+        return tension
+    if not is_curved(prm):
+        return float(tension + at.node_stiffness(prm, n)[i] * stretched)
+    own = node_piece(prm, n, i)
+    return elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
+
+
+@internal
+def stretch_between(
+    prm: FloatArray, n: int, i: int, before: float, after: float
+) -> float:
+    """Stretch of node i between two tensions [m]."""
+    if not is_curved(prm):
+        return float((after - before) / at.node_stiffness(prm, n)[i])
+    own = node_piece(prm, n, i)
+    return elastic.stretch_of(own, after) - elastic.stretch_of(own, before)
+
+
+@internal
+def rest_stretch(prm: FloatArray, tension: float) -> float:
+    """Stretch of the cable with its end springs at a uniform tension [m]."""
+    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
+    taut = prm[at.LENGTH] / prm[_EA] + springs
+    whole = elastic.Piece(taut, prm[at.LENGTH] * prm[_BEDDING], prm[_BEDDING_TENSION])
+    return elastic.stretch_of(whole, tension)
+
+
+@internal
+def elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
+    """Return the elastic energy of the cable and its end springs [J]."""
+    stiffness = at.node_stiffness(prm, n)
+    total = 0.0
+    for i in range(n + 1):
+        if not is_curved(prm):
+            total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
+        else:
+            total += elastic.energy_at(node_piece(prm, n, i), tension[i])
+    return total
+
+
+@compiled
+def total_stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Stretch of all nodes [m], which `state[3]` follows."""
+    total = 0.0
+    tension = at.tensions(state, n)
+    for i in range(n + 1):
+        total += elastic.stretch_of(node_piece(prm, n, i), tension[i])
+    return total
+
+
+@compiled
+def slack_length(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Return the slack length of cable in the conduit [m]."""
+    tension = at.tensions(state, n)
+    total = 0.0
+    for i in range(n + 1):
+        total -= node_stretch(prm, n, i, min(tension[i], 0.0))
+    return total
+
+
+@compiled
+def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Return the elastic energy of the cable and of the bristles on it [J]."""
+    total = elastic_energy(prm, n, at.tensions(state, n))
+    if prm[_BRISTLE] > 0.0:
+        force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
+        for j in range(n):
+            total += 0.5 * abs(force[j] * stretched[j])
+    return total
+
+
+@compiled
+def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
+    """Return the stiffness of an end while friction holds the rest [N/m].
+
+    That of the nodes up to the first segment that friction holds: of half a segment
+    where the conduit bends from its mouth on.
+    """
+    compliance = 0.0
+    stiffness = at.node_stiffness(prm, n)
+    hold, drag = at.constant_hold(prm, n), at.constant_drag(prm, n)
+    for i in range(n + 1):
+        compliance += 1.0 / stiffness[n - i if distal else i]
+        j = n - 1 - i if distal else i
+        if i < n and (hold[j] > 1.0 or drag[j] > 0.0):
+            return float(1.0 / compliance)
+    # Nothing holds: one spring between both ends, which two equal masses find twice as
+    # stiff as it is.
+    return float(2.0 / compliance)

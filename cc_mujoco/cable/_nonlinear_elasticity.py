@@ -1,0 +1,133 @@
+"""The step of a cable whose strands bed in, by straight lines through its solution.
+
+Both solvers of a step take springs for linear. Here each is one between the tension
+before the step and the one after it, found in rounds: in those of the march by the
+compliance between two tensions, a closed form; in those of the graph, which also goes
+through slack, by the stretch found. Compiled, without allocation.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.cable import _elasticity as elastic
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._fronts import march
+
+LINEARIZATION_TOLERANCE = 1e-5
+"""Error of a tension, of the largest one, up to which a straight line will do."""
+_MAX_MARCHES = 8
+_LINE_ROW, _HALF_ROW = (
+    1,
+    2,
+)  # rows of scratch: the line of every node, half of every segment
+
+
+@internal
+def tangent_stiffness(
+    prm: FloatArray, n: int, tension: FloatArray, work: FloatArray
+) -> FloatArray:
+    """Return the tangent stiffness of the nodes (n+1,) [N/m], a view into `work`."""
+    stiffness = at.node_row(work, n, _LINE_ROW)
+    for i in range(n + 1):
+        own = nodes.node_piece(prm, n, i)
+        stiffness[i] = 1.0 / elastic.compliance_at(own, tension[i])
+    return stiffness
+
+
+@internal
+def march_linearized(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    growth: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
+    drag: FloatArray,
+    proximal: float,
+    distal: float,
+    shift: FloatArray,
+    node: FloatArray,
+    work: FloatArray,
+) -> bool:
+    """Solve one step as `_fronts.march` does, in rounds; arguments as there.
+
+    Returns:
+        False where the march does not apply or its rounds do not settle.
+    """
+    compliance, half = at.node_row(work, n, _LINE_ROW), at.node_row(work, n, _HALF_ROW)
+    for i in range(n + 1):
+        compliance[i] = elastic.compliance_at(nodes.node_piece(prm, n, i), tension[i])
+    if proximal * distal < 0.0:
+        for j in range(n):
+            mean = 0.5 * (tension[j] + tension[j + 1])
+            half[j] = elastic.compliance_at(nodes.half_piece(prm, n, j), mean)
+    for _ in range(_MAX_MARCHES):
+        if not march(
+            n, tension, compliance, half, growth, hold_distal, hold_proximal, drag,
+            proximal, distal, shift, node, work,
+        ):  # fmt: skip
+            return False
+        largest = 0.0
+        for i in range(n + 1):
+            largest = max(largest, node[i])
+        settled = True
+        for i in range(n + 1):
+            if node[i] == tension[i]:
+                continue
+            own = nodes.node_piece(prm, n, i)
+            right = elastic.compliance_between(own, tension[i], node[i])
+            off = (right - compliance[i]) * (node[i] - tension[i])
+            if abs(off) > LINEARIZATION_TOLERANCE * largest * right:
+                settled = False
+            compliance[i] = right
+        if settled:
+            return True
+    return False
+
+
+@internal
+def relinearize(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    proximal_held: bool,
+    proximal_moved: float,
+    distal_held: bool,
+    distal_moved: float,
+    shift: FloatArray,
+    node: FloatArray,
+    stiffness: FloatArray,
+) -> bool:
+    """Linearise at a solution, for another round.
+
+    `proximal_held`, `distal_held`: whether tension is prescribed there.
+
+    Returns:
+        Whether the lines it was found with were right already.
+    """
+    largest = 0.0
+    for i in range(n + 1):
+        largest = max(largest, node[i])
+    settled = True
+    for i in range(n + 1):
+        if (i == 0 and proximal_held) or (i == n and distal_held):
+            continue
+        behind = proximal_moved if i == 0 else shift[i - 1]
+        stretched = (distal_moved if i == n else shift[i]) - behind
+        true = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
+        if abs(max(true, 0.0) - node[i]) > LINEARIZATION_TOLERANCE * largest:
+            settled = False
+        if abs(true - tension[i]) > LINEARIZATION_TOLERANCE * largest:
+            line = (true - tension[i]) / stretched
+            # The line of the stretch found can overshoot without end, that of the
+            # tension found never does: go between them.
+            found = nodes.stretch_between(prm, n, i, tension[i], node[i])
+            if (
+                node[i] > 0.0
+                and abs(node[i] - tension[i]) > LINEARIZATION_TOLERANCE * largest
+            ):
+                steady = (node[i] - tension[i]) / found
+                line = steady * (line / steady) ** 0.3
+            stiffness[i] = line
+    return settled

@@ -1,0 +1,178 @@
+"""Preparing a cable for the kernel: packed parameters and its state at rest, compiled.
+
+Their layout is defined in `_layout.py`.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco._utils.compilation import (
+    INTEGER,
+    REALS,
+    FloatArray,
+    compiled,
+    exported,
+    internal,
+    types,
+)
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._mesh import lay_segments, measure_conduit, segment_wraps
+
+_EA = law.INDEX["axial_stiffness"]
+_PRETENSION = law.INDEX["pretension"]
+_FRICTION = law.INDEX["friction"]
+_END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
+
+
+@internal
+def _update_for_angles(prm: FloatArray, n: int) -> None:
+    """Pack the values that depend on the wrap angles of the segments."""
+    values = at.scalars(prm)
+    hold = law.holding_coefficient(values)
+    guided = int(prm[at.GUIDED])
+    length = at.contact_length(prm, n)
+    angle, drag = at.segment_angles(prm, n), at.constant_drag(prm, n)
+    growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
+    for j in range(n):
+        if j > 0 and angle[j] == angle[j - 1]:  # as along an arc
+            growth[j], holding[j] = growth[j - 1], holding[j - 1]
+        else:
+            growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
+            if hold != values[_FRICTION]:
+                holding[j] = law.ratio(hold, angle[j])
+        drag[j] = law.drag(values, length[j], growth[j], j, guided)
+
+
+@internal
+def _update_for_lengths(prm: FloatArray, n: int) -> None:
+    """Pack the values that depend only on the contact lengths of the segments."""
+    ea, length, half = prm[_EA], at.contact_length(prm, n), at.half_compliance(prm, n)
+    for j in range(n):
+        half[j] = 1.0 / (ea / (0.5 * length[j])) if length[j] > 0.0 else 0.0
+
+
+@compiled
+def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
+    """Make the next step of a packed cable move its ends as their tensions change.
+
+    Each is then at the displacement that the step is given only while its tension stays
+    what it was; by the gain it goes further into the cable, by `proximal` and `distal`
+    [m/N], and the new state tells where it is. Only where position is prescribed.
+    """
+    prm[at.YIELD_PROXIMAL] = proximal
+    prm[at.YIELD_DISTAL] = distal
+
+
+@compiled
+def expect_change(prm: FloatArray) -> None:
+    """Make every step of a packed cable allow a change of its bends before it.
+
+    Tensions may then lie beyond what friction holds, so slip may begin anywhere.
+    """
+    prm[at.BENDS_CHANGE] = 1.0
+
+
+@compiled
+def expect_lengthening(prm: FloatArray) -> None:
+    """Make every step of a packed cable first take up the lengthening of its path.
+
+    Call `_moving_path.carry` before each step, and `expect_change` too.
+    """
+    prm[at.PATH_LENGTHENS] = 1.0
+
+
+@exported(types.void(REALS, INTEGER, REALS))
+def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
+    """Prepare the parameters of a cable whose mesh is in `out` already.
+
+    That is `segment_angles`, `node_length` and `contact_length` of `_layout.py`, and
+    the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
+    """
+    for i in range(at.SCALARS):
+        out[i] = values[i]
+    out[at.BENDS_CHANGE] = out[at.PATH_LENGTHENS] = out[at.CARRY_ENERGY] = 0.0
+    expect_yielding(out, 0.0, 0.0)
+    out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
+    out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
+    _update_for_angles(out, n)
+    _update_for_lengths(out, n)
+    gained = at.lengthening(out, n)
+    for i in range(n + 1):
+        gained[i] = 0.0
+        nodes.set_node(out, n, i)
+
+
+@exported(types.void(REALS, types.float64[:, ::1], INTEGER, REALS))
+def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> None:
+    """Prepare the parameters of a cable for the kernel.
+
+    Args:
+        values: scalar parameters in the order of `PARAMETERS`.
+        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
+        n: number of segments.
+        out: packed vector, `parameter_size(n)`.
+    """
+    total, _, even = measure_conduit(sections)
+    contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
+    edges = lengths  # until the segments have their lengths
+    lay_segments(sections, n, edges)
+    segment_wraps(sections, edges, at.segment_angles(out, n))
+    for j in range(n):
+        contacts[j] = total / n if even else edges[j + 1] - edges[j]
+    for i in range(n + 1):
+        # The end nodes stand for half a segment.
+        lengths[i] = 0.5 * contacts[0 if i == 0 else i - 1]
+        lengths[i] += 0.5 * contacts[i] if 0 < i < n else 0.0
+    out[at.LENGTH], out[at.GUIDED] = total, n
+    pack_mesh(values, n, out)
+
+
+@compiled
+def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
+    """Give the segments of a packed cable other wrap angles (n,) [rad].
+
+    The length stays. Call `expect_change` too.
+    """
+    set_path(prm, n, angles, at.contact_length(prm, n))
+
+
+@internal
+def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) -> bool:
+    """Give the segments other wrap angles [rad] and lengths that rub [m], (n,) both.
+
+    Returns:
+        Whether any is another than before.
+    """
+    angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
+    bends, contact_changed = False, False
+    for j in range(n):
+        if angles[j] != angle[j]:
+            angle[j], bends = angles[j], True
+        if contacts[j] != contact[j]:
+            contact[j], contact_changed = contacts[j], True
+    if contact_changed:
+        _update_for_lengths(prm, n)
+    if bends or contact_changed:
+        _update_for_angles(prm, n)
+    return bends or contact_changed
+
+
+@compiled
+def initialize(
+    prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
+) -> None:
+    """Set the state to rest with uniform pretension, the ends where they are [m]."""
+    for i in range(at.state_size(n)):
+        state[i] = 0.0
+    state[0] = u_proximal
+    state[1] = u_distal
+    stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
+    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
+    state[3] = stretch + prm[_PRETENSION] * springs
+    if nodes.is_curved(prm):
+        state[3] = nodes.rest_stretch(prm, prm[_PRETENSION])
+    if prm[at.PATH_LENGTHENS] != 0.0:
+        state[3] = 0.0
+    at.tensions(state, n)[:] = prm[_PRETENSION]

@@ -1,0 +1,201 @@
+"""Descriptor of a quantity that is set, varied, fitted or reported.
+
+    friction_drift: float = parameter(
+        unit="1/s", bounds=(-1e3, 1e3), default=0.0, meaning="...",
+        term=Term("mu *= 1 + d t", "thesis 3.2.3", "coefficient", ("time",)),
+    )
+    Parameter("gearing", "1", "turns of the rotor per turn of the pulley", 0.0, 1e4)
+
+A field of a dataclass carries its descriptor (`parameter`, `parameters_of`), and so the
+table `PARAMETERS`, the indices of the packed vector, the kernel's short cuts, what
+estimators refuse and the table in the documentation derive from `Cable`. Variables of
+designs, parameters of effects and those of a fit are or have such descriptors, too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, Literal, NamedTuple
+
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.report import _markdown as markdown
+
+ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
+"""Target of a term: friction in proportion to tension and wrap angle, friction that
+needs no tension, stretch (of the cable, its end or its contacts), or how the proximal
+pulley winds the cable."""
+
+Dependence = Literal["rate", "history", "direction", "load", "time", "place"]
+"""Cause of a term's changes while a cable runs; a term without any is constant."""
+
+_KEY = "parameter"
+
+
+class Term(NamedTuple):
+    """The law that a parameter switches on; off, bit for bit, while that is 0.
+
+    Attributes:
+        equation: the law.
+        source: publication, or what it stands for.
+        acts_on: what it changes.
+        depends_on: what that changes with; empty if it is constant.
+        constant_without: the parameter without which, too, it is constant.
+    """
+
+    equation: str
+    source: str
+    acts_on: ActsOn
+    depends_on: tuple[Dependence, ...] = ()
+    constant_without: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Name, unit, bounds, meaning and source of one quantity.
+
+    A number lies in [low, high], or in (low, high] where `low_open`; NaN never does.
+    """
+
+    name: str
+    unit: str = "1"
+    """Unit [SI]; `"1"` or empty where there is none."""
+    meaning: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    low_open: bool = False
+    default: float = math.nan
+    """Value where none is given; NaN if one must be."""
+    scale: Literal["linear", "log"] = "linear"
+    """Scale on which it is varied and fitted; positive numbers only for `"log"`."""
+    source: str = ""
+    """Publication, or what the quantity stands for."""
+    whole: bool = False
+    """True if only whole numbers are allowed."""
+    text: bool = False
+    """True if its values are texts."""
+    choices: tuple[str, ...] = ()
+    """Allowed texts; empty where any text is."""
+    term: Term | None = None
+    """Law of the cable that a value other than 0 switches on."""
+
+    @property
+    def span(self) -> str:
+        """Return the bounds as an interval."""
+        return f"{'(' if self.low_open else '['}{self.low:g}, {self.high:g}]"
+
+    @property
+    def allowed(self) -> str:
+        """Return the allowed values as text, with their unit."""
+        if self.text:
+            return "a text"
+        if self.low == -math.inf and self.high == math.inf:
+            return "one number"
+        kind = "a whole number" if self.whole else "a number"
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return f"{kind} in {self.span}{unit}"
+
+    def admits(self, value: Any) -> bool:
+        """Return whether a value is a number within the bounds, whole where it must be.
+
+        Truth values and arrays are no numbers, though they compare as such.
+        """
+        if not _is_number(value):
+            return False
+        above = value > self.low if self.low_open else value >= self.low
+        within = above and value <= self.high
+        return bool(within and (not self.whole or float(value).is_integer()))
+
+    def check(self, value: Any, label: str = "") -> None:
+        """Refuse a value that is not admitted.
+
+        Args:
+            value: what should be a number.
+            label: subject of the error; by default the name.
+
+        Raises:
+            CableError: it is something else or out of bounds.
+        """
+        if not self.admits(value):
+            raise self._refusal(value, label)
+
+    def read(self, value: object, label: str = "") -> float | int | str:
+        """Return a value that may be given as text, for instance on a command line.
+
+        Args:
+            value: text or number.
+            label: subject of the error; by default the name.
+
+        Returns:
+            The text where `text`; an `int` where `whole`; else a finite `float`.
+
+        Raises:
+            CableError: the value is not allowed.
+        """
+        if self.choices:
+            look_up(self.name, str(value), dict.fromkeys(self.choices))
+        if self.text:
+            return str(value)
+        try:
+            number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            number = math.nan
+        if not (math.isfinite(number) and self.admits(number)):
+            raise self._refusal(value, label)
+        return round(number) if self.whole else number
+
+    def _refusal(self, value: object, label: str) -> CableError:
+        label = label or self.name
+        return CableError(f"{label} must be {self.allowed}, not {value!r}.")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, float) or (  # the rest takes ten times as long
+        isinstance(value, Real) and not isinstance(value, bool)
+    )
+
+
+def parameter(
+    *,
+    unit: str,
+    bounds: tuple[float, float],
+    default: float,
+    meaning: str,
+    low_open: bool = False,
+    term: Term | None = None,
+) -> float:
+    """Define a field of a dataclass that carries its `Parameter`."""
+    described = Parameter(
+        "",
+        unit,
+        meaning,
+        *bounds,
+        low_open,
+        default,
+        source=term.source if term else "",
+        term=term,
+    )
+    return dataclasses.field(default=default, metadata={_KEY: described})
+
+
+def parameters_of(owner: Any) -> tuple[Parameter, ...]:
+    """Return the parameters that the fields of a dataclass carry, in their order."""
+    return tuple(
+        dataclasses.replace(field.metadata[_KEY], name=field.name)
+        for field in dataclasses.fields(owner)
+        if _KEY in field.metadata
+    )
+
+
+def as_table(parameters: Iterable[Parameter]) -> str:
+    """Return parameters as a Markdown table."""
+    return markdown.table(
+        ("key", "unit", "range", "default", "meaning"),
+        [
+            (f"`{p.name}`", p.unit, p.span, f"{p.default:g}", p.meaning)
+            for p in parameters
+        ],
+    )

@@ -1,0 +1,737 @@
+"""The cable: every parameter is one of its fields, described at the field.
+
+    >>> from cc_mujoco.cable import Cable
+    >>> cable = Cable.from_config({"conduit": "0.8:0.15 0.6:inf 0.6:0.4"})
+    >>> round(cable.length, 3), round(cable.wrap, 3)
+    (2.0, 6.833)
+
+The fields of `Cable` carry their unit, bounds, default, meaning and law; MJCF keys, the
+packed vector of the kernel and the parameters that a fit may vary are read off them as
+`PARAMETERS`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cc_mujoco.cable._parameter import Parameter, Term, parameter, parameters_of
+from cc_mujoco.errors import CableError
+
+MAX_SEGMENTS = 1000
+MAX_SECTIONS = 64
+MAX_LENGTH = 50.0
+"""Longest section [m]: what is longer was meant in millimetres."""
+MAX_WRAP = 100.0
+"""Most wrap of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
+SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
+BLANKS = " \t\n\v\f\r"
+"""Around a value in MJCF these mean nothing."""
+CONDUIT_ALLOWED = (
+    f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no length "
+    f"above {MAX_LENGTH:g} and no bend above {MAX_WRAP:g} rad, radius `inf` where "
+    "straight, e.g. `0.8:0.15 0.6:inf`"
+)
+BENDS = ("fixed", "route")
+"""Sources of the bends of the conduit: its sections, or the route as it moves."""
+BEND_ALLOWED = (
+    "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
+    "`route` (that spatial tendon does, as it moves)"
+)
+
+PATHS = ("guided", "open", "mixed")
+"""Guides of the cable: a conduit, its tendon's sites and geoms, or one, then these."""
+PATH_ALLOWED = (
+    "`guided` (a conduit leads the cable from end to end) or, with a `route` of one "
+    "branch, `open` (only the sites and geoms of that spatial tendon do) or `mixed` (a "
+    "conduit as far as the site `mouth` of the route, then the tendon)"
+)
+MOUTH_ALLOWED = (
+    "with `path` = `mixed`, and only then, the name of a site of the route between its "
+    "first and its last one"
+)
+ENDS = ("auto", "explicit")
+"""Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
+ENDS_ALLOWED = (
+    "`auto` (the ends are implicit where the time step of the model is long for them) "
+    "or `explicit` (they never are)"
+)
+
+
+class Section(NamedTuple):
+    """Conduit of constant bend: length [m] and bend radius [m], inf where straight."""
+
+    length: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class Cable:
+    """One cable in its conduit, from the proximal (motor) to the distal (joint) end.
+
+    Scalar fields are in SI units; `PARAMETERS` describes them. `conduit` is the bend of
+    the route as sections, `segments` the number N of friction elements along it,
+    `route` the name of the MuJoCo spatial tendon that draws it (empty: none). With
+    `bend` `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its
+    length stays that of the sections, which also bend it wherever there is no MuJoCo.
+
+    `path` defines what guides the cable in MuJoCo, see `PATHS`, and `mouth` the site of
+    its route at which the conduit of a `"mixed"` one ends. Without MuJoCo, a
+    conduit of the sections stands for an `"open"` path, and for a `"mixed"` one up to
+    there.
+
+    Raises:
+        CableError: a value is outside its range.
+    """
+
+    axial_stiffness: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e9),
+        default=4000.0,
+        low_open=True,
+        meaning="EA of the cable: tension per unit strain (thesis k_c, 2.8)",
+    )
+    pretension: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e6),
+        default=10.0,
+        meaning="uniform tension in the reference pose",
+    )
+    friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.15,
+        meaning="kinetic Coulomb coefficient mu_d (2.6)",
+        term=Term(
+            equation="dT/dx = s mu_d T/R",
+            source="thesis 2.6, 2.10",
+            acts_on="coefficient",
+        ),
+    )
+    static_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning=(
+            "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least "
+            "`friction`"
+        ),
+        term=Term(
+            equation=(
+                "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) "
+                "exp(-slip/critical_slip_distance)"
+            ),
+            source=(
+                "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972"
+            ),
+            acts_on="coefficient",
+            depends_on=("history",),
+            constant_without="critical_slip_distance",
+        ),
+    )
+    critical_slip_distance: float = parameter(
+        unit="m",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "slip over which break-away and Stribeck friction adapt; 0 is at once"
+        ),
+    )
+    viscous_friction: float = parameter(
+        unit="N s/m^2",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="drag per conduit length and slip speed; 0 is off",
+        term=Term(
+            equation="dT/dx = c v",
+            source="thesis 2.4.4, Fig. 2.13",
+            acts_on="drag",
+            depends_on=("rate",),
+        ),
+    )
+    stribeck_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning="extra friction coefficient at vanishing slip speed; 0 is off",
+        term=Term(
+            equation="mu += mu_b exp(-(|v|/v_b)^p)",
+            source=("Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"),
+            acts_on="coefficient",
+            depends_on=("rate",),
+        ),
+    )
+    stribeck_speed: float = parameter(
+        unit="m/s",
+        bounds=(0.0, 10.0),
+        default=0.01,
+        low_open=True,
+        meaning="slip speed over which the Stribeck term decays",
+    )
+    stribeck_exponent: float = parameter(
+        unit="1",
+        bounds=(0.0, 10.0),
+        default=1.0,
+        low_open=True,
+        meaning="exponent of that decay",
+    )
+    load_independent_friction: float = parameter(
+        unit="N/m",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="drag per conduit length that needs no tension; 0 is off",
+        term=Term(
+            equation="dT/dx = s f_0",
+            source=("capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014"),
+            acts_on="drag",
+        ),
+    )
+    seal_proximal: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="drag of the seal at the proximal end; needs no tension; 0 is off",
+        term=Term(
+            equation="T jumps by s F at the proximal end",
+            source="dry friction of wipers and ferrules",
+            acts_on="drag",
+        ),
+    )
+    seal_distal: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="the same at the distal end of the conduit",
+        term=Term(
+            equation="T jumps by s F at the distal end",
+            source="dry friction of wipers and ferrules",
+            acts_on="drag",
+        ),
+    )
+    friction_asymmetry: float = parameter(
+        unit="1",
+        bounds=(-0.9, 0.9),
+        default=0.0,
+        meaning=(
+            "a: friction times 1 + a for slip towards proximal, 1 - a towards distal"
+        ),
+        term=Term(
+            equation="mu *= 1 + a towards proximal, 1 - a towards distal",
+            source=(
+                "direction-dependent efficiency, e.g. the drive and "
+                "backdrive friction of Duclusaud et al., arXiv 2410.08650, "
+                "2024"
+            ),
+            acts_on="coefficient",
+            depends_on=("direction",),
+        ),
+    )
+    end_compliance: float = parameter(
+        unit="m/N",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="spring between the cable and its distal end; 0 is off",
+        term=Term(
+            equation="u_distal += C T_distal",
+            source="springs in series",
+            acts_on="elasticity",
+        ),
+    )
+    proximal_compliance: float = parameter(
+        unit="m/N",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="the same at the proximal end",
+        term=Term(
+            equation="u_proximal -= C T_proximal",
+            source="springs in series",
+            acts_on="elasticity",
+        ),
+    )
+    bristle_length: float = parameter(
+        unit="m",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "elastic displacement over which friction builds up (presliding); 0 is off"
+        ),
+        term=Term(
+            equation="dF/dw = F_Coulomb/z_b until F = F_Coulomb",
+            source=(
+                "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, "
+                "1968; with normal force, Palli and Melchiorri, "
+                "Mechatronics 24, 2014"
+            ),
+            acts_on="elasticity",
+            depends_on=("history",),
+        ),
+    )
+    tension_exponent: float = parameter(
+        unit="1",
+        bounds=(-1.0, 1.0),
+        default=0.0,
+        meaning=(
+            "e: friction times (T / pretension)^e, T at least 1 % of the pretension"
+        ),
+        term=Term(
+            equation="mu *= (T/T_0)^e",
+            source=(
+                "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008"
+            ),
+            acts_on="coefficient",
+            depends_on=("load",),
+        ),
+    )
+    ageing_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning=(
+            "beta: friction grows by beta ln(1 + t / ageing_time) with the age "
+            "t of the contacts, which slip over `critical_slip_distance` renews; 0 is "
+            "off"
+        ),
+        term=Term(
+            equation="mu += beta ln(1 + t/t_0) with contacts of age t",
+            source=(
+                "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. "
+                "Geophys. Res. 88, 1983"
+            ),
+            acts_on="coefficient",
+            depends_on=("history", "time"),
+        ),
+    )
+    ageing_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e6),
+        default=1.0,
+        low_open=True,
+        meaning="time scale of that growth",
+    )
+    wrap_growth: float = parameter(
+        unit="1/m",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning=(
+            "g: wrap angles times 1 + g u, u the distal displacement from the rest pose"
+        ),
+        term=Term(
+            equation=("wrap angle *= 1 + g u_distal, in the last part of the conduit"),
+            source="a routing that bends with the joint; thesis Experiment 1b",
+            acts_on="coefficient",
+            depends_on=("place",),
+        ),
+    )
+    wrap_reach: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=1.0,
+        low_open=True,
+        meaning="share of the conduit, from its distal end, in which they do",
+    )
+    friction_drift: float = parameter(
+        unit="1/s",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning="d: friction times 1 + d t + h W, t the time since the start",
+        term=Term(
+            equation="mu *= 1 + d t",
+            source="wear and weather, thesis 3.2.3",
+            acts_on="coefficient",
+            depends_on=("time",),
+        ),
+    )
+    friction_heating: float = parameter(
+        unit="1/J",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning="h: of the heat W that friction left in the conduit; 0 is off",
+        term=Term(
+            equation="mu *= 1 + h W, dW/dt = friction power - W/t_c",
+            source=("a liner that warms up by its own friction, one thermal mass"),
+            acts_on="coefficient",
+            depends_on=("time",),
+        ),
+    )
+    cooling_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e9),
+        default=60.0,
+        low_open=True,
+        meaning="time in which that heat falls to 1/e",
+    )
+    bedding_strain: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "e: strain by which a cable is longer before its strands lie close; "
+            "`axial_stiffness` is that of the taut cable; 0 is off"
+        ),
+        term=Term(
+            equation="strain = T / EA + e T / (T + T_b)",
+            source="constructional stretch of ropes, as their makers give it",
+            acts_on="elasticity",
+            depends_on=("load",),
+        ),
+    )
+    bedding_tension: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e6),
+        default=20.0,
+        low_open=True,
+        meaning="T_b: tension that takes half of that strain",
+    )
+    stress_relaxation: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "share of the pretension that the rest pose loses in the end, as "
+            "the cable grows longer; 0 is off"
+        ),
+        term=Term(
+            equation="T_0 *= 1 - c (1 - exp(-t/t_c))",
+            source="standard linear solid",
+            acts_on="elasticity",
+            depends_on=("time",),
+        ),
+    )
+    relaxation_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e9),
+        default=60.0,
+        low_open=True,
+        meaning="time scale of that loss",
+    )
+    eccentricity: float = parameter(
+        unit="m",
+        bounds=(0.0, 0.1),
+        default=0.0,
+        meaning=(
+            "e: lever of the cable on the proximal pulley plus e cos(q - phase) at "
+            "its angle q; 0 is off"
+        ),
+        term=Term(
+            equation="r + e cos(q - phase)",
+            source="geometry",
+            acts_on="pulley",
+            depends_on=("place",),
+        ),
+    )
+    eccentricity_phase: float = parameter(
+        unit="rad",
+        bounds=(-10.0, 10.0),
+        default=0.0,
+        meaning=(
+            "pulley angle at which that is largest; pi more for the antagonist of a "
+            "pair that leaves the pulley on its two sides"
+        ),
+    )
+    ovality: float = parameter(
+        unit="m",
+        bounds=(0.0, 0.1),
+        default=0.0,
+        meaning="o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
+        term=Term(
+            equation="r + o cos(2 q - phase)",
+            source="geometry",
+            acts_on="pulley",
+            depends_on=("place",),
+        ),
+    )
+    ovality_phase: float = parameter(
+        unit="rad",
+        bounds=(-10.0, 10.0),
+        default=0.0,
+        meaning="twice an angle of largest radius",
+    )
+    grease_drag: float = parameter(
+        unit="N/m",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="g: drag of grease per conduit length at a slip of 1 m/s; 0 is off",
+        term=Term(
+            equation="dT/dx = s g |v|^n",
+            source=(
+                "Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; its yield stress "
+                "is `load_independent_friction`"
+            ),
+            acts_on="drag",
+            depends_on=("rate",),
+        ),
+    )
+    grease_exponent: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.5,
+        low_open=True,
+        meaning="n: power of the slip speed in m/s that it grows with; 1 is viscous",
+    )
+    segments: int = 50
+    conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
+    route: str = ""
+    bend: str = BENDS[0]
+    path: str = PATHS[0]
+    mouth: str = ""
+    ends: str = ENDS[0]
+
+    def __post_init__(self) -> None:
+        for p in PARAMETERS:
+            value = getattr(self, p.name)
+            if not p.admits(value):
+                raise CableError(
+                    f"cable parameter `{p.name}` is {value!r}; it must be {p.allowed}"
+                )
+            object.__setattr__(self, p.name, float(value))
+        if 0.0 < self.static_friction < self.friction:
+            raise CableError(
+                f"cable parameter `static_friction` is {self.static_friction!r}; it "
+                f"must be 0 (off) or at least `friction` = {self.friction!r}"
+            )
+        if self.tension_exponent != 0.0 and self.pretension == 0.0:
+            raise CableError(
+                f"cable parameter `tension_exponent` is {self.tension_exponent!r}; it "
+                "must be 0 (off) where `pretension` is 0"
+            )
+        if (
+            not isinstance(self.segments, int)
+            or isinstance(self.segments, bool)
+            or not 1 <= self.segments <= MAX_SEGMENTS
+        ):
+            raise CableError(
+                f"cable parameter `segments` is {self.segments!r}; "
+                f"it must be {SEGMENTS_ALLOWED}"
+            )
+        try:
+            sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
+        except (TypeError, ValueError):
+            raise CableError(
+                f"cable parameter `conduit` is {self.conduit!r}; it must be sections, "
+                "each a length and a radius in metres; text as in MJCF is for "
+                "Cable.from_config"
+            ) from None
+        valid = all(
+            0.0 < s.length <= MAX_LENGTH and s.length <= MAX_WRAP * s.radius
+            for s in sections
+        )
+        if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
+            raise CableError(
+                f"cable parameter `conduit` is {self.conduit!r}; "
+                f"it must be {CONDUIT_ALLOWED}"
+            )
+        object.__setattr__(self, "conduit", sections)
+        if self.bend not in BENDS:
+            raise CableError(
+                f"cable parameter `bend` is {self.bend!r}; it must be {BEND_ALLOWED}"
+            )
+        if self.bend == "route" and not self.route:
+            raise CableError(
+                "cable parameter `bend` is 'route' but `route` is empty; it must name "
+                "the spatial tendon that the conduit follows"
+            )
+        if self.ends not in ENDS:
+            raise CableError(
+                f"cable parameter `ends` is {self.ends!r}; it must be {ENDS_ALLOWED}"
+            )
+        if self.path not in PATHS:
+            raise CableError(
+                f"cable parameter `path` is {self.path!r}; it must be {PATH_ALLOWED}"
+            )
+        if self.path != PATHS[0] and not self.route:
+            raise CableError(
+                f"cable parameter `path` is {self.path!r} but `route` is empty; it "
+                "must name the spatial tendon that leads the cable"
+            )
+        if bool(self.mouth) != (self.path == "mixed"):
+            raise CableError(
+                f"cable parameter `mouth` is {self.mouth!r} where `path` is "
+                f"{self.path!r}; it must be {MOUTH_ALLOWED}"
+            )
+        if self.path == "open" and (self.seal_proximal or self.seal_distal):
+            raise CableError(
+                "cable parameters `seal_proximal` and `seal_distal` are those of a "
+                "conduit; they must be 0 (off) where `path` is 'open'"
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of the conduit [m]."""
+        return sum(section.length for section in self.conduit)
+
+    @property
+    def wrap(self) -> float:
+        """Total wrap angle of the conduit [rad]."""
+        return sum(section.length / section.radius for section in self.conduit)
+
+    @property
+    def scalars(self) -> tuple[float, ...]:
+        """Values of the scalar parameters in the order of `PARAMETERS`."""
+        return tuple(getattr(self, p.name) for p in PARAMETERS)
+
+    @property
+    def terms(self) -> dict[str, Term]:
+        """The terms that are on, by the parameter that switches them on."""
+        found = {}
+        for name, term in TERMS.items():
+            if getattr(self, name) != 0.0:
+                other = term.constant_without
+                constant = other and getattr(self, other) == 0.0
+                found[name] = term._replace(depends_on=()) if constant else term
+        return found
+
+    def require_terms(self, holds: Callable[[Term], bool], why: str) -> None:
+        """Refuse the cable where a law does not hold for it.
+
+        Args:
+            holds: whether the law holds for a term.
+            why: what law, as the end of a sentence.
+
+        Raises:
+            CableError: a term is on for which it does not.
+        """
+        for name, term in self.terms.items():
+            if not holds(term):
+                other = term.constant_without
+                off = f"it or `{other}` must be 0" if other else "it must be 0"
+                raise CableError(
+                    f"cable parameter `{name}` is {getattr(self, name)!r}; {off} "
+                    f"(off), for {why}"
+                )
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, str], where: str = "cable") -> Cable:
+        """Read a cable from configuration text of an MJCF file.
+
+        Args:
+            config: key to text; missing keys take their default.
+            where: what to name in an error, for instance the plugin instance.
+
+        Raises:
+            CableError: an unknown key, or a value that is not allowed.
+        """
+        for key in config:
+            if key not in KEYS:
+                proximal = difflib.get_close_matches(key, KEYS, n=1)
+                hint = f"; did you mean `{proximal[0]}`?" if proximal else ""
+                raise CableError(
+                    f"{where}: unknown key `{key}`{hint} (keys: {', '.join(KEYS)})"
+                )
+        values: dict[str, object] = {}
+        for p in PARAMETERS:
+            if p.name in config:
+                text = config[p.name]
+                number = _parse_decimal(text)
+                if number is None or not p.admits(number):
+                    raise CableError(
+                        f"{where}: key `{p.name}` is {text!r}; it must be {p.allowed}"
+                    )
+                values[p.name] = number
+        if "segments" in config:
+            text = config["segments"]
+            digits = text.strip(BLANKS)
+            if not (digits.isascii() and digits.isdigit()):
+                raise CableError(
+                    f"{where}: key `segments` is {text!r}; it must be "
+                    f"{SEGMENTS_ALLOWED}"
+                )
+            values["segments"] = int(digits)
+        if "conduit" in config:
+            values["conduit"] = _parse_sections(config["conduit"], where)
+        values["route"] = config.get("route", "")
+        values["bend"] = config.get("bend", BENDS[0])
+        values["path"] = config.get("path", PATHS[0])
+        values["mouth"] = config.get("mouth", "")
+        values["ends"] = config.get("ends", ENDS[0])
+        try:
+            return cls(**values)  # type: ignore[arg-type]
+        except CableError as error:
+            raise CableError(f"{where}: {error}") from None
+
+    def to_config(self) -> dict[str, str]:
+        """Return the text of every configuration key, the inverse of `from_config`."""
+        config = {p.name: repr(getattr(self, p.name)) for p in PARAMETERS}
+        config["segments"] = str(self.segments)
+        config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
+        if self.route:
+            config["route"] = self.route
+        if self.bend != BENDS[0]:
+            config["bend"] = self.bend
+        if self.path != PATHS[0]:
+            config["path"] = self.path
+        if self.mouth:
+            config["mouth"] = self.mouth
+        if self.ends != ENDS[0]:
+            config["ends"] = self.ends
+        return config
+
+    def replace(self, **changes: object) -> Cable:
+        """Return a copy with some fields changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+    def with_friction(self, friction: float) -> Cable:
+        """Return a copy with another kinetic friction and the same ratio to break-away.
+
+        Args:
+            friction: coefficient [-]; where it was 0 there is no break-away friction
+                to keep the proportion of, and none is left.
+
+        Raises:
+            CableError: a coefficient is out of its range.
+        """
+        smooth = self.replace(friction=friction, static_friction=0.0)
+        if self.friction == 0.0 or self.static_friction == 0.0:
+            return smooth
+        ratio = self.static_friction / self.friction
+        if (static := ratio * friction) > BREAK_AWAY.high:
+            raise CableError(
+                f"break-away friction is {ratio:.3g} times `friction`, {static:.3g}; "
+                f"it must be at most {BREAK_AWAY.high:g}: give `static_friction`, too"
+            )
+        # In a proportion of 1 it may come out a last digit below.
+        return smooth.replace(static_friction=max(static, friction))
+
+
+PARAMETERS: tuple[Parameter, ...] = parameters_of(Cable)
+"""Scalar parameters; their order is that of the packed vector of the kernel."""
+
+BREAK_AWAY = next(p for p in PARAMETERS if p.name == "static_friction")
+
+TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not None}
+"""The terms that exist, by the parameter that switches each on."""
+
+KEYS = tuple(field.name for field in dataclasses.fields(Cable))
+"""All configuration keys of a cable."""
+
+
+def _parse_decimal(text: str) -> float | None:
+    """Return the number in a decimal text, None for `inf` and texts like `1_0`."""
+    if "_" in text or not any(c.isdigit() for c in text):
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
+    sections = []
+    for word in text.split():
+        length, _, radius = word.partition(":")
+        number = _parse_decimal(length)
+        bend = math.inf if radius == "inf" else _parse_decimal(radius)
+        if number is None or bend is None:
+            raise CableError(
+                f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
+            )
+        sections.append(Section(number, bend))
+    if not sections:
+        raise CableError(
+            f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
+        )
+    return tuple(sections)

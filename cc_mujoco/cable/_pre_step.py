@@ -1,0 +1,131 @@
+"""Changes of a cable's tensions before its ends move in a step, compiled.
+
+The cable relaxes, its path lengthens, and what holds its ends gives way.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable import _pack as pack
+
+_PRETENSION = law.INDEX["pretension"]
+_STRESS_RELAXATION = law.INDEX["stress_relaxation"]
+_RELAXATION_TIME = law.INDEX["relaxation_time"]
+TENSION_ROW = 0
+"""Row of scratch for the node tensions that these changes leave."""
+
+
+@internal
+def relax_stress(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> FloatArray:
+    """Lengthen all parts of the cable equally; return the tension of its nodes.
+
+    The elastic energy that goes is dissipated.
+    """
+    time, scale = state[at.TIME], prm[_RELAXATION_TIME]
+    before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
+    after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
+    rest = prm[_PRETENSION]
+    grown = nodes.rest_stretch(prm, rest * before) - nodes.rest_stretch(
+        prm, rest * after
+    )
+    old, tension = at.tensions(state, n), at.node_row(work, n, TENSION_ROW)
+    for i in range(n + 1):
+        share = at.node_length(prm, n)[i] / prm[at.LENGTH]
+        tension[i] = nodes.tension_after_stretch(prm, n, i, old[i], -share * grown)
+    lost = nodes.elastic_energy(prm, n, old) - nodes.elastic_energy(prm, n, tension)
+    new_state[2] += max(lost, 0.0)
+    new_state[3] -= grown
+    return tension
+
+
+@internal
+def stretch_by_path(
+    prm: FloatArray,
+    n: int,
+    old: FloatArray,
+    proximal: float,
+    distal: float,
+    work: FloatArray,
+) -> FloatArray:
+    """Stretch every node by its path's lengthening; return the tension of the nodes.
+
+    `proximal` and `distal` are the motions of the ends in this step [m].
+    """
+    tension, gained = at.node_row(work, n, TENSION_ROW), at.lengthening(prm, n)
+    for i in range(n + 1):
+        moved = gained[i]
+        if i == 0:
+            moved += moving_path.unstretched_shortfall(prm, proximal)
+        if i == n:
+            moved -= moving_path.unstretched_shortfall(prm, distal)
+        tension[i] = nodes.tension_after_stretch(prm, n, i, old[i], moved)
+    return tension
+
+
+@internal
+def add_end_springs(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    old: FloatArray,
+    yields: tuple[float, float],
+    new_state: FloatArray,
+    work: FloatArray,
+) -> FloatArray:
+    """Add springs at both ends for the rest of a step; return the node tensions.
+
+    A spring is at rest at the tension before the step, or at none where the cable is
+    slack, for nothing pushes.
+    """
+    tension, before = at.node_row(work, n, TENSION_ROW), at.tensions(state, n)
+    for i in range(n + 1):
+        tension[i] = old[i]
+    own = nodes.node_stretch(prm, n, 0, old[0]), nodes.node_stretch(prm, n, n, old[n])
+    pack.expect_yielding(prm, yields[0], yields[1])
+    for end in range(2):
+        i = n * end
+        nodes.set_node(prm, n, i)
+        if old[i] != before[i] or old[i] < 0.0:
+            whole = own[end] + yields[end] * max(before[i], 0.0)
+            tension[i] = nodes.tension_at(prm, n, i, whole)
+        if prm[at.PATH_LENGTHENS] == 0.0:
+            new_state[3] += nodes.node_stretch(prm, n, i, tension[i]) - own[end]
+    return tension
+
+
+@internal
+def remove_end_springs(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    yields: tuple[float, float],
+    new_state: FloatArray,
+) -> None:
+    """Remove the springs of `add_end_springs` and update the positions of the ends."""
+    before, now = at.tensions(state, n), at.tensions(new_state, n)
+    whole = nodes.node_stretch(prm, n, 0, now[0]), nodes.node_stretch(prm, n, n, now[n])
+    pack.expect_yielding(prm, 0.0, 0.0)
+    for end in range(2):
+        i = n * end
+        nodes.set_node(prm, n, i)
+        if now[i] < 0.0:
+            now[i] = nodes.tension_at(prm, n, i, whole[end])
+        if prm[at.PATH_LENGTHENS] == 0.0:
+            new_state[3] += nodes.node_stretch(prm, n, i, now[i]) - whole[end]
+        gone = yields[end] * (max(now[i], 0.0) - max(before[i], 0.0))
+        new_state[end] += -gone if end == 1 else gone
+        if end == 1 and prm[at.CONSTANT_COULOMB] == 0.0:
+            new_state[at.TRAVEL] -= gone

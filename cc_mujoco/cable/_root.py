@@ -1,0 +1,66 @@
+"""Bracket of the root of a growing function, narrowed by regula falsi, compiled.
+
+    bracket = root.UNKNOWN
+    for _ in range(most):
+        bracket = root.narrowed(bracket, at, error)      # error at this place
+        if root.encloses(bracket):
+            at = root.between(bracket)
+        else:                                            # search further, step by step
+
+The Illinois rule halves the error of an end that stays while the other moves twice, so
+that both close in: M. Dowell and P. Jarratt, "A modified regula falsi method", BIT 11,
+1971.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from cc_mujoco._utils.compilation import internal
+
+
+class Bracket(NamedTuple):
+    """Places on either side of a root.
+
+    Attributes:
+        low: largest place known to lie before the root; -inf until one is found.
+        f_low: error there, perhaps halved; negative.
+        high: smallest place known to lie at or beyond it; inf until one is found.
+        f_high: error there, perhaps halved.
+        side: 1 or -1, whether the last place was `high` or `low`; 0 at first.
+    """
+
+    low: float
+    f_low: float
+    high: float
+    f_high: float
+    side: float
+
+
+UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)
+"""Bracket before the first evaluation."""
+
+
+@internal
+def narrowed(bracket: Bracket, at: float, error: float) -> Bracket:
+    """Return the bracket after an evaluation; `error` is negative before the root."""
+    if error < 0.0:
+        halved = 0.5 if bracket.side < 0.0 else 1.0
+        return Bracket(at, error, bracket.high, halved * bracket.f_high, -1.0)
+    halved = 0.5 if bracket.side > 0.0 else 1.0
+    return Bracket(bracket.low, halved * bracket.f_low, at, error, 1.0)
+
+
+@internal
+def encloses(bracket: Bracket) -> bool:
+    """Return whether the root lies between two known places."""
+    return bracket.low > -math.inf and bracket.high < math.inf
+
+
+@internal
+def between(bracket: Bracket) -> float:
+    """Return the next place to evaluate, inside a bracket that encloses the root."""
+    low, high = bracket.low, bracket.high
+    at = low - bracket.f_low * (high - low) / (bracket.f_high - bracket.f_low)
+    return 0.5 * (low + high) if at <= low or at >= high else at

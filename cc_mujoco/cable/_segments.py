@@ -1,0 +1,88 @@
+"""Segments of a cable with Coulomb friction, as arrays for NumPy.
+
+    mesh = Mesh.of(Cable(friction=0.2, conduit=(Section(2.0, 0.28),), segments=10))
+    mesh.growth(pattern)      # ratio of the tensions at both ends of every segment
+    mesh.compliance(pattern)  # stretch of every segment per newton
+
+Equation numbers are those of A. Borowski's thesis, chapter 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable._conduit import packed_parameters, segment_lengths
+from cc_mujoco.cable._kernel import segment_angles
+from cc_mujoco.cable._parameter import Term
+from cc_mujoco.cable._parameters import Cable
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Segments of a cable (2.1.1).
+
+    Attributes:
+        angle: mu_d dx / R of every segment (n,).
+        static_angle: mu_s dx / R of every segment (n,).
+        length: dx of every segment (n,) [m].
+        stiffness: k_c of Hooke's law T = k_c du/dx [N].
+    """
+
+    angle: FloatArray
+    static_angle: FloatArray
+    length: FloatArray
+    stiffness: float
+
+    @classmethod
+    def of(cls, cable: Cable) -> Mesh:
+        """Return the segments of the kernel, each with the mean curvature of its part.
+
+        They are equal, as in the thesis, where the conduit bends evenly.
+
+        Raises:
+            CableError: a friction term that chapter 2 does not have.
+        """
+        cable.require_terms(_is_coulomb, "chapter 2 knows Coulomb friction only")
+        wrap = segment_angles(packed_parameters(cable), cable.segments)
+        static = cable.static_friction or cable.friction
+        length = segment_lengths(cable)
+        return cls(cable.friction * wrap, static * wrap, length, cable.axial_stiffness)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments."""
+        return self.angle.size
+
+    def part(self, first: int, last: int) -> Mesh:
+        """Return the segments from `first` up to, but without, `last`."""
+        span = slice(first, last)
+        return Mesh(
+            self.angle[span], self.static_angle[span], self.length[span], self.stiffness
+        )
+
+    def mirrored(self) -> Mesh:
+        """Return the same cable seen from its distal end (footnote 3)."""
+        return Mesh(
+            self.angle[::-1], self.static_angle[::-1], self.length[::-1], self.stiffness
+        )
+
+    def growth(self, pattern: FloatArray) -> FloatArray:
+        """Return T_{i+1}/T_i of every segment (2.10)."""
+        return np.exp(self.angle * pattern)
+
+    def compliance(self, pattern: FloatArray) -> FloatArray:
+        """Return (u_{i+1} - u_i)/T_i of every segment [m/N] (2.12)."""
+        signed = self.angle * pattern
+        mean = np.ones_like(signed)
+        np.divide(np.expm1(signed), signed, out=mean, where=signed != 0.0)
+        return mean * self.length / self.stiffness
+
+
+def _is_coulomb(term: Term) -> bool:
+    """Return whether (2.6) and (2.7) describe a term fully; they leave out pulleys."""
+    return term.acts_on == "pulley" or (
+        term.acts_on == "coefficient" and not term.depends_on
+    )

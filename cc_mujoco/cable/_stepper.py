@@ -1,0 +1,279 @@
+"""Cables between two pulleys stepped together, and the root that balances them.
+
+    both = stepper.between((cable, cable), near=(-0.02, 0.02), far=(-0.1, 0.1))
+    state = stepper.rest_states(both, motor=0.0, joint=0.0)
+    angle = stepper.balance(both, state, False, joint, angle, load, dt, new, work)
+
+The motor's pulley need not be round (`eccentric`). Torques are those that the motor
+puts into the cables, and that the cables put into the joint. Arrays have a row per
+cable; a cable's displacement is positive from the motor to the joint, so a cable that
+winding the motor draws in has a negative arm there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _eccentric as eccentric
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _root as root
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._layout import node_stiffness, scalars, tensions
+from cc_mujoco.cable._parameters import PARAMETERS, Cable
+
+Counts = NDArray[np.int64]
+
+MAX_EVALUATIONS = 200
+"""Most evaluations of a balance; some five are usual."""
+
+BALANCE_TOLERANCE = 1e-12
+"""Tolerance of a balance of torques, relative to what the tensions make."""
+
+_MAX_STEP_GROWTH = 10.0
+"""Most by which a step towards a balance is longer than the one before it."""
+
+_NAMES = [parameter.name for parameter in PARAMETERS]
+_ECCENTRICITY, _ECCENTRICITY_PHASE, _OVALITY, _OVALITY_PHASE = (
+    _NAMES.index(name)
+    for name in ("eccentricity", "eccentricity_phase", "ovality", "ovality_phase")
+)
+
+
+class Cables(NamedTuple):
+    """Cables between a motor's and a joint's pulley.
+
+    Attributes:
+        prm: packed parameters (cables, numbers), see `_pack.pack`.
+        n: segments (cables,).
+        proximal: displacement of the proximal end per motor angle (cables,) [m/rad].
+        gear: radius of the motor's pulley (cables,) [m], with the sign of
+            `proximal_displacement`.
+        distal: displacement of the distal end per joint angle (cables,) [m/rad].
+    """
+
+    prm: FloatArray
+    n: Counts
+    proximal: FloatArray
+    gear: FloatArray
+    distal: FloatArray
+
+
+class Load(NamedTuple):
+    """Load on the side of a transmission that is not driven by angle.
+
+    Attributes:
+        torque: wanted of the cables (joint) or of the motor at angle 0 [N m].
+        stiffness: by which it grows with the angle [N m/rad].
+        low: angle of a stop that holds the side [rad].
+        high: of the other.
+    """
+
+    torque: float
+    stiffness: float
+    low: float
+    high: float
+
+
+NO_LOAD = Load(0.0, 0.0, -math.inf, math.inf)
+"""No torque, and no stops."""
+
+
+def make_cables(
+    cables: Sequence[Cable],
+    proximal: Sequence[float],
+    distal: Sequence[float],
+    gear: Sequence[float] | None = None,
+) -> Cables:
+    """Pack cables and their arms; the motor's pulley turns with it unless geared."""
+    n = np.array([cable.segments for cable in cables])
+    prm = np.zeros((n.size, kernel.parameter_size(int(n.max()))))
+    for row, cable in zip(prm, cables, strict=True):
+        own = packed_parameters(cable)
+        row[: own.size] = own
+    arms = [
+        np.array(arm, dtype=np.float64) for arm in (proximal, gear or proximal, distal)
+    ]
+    return Cables(prm, n, *arms)
+
+
+def rest_states(cables: Cables, motor: float, joint: float) -> FloatArray:
+    """Return the states at rest in pretension at these angles (cables, numbers)."""
+    state = np.zeros((cables.n.size, kernel.state_size(int(cables.n.max()))))
+    set_rest(cables, motor, joint, state)
+    return state
+
+
+def scratch(cables: Cables) -> FloatArray:
+    """Return scratch memory for `balance` and `move`."""
+    return np.empty(kernel.work_size(int(cables.n.max())))
+
+
+@compiled
+def set_rest(cables: Cables, motor: float, joint: float, state: FloatArray) -> None:
+    """Bring the state (cables, numbers) to rest in pretension at these angles [rad]."""
+    for k in range(cables.n.size):
+        u_proximal, _ = proximal_displacement(cables, k, motor)
+        kernel.initialize(
+            cables.prm[k], cables.n[k], u_proximal, cables.distal[k] * joint, state[k]
+        )
+
+
+@compiled
+def proximal_displacement(cables: Cables, k: int, motor: float) -> tuple[float, float]:
+    """Return a proximal end's displacement [m] and lever, relative to the arm."""
+    prm = scalars(cables.prm[k])
+    length, gear = cables.proximal[k] * motor, cables.gear[k]
+    e, phase, ovality, second = (
+        prm[_ECCENTRICITY],
+        prm[_ECCENTRICITY_PHASE],
+        prm[_OVALITY],
+        prm[_OVALITY_PHASE],
+    )
+    return (
+        eccentric.wound_length(length, gear, e, phase, ovality, second),
+        eccentric.lever_ratio(length, gear, e, phase, ovality, second),
+    )
+
+
+@compiled
+def move(
+    cables: Cables,
+    state: FloatArray,
+    motor: float,
+    joint: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Step all cables with both angles given [rad]; `new` is the state after."""
+    for k in range(cables.n.size):
+        u_proximal, _ = proximal_displacement(cables, k, motor)
+        kernel.advance(
+            cables.prm[k], cables.n[k], state[k], u_proximal, cables.distal[k] * joint,
+            dt, new[k], work,
+        )  # fmt: skip
+
+
+@compiled
+def torque(
+    cables: Cables, state: FloatArray, distal: bool, motor: float
+) -> tuple[float, float]:
+    """Return the torque of one side, and the sum of the sizes of its parts [N m]."""
+    total, size = 0.0, 0.0
+    for k in range(cables.n.size):
+        tension = tensions(state[k], cables.n[k])
+        if distal:
+            part = cables.distal[k] * max(tension[cables.n[k]], 0.0)
+        else:
+            _, lever = proximal_displacement(cables, k, motor)
+            part = cables.proximal[k] * lever * max(tension[0], 0.0)
+        total -= part
+        size += abs(part)
+    return total, size
+
+
+@internal
+def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
+    """Return whether the load is nothing but the tension of one cable's end."""
+    if cables.n.size > 1 or load.stiffness > 0.0:
+        return False
+    if not (np.isinf(load.low) and np.isinf(load.high)):
+        return False
+    prm = scalars(cables.prm[0])
+    return distal or (prm[_ECCENTRICITY] == 0.0 and prm[_OVALITY] == 0.0)
+
+
+@compiled
+def balance(
+    cables: Cables,
+    state: FloatArray,
+    distal: bool,
+    fixed: float,
+    start: float,
+    load: Load,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Step all cables with the angle of one side given and the load of the other.
+
+    The torque at the motor grows with its angle and that at the joint falls with it,
+    piecewise smoothly: secants from where the side was until they bracket it, then
+    regula falsi (`root`). A single cable cannot push; asked to, it goes slack.
+
+    Args:
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        distal: whether the joint is the side that the load acts on.
+        fixed: angle of the other side [rad].
+        start: angle of this side before [rad].
+        load: on this side.
+        dt: time step [s].
+        new: out, after the step.
+        work: scratch.
+
+    Returns:
+        Angle of this side [rad].
+    """
+    arm = cables.distal if distal else cables.proximal
+    wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)
+    if cables.n.size == 1 and load.stiffness == 0.0:
+        wanted = -arm[0] * pull
+    if _is_direct(cables, distal, load):
+        prm, n = cables.prm[0], cables.n[0]
+        if distal:
+            u_proximal, _ = proximal_displacement(cables, 0, fixed)
+            kernel.step(
+                prm, n, state[0], kernel.POSITION, u_proximal, kernel.TENSION, pull, dt,
+                new[0], work,
+            )  # fmt: skip
+            return float(new[0, 1] / arm[0])
+        kernel.step(
+            prm, n, state[0], kernel.TENSION, pull, kernel.POSITION,
+            cables.distal[0] * fixed, dt, new[0], work,
+        )  # fmt: skip
+        return float(new[0, 0] / arm[0])
+    sign = -1.0 if distal else 1.0
+    stiffest = load.stiffness
+    for k in range(cables.n.size):
+        own = node_stiffness(cables.prm[k], cables.n[k])
+        stiffest += arm[k] ** 2 * max(own[0], own[cables.n[k]])
+    at, reach = min(max(start, load.low), load.high), 0.0
+    before, f_before = at, 0.0
+    bracket = root.UNKNOWN
+    for _ in range(MAX_EVALUATIONS):
+        motor = fixed if distal else at
+        move(cables, state, motor, at if distal else fixed, dt, new, work)
+        found, size = torque(cables, new, distal, motor)
+        aim = wanted + load.stiffness * at
+        error = sign * (found - aim)
+        if abs(error) <= BALANCE_TOLERANCE * (size + abs(aim)):
+            break
+        if at <= load.low if error > 0.0 else at >= load.high:
+            break
+        bracket = root.narrowed(bracket, at, error)
+        if root.encloses(bracket):
+            low, high = bracket.low, bracket.high
+            if high - low <= 4e-16 * (abs(high) + abs(low)):
+                break
+            at = root.between(bracket)
+        else:
+            # No cable is stiffer than at its end, so the first step falls short. The
+            # next are secant steps through the last two points, limited where one is
+            # slack.
+            ahead = _MAX_STEP_GROWTH * reach
+            if reach > 0.0 and (error - f_before) * (at - before) > 0.0:
+                ahead = min(ahead, abs(error * (at - before) / (error - f_before)))
+            reach = max(ahead, abs(error) / stiffest)
+            before, f_before = at, error
+            at = at - reach if error > 0.0 else at + reach
+            at = min(max(at, load.low), load.high)
+            if at == before:
+                break
+    return at

@@ -1,0 +1,122 @@
+"""`cc-mujoco benchmark`: controllers against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Flag, Names, option_help, progress_options
+from cc_mujoco.errors import CableError
+
+Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Play controllers and references in a suite; write results, tables, figures."""
+
+    interrupted: ClassVar[str] = (
+        "cells that were finished, if any, are kept; the same command goes on"
+    )
+
+    suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"
+    """Suite to play; a suite never changes."""
+    controllers: Names = ()
+    """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
+    scene: Names = ()
+    """Devices; all of the suite unless given."""
+    conditions: Names = ()
+    """Some of the suite's conditions by name, as in its tables; all unless given."""
+    seeds: int = 0
+    """Number of seeds: plants, noise, motions; all that the suite has if 0."""
+    first_seed: int = 0
+    """The first of them; to judge, one that the entrant did not know."""
+    duration: Annotated[float | None, option_help("FLOAT")] = None
+    """Length of an episode in seconds, more than 1; that of the suite unless given."""
+    baseline: Annotated[str | None, option_help("NAME")] = None
+    """Controller that the others are compared with, seed by seed; pi if it plays, else
+    none."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "benchmark")
+    """Folder for the results."""
+    workers: Annotated[int, option_help()] = 0
+    """Processes that play; one per processor unless given. They change no result."""
+    scheduler: Annotated[str | None, option_help("ADDRESS")] = None
+    """tcp://HOST:PORT of a Dask scheduler, whose workers play instead."""
+    worker_timeout: float = 60.0
+    """Seconds after which that is given up if the scheduler has no workers."""
+    again: Flag = False
+    """Play also what an earlier run of the same code has finished."""
+    compare: Pair = None
+    """Two files of results to rank together, instead of playing."""
+    verify: Annotated[Path | None, option_help("FILE.parquet")] = None
+    """A file of results of which random rows are played again, instead of playing."""
+    rows: int = 5
+    """Number of rows that --verify draws; all of their cells are compared."""
+
+    def run(self) -> None:
+        """Play what is not done yet; print the tables."""
+        for name, value in (("seeds", self.seeds), ("workers", self.workers)):
+            if value < 0:
+                raise CableError(f"--{name} must be 0 or greater, not {value}.")
+        if self.compare is not None:
+            from cc_mujoco.benchmark._report import comparison
+            from cc_mujoco.benchmark._results import join_results, read_results
+
+            one, other = map(read_results, self.compare)
+            print(comparison(*join_results(one, other)))
+            return
+
+        if self.verify is not None:
+            from cc_mujoco.benchmark._verification import verify
+
+            print(verify(self.verify, self.rows))
+            return
+
+        from tqdm import tqdm
+
+        from cc_mujoco.benchmark import BenchmarkPlan, run
+        from cc_mujoco.benchmark._references import SCALE_CONTROLLER
+        from cc_mujoco.benchmark._report import DEFAULT_BASELINE
+        from cc_mujoco.benchmark._results_files import write
+        from cc_mujoco.control import CONTROLLERS
+
+        plan = BenchmarkPlan(
+            self.controllers or tuple(CONTROLLERS),
+            self.suite,
+            self.scene,
+            self.conditions,
+            self.seeds,
+            self.first_seed,
+            self.duration,
+        )
+        players = plan.players()
+        baseline = self.baseline or (
+            DEFAULT_BASELINE if DEFAULT_BASELINE in players else SCALE_CONTROLLER
+        )
+        if baseline not in players:
+            raise CableError(
+                f"--baseline {baseline!r} is none of the controllers, which are "
+                f"{', '.join(players)}."
+            )
+        with tqdm(
+            total=len(plan.cells()),
+            unit="cell",
+            bar_format="{l_bar}{bar}| {n:.0f} of {total} cells  {elapsed}<{remaining}",
+            **progress_options(),
+        ) as bar:
+            results = run(
+                plan,
+                self.out,
+                workers=self.workers,
+                scheduler=self.scheduler,
+                worker_timeout=self.worker_timeout,
+                again=self.again,
+                progress=lambda done: bar.update(done - bar.n),
+                say=tqdm.write,
+            )
+        print(write(self.out, plan, results, baseline))
+        print(f"results:    {self.out / 'results.parquet'}")
+        print(f"see also:   {self.out}")

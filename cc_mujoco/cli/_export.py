@@ -1,0 +1,93 @@
+"""`cc-mujoco export`: a controller as an object file with a C header."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Flag, option_help
+from cc_mujoco.errors import CableError, look_up
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a controller for C: object file, header, parameters, example."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
+    """The device whose cables the controller knows."""
+    controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """Controller: pi, feedback, model, stiction, predictive or adaptive."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder to write to."""
+    target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
+    """Machine that it runs on: host, aarch64 or armv7."""
+    model: Annotated[Path | None, option_help("FILE.xml")] = None
+    """A variant of the scene, as a diagnosis writes it, to take parameters from."""
+    allow_active: Flag = False
+    """Write also a controller that gives a passive wearer energy in simulation."""
+
+    def run(self) -> None:
+        """Compile and write; print what was written and how to build it.
+
+        Raises:
+            CableError: Something is wrong, or in simulation the controller puts energy
+                into a passive wearer.
+        """
+        from cc_mujoco.device._registry import find_device
+
+        device = find_device(self.scene)
+
+        from cc_mujoco.export import TARGETS, ExportPlan, require_ours, write
+
+        target = look_up("target", self.target, TARGETS)
+        require_ours(self.out)
+
+        import gymnasium
+        import mujoco
+
+        model = None
+        if self.model is not None:
+            try:
+                model = mujoco.MjModel.from_xml_path(str(self.model))
+            except ValueError as error:
+                reason = " ".join(str(error).split())
+                raise CableError(f"cannot read {self.model}: {reason}") from None
+        try:
+            env: Any = gymnasium.make(
+                device.environment, disable_env_checker=True, model=model
+            ).unwrapped
+        except KeyError as error:  # MuJoCo's, of a name that is not in the model
+            _, missing, *_ = str(error.args[0]).split("'")
+            raise CableError(
+                f"{self.model} is no variant of the scene {self.scene!r}: it has "
+                f"nothing that is called {missing!r}."
+            ) from None
+        plan = ExportPlan.of(self.controller, env.drive, env.exo.device.driven)
+        if not self.allow_active:
+            self._require_passive(model)
+        what = f"{self.controller} for the scene {self.scene}, on {self.target}"
+        write(self.out, plan, target, what)
+        env.close()
+        print(
+            f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
+            f"build with:  cmake -B build {self.out} && cmake --build build"
+        )
+
+    def _require_passive(self, model: Any) -> None:
+        from cc_mujoco.design._passivity import activity
+
+        found = activity(self.scene, self.controller, model)
+        if found.energy <= found.allowed:
+            return
+        limb = found.limb
+        raise CableError(
+            f"controller {self.controller!r} is not passive on {self.scene!r}: in "
+            f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who holds "
+            f"still ({limb.stiffness:.2g} N m/rad, {limb.damping:.2g} N m s/rad), more "
+            f"than {1e3 * found.allowed:.3g}; --allow-active writes it nevertheless."
+        )

@@ -1,0 +1,89 @@
+"""Common parts of the commands: options described in words, and a bar."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter, process_time
+from typing import Annotated, Any
+
+import tyro
+
+
+def option_help(metavar: str | None = None) -> object:
+    """Return an option whose help has no "(default: None)" or "(default: )" of tyro.
+
+    Args:
+        metavar: What stands for its value in the help.
+    """
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+PROGRESS_INTERVAL = 10.0
+"""Time between two bars in a file or a pipe, and before the first [s]."""
+
+Name = Annotated[str | None, option_help("NAME")]
+Names = Annotated[tuple[str, ...], option_help("[NAME ...]")]
+Added = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="NAME")
+]
+Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], option_help()]
+
+
+def progress_options() -> dict[str, Any]:
+    """Options of a bar of tqdm: only a line at times where there is no terminal."""
+    return (
+        {}
+        if sys.stderr.isatty()
+        else {"delay": PROGRESS_INTERVAL, "mininterval": PROGRESS_INTERVAL}
+    )
+
+
+@contextmanager
+def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
+    """Show how far an episode is; yields what takes its time [s].
+
+    Args:
+        total: Length of the episode [s]; of nothing, no bar is shown.
+        name: Of what is done with it.
+    """
+    from tqdm import tqdm
+
+    with tqdm(
+        desc=name or None,
+        total=total,
+        unit="s",
+        bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
+        disable=not total,
+        **progress_options(),
+    ) as shown:
+        yield lambda time: shown.update(time - shown.n)
+
+
+@contextmanager
+def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
+    """Show how far a video is, as `progress_bar` does, and then how fast it was made.
+
+    Args:
+        total: Length of the episode [s]; of nothing, nothing is shown.
+    """
+    begun = taken = worked = 0.0
+
+    with progress_bar(total, "video") as show:
+
+        def progress(time: float) -> object:
+            nonlocal begun, taken, worked
+            if not time:
+                begun, worked = perf_counter(), -process_time()
+            taken = perf_counter() - begun
+            return show(time)
+
+        yield progress
+    if taken:
+        worked += process_time()
+        print(
+            f"video: {total:.1f} s of it in {taken:.1f} s, "
+            f"{total / taken:.2g} times as fast as real time "
+            f"({worked:.1f} s of processor time)\n"
+        )

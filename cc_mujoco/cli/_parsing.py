@@ -1,0 +1,106 @@
+"""Parsing of a command line into the command that it means."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from cc_mujoco.cli._benchmark import Benchmark
+from cc_mujoco.cli._diagnose import Diagnose
+from cc_mujoco.cli._export import Export
+from cc_mujoco.cli._list import Listing
+from cc_mujoco.cli._play import Play
+from cc_mujoco.cli._reproduce import Reproduce
+from cc_mujoco.cli._run import RunRig
+from cc_mujoco.cli._whatif import WhatIf
+from cc_mujoco.cli._whatif_show import WhatIfShow
+from cc_mujoco.errors import CableError, look_up
+
+COMMANDS = {
+    "play": Play,
+    "reproduce": Reproduce,
+    "diagnose": Diagnose,
+    "whatif": WhatIf,
+    "whatif-show": WhatIfShow,
+    "benchmark": Benchmark,
+    "export": Export,
+    "run": RunRig,
+    "list": Listing,
+}
+
+Command = (
+    Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
+    | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
+    | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
+    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[RunRig, tyro.conf.subcommand("run")]
+    | Annotated[Listing, tyro.conf.subcommand("list")]
+)
+
+
+def parse(program: str, arguments: Sequence[str]) -> Command:
+    """Return the command that is meant.
+
+    Args:
+        program: Its name.
+        arguments: The words after it.
+
+    Raises:
+        CableError: They cannot be understood.
+        SystemExit: They requested help, which was printed.
+    """
+    if arguments and not arguments[0].startswith("-"):
+        look_up("command", arguments[0], COMMANDS)
+    _require_full(arguments)
+    captured = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(captured):
+            return tyro.cli(
+                Command,
+                prog=program,
+                description="Bowden cables in MuJoCo. `--version` says which this is.",
+                args=list(arguments),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        sentence = _error_sentence(captured.getvalue())
+        named = [word for word in arguments[:1] if word in COMMANDS]
+        help_command = " ".join([program, *named, "--help"])
+        raise CableError(f"{sentence}`{help_command}` shows what works.") from None
+
+
+def _require_full(arguments: Sequence[str]) -> None:
+    """Refuse empty words: an empty path would mean the current folder."""
+    for place, word in enumerate(arguments):
+        option, equals, value = word.partition("=")
+        given = value if equals and option.startswith("--") else word
+        if given.strip():
+            continue
+        before = arguments[place - 1] if place else ""
+        name = option if equals else before if before.startswith("-") else "a word"
+        raise CableError(f"{name} is empty; give it a value or leave it out.")
+
+
+def _error_sentence(box: str) -> str:
+    """Make a clause of the box that tyro draws around an error, and perhaps a hint.
+
+    The box has a title and paragraphs between rules. Where standard output can show
+    only ASCII, rules are of hyphens and one lies under the title.
+    """
+    lines = [line.strip("│ ") for line in box.splitlines() if line[:1] not in "╭╰"]
+    text = " ".join("\n" if line and not line.strip("─-") else line for line in lines)
+    paragraphs = re.sub(r" +", " ", text).split("\n")
+    what, *more = paragraphs if "╭" in box else paragraphs[1:]
+    what = what.replace("(required)", "").strip(" .:,")
+    near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
+    hint = f"did you mean {near[1]}? " if near else ""
+    return f"{what[:1].lower()}{what[1:]}; {hint}"

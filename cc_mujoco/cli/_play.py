@@ -1,0 +1,208 @@
+"""`cc-mujoco play`: an episode, or a log of a real run, and what is made of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import (
+    Added,
+    Flag,
+    Name,
+    option_help,
+    progress_bar,
+    video_progress_bar,
+)
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class Play:
+    """Play an episode; write its recording, log, metrics and figure."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """A device; `cc-mujoco list` shows every name that can be given."""
+    replay: Annotated[Path | None, option_help("LOG")] = None
+    """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
+    trajectory: Name = None
+    """Motion of the wearer: a name, or FILE.csv with columns time_s and angle_rad (or
+    time_ms, angle_deg); the default depends on the scene."""
+    task: Name = None
+    """Feel that the device should give the wearer; the default depends on the scene."""
+    controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    duration: float = 10.0
+    """Length of the episode in seconds."""
+    seed: int = 0
+    """Seed of everything random; equal seeds give equal recordings."""
+    out: Annotated[Path | None, option_help("DIR")] = None
+    """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default,
+    with the duration behind it if it is another."""
+
+    metric: Added = ()
+    """A metric to measure besides, once each: a name or MODULE:NAME."""
+    video: Flag = False
+    """Write video.mp4, too: the scene beside torques and tensions."""
+    html: Flag = False
+    """Write episode.html, too: a page that plays the episode in any browser."""
+    live: Flag = False
+    """Play in a window, in real time, until it is closed, and write nothing; its keys
+    change friction, pretension and controller."""
+
+    def run(self) -> None:
+        """Play and write; print a table and how to open the recording."""
+        if self.replay is not None:
+            self._show_log(self.replay)
+        elif self.live:
+            self._play_live()
+        else:
+            self._record()
+
+    def _record(self) -> None:
+        """Play and write."""
+        names = self._names()
+        # Controllers from elsewhere have a colon in their names, or a path.
+        parts = [self.scene, *names.values(), str(self.seed)]
+        if self.duration != Play.duration:
+            parts.append(f"{self.duration:g}s")
+        name = re.sub(r"[^\w.-]+", "_", "-".join(parts))
+        out = self.out or Path("runs", name)
+
+        from cc_mujoco.control import controller
+        from cc_mujoco.metrics import find_metric
+        from cc_mujoco.simulation import simulate
+        from cc_mujoco.viz import write_episode
+        from cc_mujoco.viz._episode_files import require_ours
+
+        require_ours(out)
+        if self.video:
+            from cc_mujoco.viz._video import require_video
+
+            require_video()
+        if self.html:
+            from cc_mujoco.viz._web_page import require_page
+
+            require_page()
+
+        metrics = [find_metric(name) for name in self.metric]
+        env = self._env(names)
+        inner: Any = env.unwrapped
+        law = controller(self.controller, inner.drive)
+        self._warn(inner, names["task"])
+        with progress_bar(self.duration) as progress:
+            log = simulate(
+                self.scene,
+                law,
+                motion=names["trajectory"],
+                task=names["task"],
+                seed=self.seed,
+                duration=self.duration,
+                about=names,
+                progress=progress,
+            )
+        messages: list[str] = []
+        with video_progress_bar(self.duration if self.video else 0.0) as progress:
+            found = write_episode(
+                out,
+                log,
+                inner.model,
+                metrics=metrics,
+                video=self.video,
+                html=self.html,
+                progress=progress,
+                say=messages.append,
+            )
+        env.close()
+        for metric, value in found.items():
+            number = f"{value:.4g}" if math.isfinite(value) else "-"
+            print(f"{metric.name:32} {number:>10} {metric.unit}")
+        print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+        for sentence in messages:
+            print(sentence)
+
+    def _names(self) -> dict[str, str]:
+        """Return the names of trajectory, task and controller."""
+        from cc_mujoco.device._registry import find_device
+
+        device = find_device(self.scene)
+        if self.seed < 0:
+            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
+        return {
+            "trajectory": device.trajectory
+            if self.trajectory is None
+            else self.trajectory,
+            "task": device.task if self.task is None else self.task,
+            "controller": self.controller,
+        }
+
+    def _env(self, names: dict[str, str]) -> Any:
+        """Return the environment."""
+        import gymnasium
+
+        from cc_mujoco.device._registry import DEVICES
+
+        return gymnasium.make(
+            DEVICES[self.scene].environment,
+            disable_env_checker=True,
+            trajectory=names["trajectory"],
+            task=names["task"],
+            duration=self.duration,
+        )
+
+    def _warn(self, env: Any, task: str) -> None:
+        """Warn of what the task demands beyond the motor, and what ends too early."""
+        env.reset(seed=self.seed)
+        if beyond := env.beyond():
+            print(f"warning: {task}: {beyond}", file=sys.stderr)
+        if (self.trajectory or "").lower().endswith(".csv"):
+            from cc_mujoco.human._csv_motion import from_csv
+
+            end = from_csv(str(self.trajectory)).times[-1]
+            if end < self.duration - 1e-9:
+                print(
+                    f"warning: {self.trajectory} ends after {end:g} s; the joint is "
+                    f"held where it is then for the rest of the {self.duration:g} s.",
+                    file=sys.stderr,
+                )
+
+    def _play_live(self) -> None:
+        """Play in a window."""
+        self._refuse_other_options("live", "metric", "video", "html", "out")
+        names = self._names()
+
+        from cc_mujoco.viz._live import live
+        from cc_mujoco.viz._viewer import require_screen
+
+        require_screen()
+        env = self._env(names)
+        self._warn(env.unwrapped, names["task"])
+        live(env, self.controller, seed=self.seed)
+        env.close()
+
+    def _show_log(self, log: Path) -> None:
+        """Show the log of a run."""
+        names = (field.name for field in dataclasses.fields(self))
+        self._refuse_other_options(
+            "replay", *(n for n in names if n not in ("scene", "replay"))
+        )
+
+        from cc_mujoco.hardware._replay import replay
+
+        recording, summary = replay(log, self.scene)
+        print(f"open with:  rerun {recording}\nsee also:   {summary}")
+
+    def _refuse_other_options(self, name: str, *others: str) -> None:
+        """Refuse options that one of them makes meaningless."""
+        plain = Play(self.scene)
+        for other in others:
+            if getattr(self, other) != getattr(plain, other):
+                raise CableError(f"--{other} does not go with --{name}.")

@@ -1,0 +1,274 @@
+"""`cc-mujoco run`: a controller, or the trials of a plan, on a real rig."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import option_help
+from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco.control import Controller
+    from cc_mujoco.hardware import RunLog, RunOutcome, Settings
+    from cc_mujoco.hardware._references import Desired
+    from cc_mujoco.hardware._trials import Planned
+
+
+REPORTED_LIMIT_SHARE = 0.02
+"""Share of the cycles at a limit of the torque from which on that is reported."""
+
+
+@dataclass(frozen=True)
+class RunRig:
+    """Drive a real rig with a controller, within limits, and record it."""
+
+    interrupted: ClassVar[str] = "the rig was not touched"
+
+    rig: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")]
+    """Address, limits and task of the rig."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder for log.csv and run.json; must not hold a run."""
+    controller: Annotated[str | None, option_help("NAME")] = None
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    duration: Annotated[float | None, option_help("S")] = None
+    """Length of the run in seconds; 10 unless given."""
+    plan: Annotated[Path | None, option_help("DIR")] = None
+    """Instead of a controller: play the trials that `diagnose --plan` wrote there."""
+    trial: Annotated[int | None, option_help("NUMBER")] = None
+    """Only trial of --plan to play; else all that are not recorded yet, one by one."""
+
+    def run(self) -> None:
+        """Run; print why it ended and how punctual it was.
+
+        Raises:
+            CableError: Something is wrong before the rig is touched.
+            SystemExit: The run ended before its time, see the exit codes.
+        """
+        if self.plan is not None:
+            self._trials(self.plan)
+            return
+        if self.trial is not None:
+            raise CableError("--trial belongs to --plan, which is not given.")
+
+        from cc_mujoco._validation import MAX_DURATION, require_number
+        from cc_mujoco.hardware._run_log import require_free
+        from cc_mujoco.hardware._settings import read_settings
+
+        duration = 10.0 if self.duration is None else self.duration
+        require_number("--duration", duration, 0.01, MAX_DURATION, "s")
+        settings = read_settings(self.rig)
+        if self.controller is None:
+            raise CableError("name a controller by --controller, or a plan by --plan.")
+        require_free(self.out)
+        desired = settings.desired(duration)
+
+        from cc_mujoco.control import PredictiveCompensation, controller
+        from cc_mujoco.device._registry import DEVICES
+        from cc_mujoco.hardware._drive_model import require_tension_limit
+        from cc_mujoco.hardware._references import TorqueTable
+
+        limits, period = settings.limits, settings.period
+        require_tension_limit(settings.scene, limits)
+        drive = settings.drive()
+        if isinstance(desired, TorqueTable):
+            desired.require_within(drive, limits)
+        law = controller(self.controller, drive)
+        if drive.crossed and hasattr(law, "model"):
+            raise CableError(
+                f"controller {self.controller!r} needs to know how joint "
+                f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of "
+                "one joint; none, feedback and pi need not."
+            )
+        device = DEVICES.get(settings.scene)
+        if device is not None and device.lever and hasattr(law, "model"):
+            print(
+                "cc-mujoco: warning: the lever's arm changes with its angle, and this "
+                "controller takes it for a round pulley here: away from the neutral "
+                "pose its torque is off by as much.",
+                file=sys.stderr,
+            )
+        if isinstance(law, PredictiveCompensation):
+            print(
+                "cc-mujoco: warning: this controller takes the joint to be led by a "
+                "wearer; one that hangs in a loose hand it may swing up. Begin with a "
+                "small torque limit.",
+                file=sys.stderr,
+            )
+        found = self._played(settings, law, desired, duration, self.controller)
+        self._told(found, period)
+
+    def _trials(self, folder: Path) -> None:
+        """Play trials of a plan; a person makes the rig ready for each."""
+        for name, value in (
+            ("--controller", self.controller),
+            ("--duration", self.duration),
+        ):
+            if value is not None:
+                raise CableError(f"{name} does not go with --plan, which has its own.")
+
+        from cc_mujoco.control import controller
+        from cc_mujoco.hardware._run_log import require_free
+        from cc_mujoco.hardware._settings import read_settings
+        from cc_mujoco.hardware._trials import add_trial_facts, read_plan
+
+        settings = read_settings(self.rig)
+        limits = settings.limits
+        if math.isfinite(limits.tension):
+            raise CableError(
+                "[limits] tension does not go with --plan, whose trials have "
+                "pretensions of their own; leave it out."
+            )
+        wanted = self._wanted(read_plan(folder))
+        for trial in wanted:
+            require_free(self.out, trial.name)
+            trial.require_within(limits)
+        drive = settings.drive()
+        firm = settings.firm(drive)
+        for trial in wanted:
+            print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
+            if self.trial is None:
+                _wait_until_ready(trial.name)
+            law, servo = controller("none", drive), trial.servo(drive, firm)
+            found = self._played(
+                settings, law, servo, trial.duration, str(folder), trial.name
+            )
+            add_trial_facts(folder, trial.name, self.out, drive.inertia)
+            self._told(found, settings.period)
+
+    def _wanted(self, trials: list[Planned]) -> list[Planned]:
+        """Return those that are to be played now."""
+        from cc_mujoco.datasets._run_log import truncation_reason
+
+        if self.trial is not None:
+            if not 1 <= self.trial <= len(trials):
+                raise CableError(
+                    f"--trial must be 1 to {len(trials)}, not {self.trial}."
+                )
+            return [trials[self.trial - 1]]
+        left = [t for t in trials if not (self.out / f"{t.name}.csv").exists()]
+        for trial in (t for t in trials if t not in left):
+            if why := truncation_reason(self.out / f"{trial.name}.csv"):
+                print(
+                    f"{trial.name} was cut short ({why.rstrip('.')}) and is left as "
+                    f"it is; to record it again, move {self.out / trial.name}.csv and "
+                    ".json away.",
+                    file=sys.stderr,
+                )
+        if not left:
+            raise CableError(f"{self.out} has all {len(trials)} trials of the plan.")
+        if not sys.stdin.isatty():
+            raise CableError(
+                "between trials somebody has to make the rig ready; call it from a "
+                "terminal, or for one trial by --trial NUMBER."
+            )
+        return left
+
+    def _played(
+        self,
+        settings: Settings,
+        law: Controller,
+        desired: Desired,
+        duration: float,
+        what: str,
+        name: str | None = None,
+    ) -> RunOutcome:
+        """Return one run, with its log."""
+        from cc_mujoco._utils.provenance import versions
+        from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
+        from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop
+        from cc_mujoco.hardware._run_log import BLOCK_TIME
+
+        period = settings.period
+        about = {
+            "controller" if name is None else "plan": what,
+            "duration_s": duration,
+            "period_s": period,
+            "rig": self.rig.read_text(encoding="utf-8-sig"),
+            "versions": versions(),
+        }
+        with watch_for_stop() as stop:
+            rig = settings.connect()
+            log = RunLog(
+                self.out,
+                about,
+                max(1, round(BLOCK_TIME / period)),
+                name or DEFAULT_LOG_NAME,
+            )
+            loop = Loop(
+                rig,
+                law,
+                desired,
+                settings.limits,
+                settings.watchdog,
+                clock=SystemClock(),
+                log=log,
+                stop=stop,
+            )
+            try:
+                loop.run(duration)
+            finally:
+                _close_log(log, loop.outcome)
+        return loop.outcome
+
+    def _told(self, found: RunOutcome, period: float) -> None:
+        """Print how a run went, and leave if it did not go well."""
+        late, work = found.late.told(), found.work.told()
+        print(
+            f"{found.cycles} cycles of {period * 1e3:g} ms, {found.missed} missed, "
+            f"{found.without_reading} without a new reading"
+        )
+        if late and work:
+            print(
+                f"late by {late['p50_us']:g} us (median), {late['p99_us']:g} (99 %), "
+                f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
+                f"{work['p99_us']:g}, {work['longest_us']:g}"
+            )
+        if found.limited > REPORTED_LIMIT_SHARE * found.cycles:
+            print(
+                f"in {found.limited / found.cycles:.0%} of the cycles the motor got "
+                "all that [limits] torque allows, and went where that let it; raise it "
+                "if the rig may, or ask for less"
+            )
+        if found.rate_limited > REPORTED_LIMIT_SHARE * found.cycles:
+            print(
+                f"in {found.rate_limited / found.cycles:.0%} of the cycles the torque "
+                "changed as fast as [limits] torque_rate allows, and went where that "
+                "let it; raise it if the rig may"
+            )
+        for why, count in sorted(found.ignored.items()):
+            print(f"{count} packets ignored: {why}")
+        print(f"see also:   {self.out}")
+        if found.code:
+            print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
+            raise SystemExit(found.code)
+        print(found.sentence)
+
+
+def _close_log(log: RunLog, outcome: RunOutcome) -> None:
+    """Write the rest of a log; a run with an incomplete log has failed."""
+    for write in (log.flush, lambda: log.close(outcome.to_json())):
+        try:
+            write()
+        except CableError as error:
+            if not outcome.code:
+                outcome.sentence, outcome.code = str(error), 3
+
+
+def _wait_until_ready(trial: str) -> None:
+    """Wait until somebody has made the rig ready.
+
+    Raises:
+        CableError: The terminal was closed.
+    """
+    try:
+        input("make the rig ready, then press the return key: ")
+    except EOFError:
+        raise CableError(
+            f"the terminal was closed; {trial} and what follows were not played."
+        ) from None

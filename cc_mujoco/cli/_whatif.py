@@ -1,0 +1,108 @@
+"""`cc-mujoco whatif`: many designs of a transmission, measured and ranked."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Flag, option_help, progress_options
+from cc_mujoco.design._study_spec import Execution, StudySpec
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """Simulate many designs; write their table, ranking, effects and figures."""
+
+    interrupted: ClassVar[str] = (
+        "designs that were finished, if any, are kept; the same command goes on"
+    )
+
+    study: tyro.conf.OmitArgPrefixes[StudySpec]
+    around: Flag = False
+    """Simulate around the best design, too: what variables and limits are worth."""
+    execution: tyro.conf.OmitArgPrefixes[Execution] = field(default_factory=Execution)
+    out: Annotated[Path | None, option_help("DIR")] = None
+    """Folder for the results; runs/whatif-SCENE unless given."""
+
+    def run(self) -> None:
+        """Run what is not done yet; print the best designs and where the rest is."""
+        from tqdm import tqdm
+
+        from cc_mujoco._utils.atomic_io import require_unmodified
+        from cc_mujoco.design import carry_out
+        from cc_mujoco.design._local_sensitivity import analyse_best_design
+        from cc_mujoco.design._pareto import within_limits
+        from cc_mujoco.design._plan import make_plan
+        from cc_mujoco.design._report import REPORT_FILES, write_report
+        from cc_mujoco.design._report_text import (
+            controllers_out,
+            goals_of,
+            timestep_sentence,
+        )
+        from cc_mujoco.design._results_store import require_ours
+        from cc_mujoco.design._search import search
+        from cc_mujoco.design._timestep_check import check_timestep
+
+        if self.execution.threads < 0:
+            raise CableError(
+                f"--threads must be 0 or greater, not {self.execution.threads}."
+            )
+        folder = self.out or Path("runs", f"whatif-{self.study.scene}")
+        plan = make_plan(self.study)
+        objectives, limits = plan.objectives, plan.limits
+        require_ours(folder, REPORT_FILES)
+        require_unmodified(folder, REPORT_FILES)
+        if self.around and not objectives:
+            raise CableError("--around goes by an --objective, which is not given.")
+        with tqdm(
+            total=plan.evaluations or len(plan.designs),
+            unit="design",
+            bar_format="{l_bar}{bar}| {n:.0f} of {total} designs  {elapsed}<{remaining}"
+            "  {rate_fmt}",
+            **progress_options(),
+        ) as bar:
+
+            def progress(done: float) -> None:
+                bar.total = max(bar.total, done)  # an earlier search may have more
+                bar.update(done - bar.n)
+
+            if plan.search is None:
+                table = carry_out(plan, folder, self.execution, progress, tqdm.write)
+            else:
+                plan, table = search(plan, folder, self.execution, progress, tqdm.write)
+        command = shlex.join(["cc-mujoco", *sys.argv[1:]])
+        run = partial(carry_out, execution=replace(self.execution, again=False))
+        nearby = None
+        if self.around:
+            nearby = analyse_best_design(plan, table, objectives, limits, run)
+        with tqdm(
+            desc="some designs at half the time step",
+            bar_format="{desc}  {elapsed}",
+            leave=False,
+            **progress_options(),
+        ):
+            half = check_timestep(plan, table, goals_of(plan, table), limits, run)
+        files = write_report(folder, plan, table, command, nearby, half)
+        if self.around and nearby is None:
+            print("around:   nothing, as no design is good enough or none can move")
+        failed = len(table) - table["failed"].null_count
+        designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
+        print(f"{designs}, {failed} of which failed in simulation")
+        for sentence in controllers_out(plan, table.to_pylist()):
+            print(sentence)
+        if limits:
+            kept = int(within_limits(table, limits).sum())
+            print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")
+        if half is not None and half.unsettled:
+            print(f"WARNING: {timestep_sentence(half)}")
+        print(f"table:    {folder / 'table.parquet'}")
+        for path in files:
+            print(f"          {path}")
+        print(f"one row:  cc-mujoco whatif-show {folder} ROW")

@@ -1,0 +1,123 @@
+"""`cc-mujoco whatif-show`: the recording of one design of a study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Flag, option_help, progress_bar, video_progress_bar
+
+
+@dataclass(frozen=True)
+class WhatIfShow:
+    """Play one design of a study; write its recording, log, metrics and figure.
+
+    With --against, play two and write a table, a figure and a recording of both.
+    """
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
+    """Folder of the study, as `cc-mujoco whatif` wrote it."""
+    row: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="ROW")]
+    """Number of the design, column `design` of the table."""
+    case: Annotated[int | None, option_help("INT")] = None
+    """Case of a study across several, from 0; the worst by its first metric unless
+    given."""
+    against: Annotated[int | None, option_help("ROW")] = None
+    """Another design, to set the one beside."""
+    out: Annotated[Path | None, option_help("DIR")] = None
+    """Folder for the results; STUDY/design-ROW, or STUDY/design-ROW-against-ROW, unless
+    given."""
+
+    video: Flag = False
+    """Write video.mp4, too: the scene beside torques and tensions."""
+    html: Flag = False
+    """Write episode.html, too: a page that plays the episode in any browser."""
+
+    def run(self) -> None:
+        """Play and write; print a table and how to open the recording."""
+        if self.against is None:
+            self._show()
+        else:
+            self._compare(self.against)
+
+    def _compare(self, against: int) -> None:
+        from cc_mujoco.design._results_store import read_study
+        from cc_mujoco.design._show import RECORDING, head, write_comparison
+        from cc_mujoco.errors import CableError
+
+        if self.video or self.html:
+            raise CableError(
+                "--video and --html show one design; leave them out with --against."
+            )
+        row = self.row
+        out = self.out or self.folder / f"design-{row}-against-{against}"
+        duration = float(read_study(self.folder)["protocol"]["duration"])
+        with progress_bar(2.0 * duration) as progress:
+            pairs = write_comparison(
+                out, self.folder, row, against, self.case, progress
+            )
+        for name, cells in (
+            ("", head(row, against)),
+            *((pair.name, pair.cells) for pair in pairs),
+        ):
+            print(f"{name:36}", *(f"{each:>12}" for each in cells))
+        print(f"\nopen with:  rerun {out / RECORDING}\nsee also:   {out}")
+
+    def _show(self) -> None:
+        from cc_mujoco.design._results_store import read_study
+        from cc_mujoco.design._show import case_of, read_row, show
+        from cc_mujoco.device._variables import describe
+        from cc_mujoco.metrics import METRICS
+        from cc_mujoco.viz import write_episode
+        from cc_mujoco.viz._episode_files import require_ours
+
+        out = self.out or self.folder / f"design-{self.row}"
+        about = read_study(self.folder)
+        duration, row = (
+            float(about["protocol"]["duration"]),
+            read_row(self.folder, self.row),
+        )
+        played = case_of(self.folder, self.row, self.case)
+        require_ours(out)
+        if self.video:
+            from cc_mujoco.viz._video import require_video
+
+            require_video()
+        if self.html:
+            from cc_mujoco.viz._web_page import require_page
+
+            require_page()
+        with progress_bar(duration) as progress:
+            log, model = show(self.folder, self.row, progress, self.case)
+        messages: list[str] = []
+        with video_progress_bar(duration if self.video else 0.0) as progress:
+            write_episode(
+                out,
+                log,
+                model,
+                video=self.video,
+                html=self.html,
+                progress=progress,
+                say=messages.append,
+            )
+        for name in about["variables"]:
+            unit = describe(name).unit
+            print(_line(name, row[name], unit))
+        for name, value in played.items():
+            print(_line(f"case: {name}", value, describe(name).unit))
+        # Those of the table: the episode's own have some names in common with them.
+        for name in about["protocol"]["metrics"]:
+            print(_line(name, row[name], METRICS[name].unit))
+        print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+        for sentence in messages:
+            print(sentence)
+
+
+def _line(name: str, value: object, unit: str) -> str:
+    number = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{name:32} {'-' if value is None else number:>10} {unit}"

@@ -1,0 +1,413 @@
+r"""The cables as a controller believes them: the kernel itself, run as an observer.
+
+    model = CableModel(drive)
+    model.follow(observation["motor_angle_rad"], observation["joint_torque_nm"])
+    model.tension(0), model.slip(0)          # of the first cable, proximal to distal
+
+Motor angle and joint torque are measured; they drive the model completely (position at
+one end, tension at the other, thesis Fig. 2.2), and the model gives what is not
+measured: which parts of the cables move, the tensions along them, the torque that the
+motor should need. It knows parameters, never the true state of the device. Where both
+are noisy this pair is the better one: an end of a cable is stiff, so that the last bits
+of a joint encoder would be newtons.
+
+One model holds the cables of many environments; each row is computed by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._layout import LENGTH, slips, tensions
+from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.errors import CableError
+
+_FRICTION_COEFFICIENTS = INDEX["friction"], INDEX["static_friction"]
+_MAX_FRICTION = 5.0
+ADOPTION_THRESHOLD = 0.01
+"""Relative change from which on a learned factor of friction is adopted: packing a
+cable for every last bit would take longer than stepping it."""
+_EA = INDEX["axial_stiffness"]
+
+
+class CableModel:
+    """Cables driven by motor angle and joint torque, in every environment.
+
+    Attributes:
+        packed: parameters, (rows, cables, numbers), as `cable._pack.pack` makes them.
+        state: (rows, cables, numbers), as the kernel has it.
+        joint: angle of the joint since the start, as the model finds it (rows,) [rad].
+        slip_direction: direction in which a cable last slipped as a whole, (rows,
+            cables): 1 towards the joint, -1 towards the motor, 0 never.
+        gain: proximal per distal tension at that moment (rows, cables); 1 before.
+        arm: of every cable where the motor is (rows, cables) [m/rad].
+        factor: what the drive's friction is multiplied by, (rows, cables).
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare; the number of environments is that of the first observation.
+
+        Args:
+            drive: The device; its `cable_drives` must be known.
+
+        Raises:
+            CableError: If they are not.
+        """
+        if not drive.cable_drives:
+            raise CableError(
+                "a controller with a model needs to know the cables; this Drive has "
+                "no cable drives."
+            )
+        self.drive = drive
+        cables = drive.cables
+        self.segments: stepper.Counts = np.array([s.cable.segments for s in cables])
+        self.proximal: FloatArray = np.array([s.proximal for s in cables])
+        self.distal: FloatArray = np.array([s.distal for s in cables])
+        self._sections = [
+            [np.array(s.cable.conduit, dtype=float) for s in row]
+            for row in drive.cable_drives
+        ]
+        most = int(self.segments.max())
+        self._size = kernel.parameter_size(most), kernel.state_size(most)
+        self.work = np.empty(kernel.work_size(most))
+        self.scratch = np.empty((SCRATCH_ROWS, len(cables)))
+        self.new = np.zeros((len(cables), self._size[1]))
+        self._asked = np.empty(len(PARAMETERS))
+        self._angles: list[FloatArray] = []
+        self._allocate(len(drive.cable_drives))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Take the next observation for the start of an episode: rest, pretension.
+
+        Args:
+            where: Mask of the environments that start anew; all of them by default.
+        """
+        self._fresh |= True if where is None else where
+        if where is None:
+            self._angles = []
+
+    def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
+        """Take the measurements at the next instant, a number or (rows,) each.
+
+        Args:
+            motor_angle: [rad]; of a round pulley only its changes matter.
+            joint_torque: of the cables on the joint [N m].
+        """
+        angle = np.ascontiguousarray(motor_angle, dtype=float)
+        torque = np.ascontiguousarray(joint_torque, dtype=float)
+        self.ready(angle)
+        _follow_all(
+            self.packed,
+            self.segments,
+            self.proximal,
+            self.distal,
+            self.state,
+            angle,
+            torque,
+            self.joint,
+            self.slip_direction,
+            self.gain,
+            self.arm,
+            self.drive.period,
+            self.new,
+            self.work,
+        )
+
+    def ready(self, motor_angle: FloatArray) -> None:
+        """Bring the environments that restart to rest.
+
+        Args:
+            motor_angle: of every environment (rows,) [rad].
+        """
+        if motor_angle.size != self._rows:
+            self._allocate(motor_angle.size)
+        if self._fresh.any():
+            self._begin(motor_angle)
+
+    def scale_friction(self, factor: ArrayLike) -> None:
+        """Scale the friction of the model from now on.
+
+        Args:
+            factor: Of the drive's friction coefficients, a number, (rows, 1) or
+                (rows, cables).
+        """
+        factors = np.broadcast_to(factor, (self._rows, self.segments.size))
+        for row, cable in np.argwhere(factors != self.factor).tolist():
+            self._pack(row, cable, float(factors[row, cable]))
+
+    def rebend(self, angles: Sequence[FloatArray]) -> None:
+        """Set another path of the conduits in the model, until all are reset.
+
+        The length of the path stays; friction is scaled as it was.
+
+        Args:
+            angles: wrap angles of the segments of every cable (segments,) [rad].
+
+        Raises:
+            CableError: other shapes, or an angle that is negative or not finite.
+        """
+        self._angles = checked_angles(angles, self.segments)
+        for row in np.flatnonzero(~self._fresh).tolist():
+            for cable in range(self.segments.size):
+                self._bend(row, cable)
+
+    def tension(self, cable: int) -> FloatArray:
+        """Return the tension of every node of a cable (rows, segments + 1) [N]."""
+        first = kernel.STATE_HEADER
+        node = self.state[:, cable, first : first + self.segments[cable] + 1]
+        tension: FloatArray = np.maximum(node, 0.0)
+        return tension
+
+    def slip(self, cable: int) -> NDArray[np.int8]:
+        """Return the slip directions of the last step (rows, segments)."""
+        n = int(self.segments[cable])
+        first = kernel.STATE_HEADER + n + 1
+        slip = np.sign(self.state[:, cable, first : first + n])
+        direction: NDArray[np.int8] = slip.astype(np.int8)
+        return direction
+
+    def motor_torque(self) -> FloatArray:
+        """Return the model's torque of the motor on the cables (rows,) [N m]."""
+        return _motor_torques(self.segments, self.arm, self.state)
+
+    def _allocate(self, rows: int) -> None:
+        known, cables = len(self.drive.cable_drives), self.segments.size
+        if known not in (1, rows):
+            raise CableError(
+                f"Drive.cable_drives has cables for {known} environments; it must be 1 "
+                f"or as many as observed, {rows}."
+            )
+        self._rows = rows
+        self.packed: FloatArray = np.zeros((rows, cables, self._size[0]))
+        self.factor: FloatArray = np.ones((rows, cables))
+        self.state: FloatArray = np.zeros((rows, cables, self._size[1]))
+        self.joint: FloatArray = np.zeros(rows)
+        self.arm: FloatArray = np.tile(self.proximal, (rows, 1))
+        self.slip_direction: FloatArray = np.zeros((rows, cables))
+        self.gain: FloatArray = np.ones((rows, cables))
+        self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
+
+    def _begin(self, angle: FloatArray) -> None:
+        for row in np.flatnonzero(self._fresh).tolist():
+            for cable in range(self.segments.size):
+                self._pack(row, cable, 1.0)
+            _set_rest(
+                self.packed[row],
+                self.segments,
+                self.proximal,
+                self.distal,
+                float(angle[row]),
+                self.state[row],
+            )
+        fresh = self._fresh
+        self.joint[fresh], self.slip_direction[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
+        fresh[:] = False
+
+    def cable_drives(self, row: int) -> tuple[CableDrive, ...]:
+        """Return the cable drives of an environment."""
+        return self.drive.cable_drives[row % len(self.drive.cable_drives)]
+
+    def _pack(self, row: int, cable: int, factor: float) -> None:
+        cable_drive = self.cable_drives(row)[cable].cable
+        pack(
+            np.array(cable_drive.scalars),
+            self._sections[row % len(self._sections)][cable],
+            cable_drive.segments,
+            factor,
+            self._asked,
+            self.packed[row, cable],
+        )
+        self.factor[row, cable] = factor
+        if self._angles:
+            self._bend(row, cable)
+
+    def _bend(self, row: int, cable: int) -> None:
+        prm, n = self.packed[row, cable], int(self.segments[cable])
+        kernel.rebend(prm, n, self._angles[cable])
+        kernel.expect_change(prm)
+
+
+def checked_angles(
+    angles: Sequence[FloatArray], segments: stepper.Counts
+) -> list[FloatArray]:
+    """Wrap angles of every cable as arrays of their own; see `CableModel.rebend`."""
+    own = [np.array(angle, dtype=float) for angle in angles]
+    if [angle.shape for angle in own] != [(n,) for n in segments.tolist()]:
+        raise CableError(
+            f"wrap angles have shapes {[angle.shape for angle in own]}; they must be "
+            f"those of {segments.tolist()} segments."
+        )
+    for cable, angle in enumerate(own):
+        if not (np.all(np.isfinite(angle)) and np.all(angle >= 0.0)):
+            raise CableError(
+                f"wrap angles of cable {cable} are {angle.tolist()} rad; all must be "
+                "finite and 0 or more."
+            )
+    return own
+
+
+@compiled
+def pack(
+    values: FloatArray,
+    sections: FloatArray,
+    n: int,
+    factor: float,
+    asked: FloatArray,
+    prm: FloatArray,
+) -> None:
+    """Pack a cable with a multiple of its friction.
+
+    Args:
+        values: scalars of the cable.
+        sections: see `cable._pack.pack`.
+        n: segments.
+        factor: of its friction.
+        asked: scratch, as `values`.
+        prm: out, packed.
+    """
+    for i in range(values.size):
+        asked[i] = values[i]
+    for place in _FRICTION_COEFFICIENTS:
+        asked[place] = min(factor * asked[place], _MAX_FRICTION)
+    kernel.pack(asked, sections, n, prm)
+
+
+@compiled
+def has_changed(factor: Any, believed: Any) -> Any:
+    """Return whether to adopt a learned factor of friction; numbers or arrays."""
+    return np.abs(factor / believed - 1.0) > ADOPTION_THRESHOLD
+
+
+def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
+    """Return the stiffness of all cables of a device at its joint [N m/rad]."""
+    prm, _, _, _, distal = stepper.make_cables(
+        [one.cable for one in cable_drives],
+        [one.proximal for one in cable_drives],
+        [one.distal for one in cable_drives],
+    )
+    return stiffness(prm, distal)
+
+
+@compiled
+def stiffness(prm: FloatArray, distal: FloatArray) -> float:
+    """Return `joint_stiffness` of packed cables (cables, numbers).
+
+    Their arms are `distal` (cables,) [m/rad].
+    """
+    total = 0.0
+    for k in range(distal.size):
+        total += distal[k] ** 2 * prm[k, _EA] / prm[k, LENGTH]
+    return total
+
+
+@compiled
+def _set_rest(
+    prm: FloatArray,
+    n: stepper.Counts,
+    proximal: FloatArray,
+    distal: FloatArray,
+    motor: float,
+    state: FloatArray,
+) -> None:
+    """Bring the cables of an environment to rest at a motor angle and joint angle 0."""
+    stepper.set_rest(
+        stepper.Cables(prm, n, proximal, proximal, distal), motor, 0.0, state
+    )
+
+
+@compiled
+def follow(
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    torque: float,
+    joint: float,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    arm: FloatArray,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Step the cables of one environment to a motor angle and a joint torque.
+
+    Args:
+        cables: of the environment.
+        state: of the model (cables, numbers); stepped on.
+        motor: angle of the motor [rad].
+        torque: of the cables on the joint [N m].
+        joint: angle of the joint before [rad].
+        slip_direction: see `CableModel` (cables,); updated.
+        gain: see `CableModel` (cables,); updated.
+        arm: see `CableModel` (cables,); updated.
+        dt: time step [s].
+        new: scratch, as `state`.
+        work: scratch, `cable._layout.work_size`.
+
+    Returns:
+        Angle of the joint [rad].
+    """
+    n = cables.n
+    load = stepper.Load(torque, 0.0, -np.inf, np.inf)
+    found = stepper.balance(cables, state, True, motor, joint, load, dt, new, work)
+    for k in range(n.size):
+        arm[k] = cables.proximal[k] * stepper.proximal_displacement(cables, k, motor)[1]
+        slip, tension = slips(new[k], n[k]), tensions(new[k], n[k])
+        sign = np.sign(slip[0])
+        for j in range(n[k]):
+            if slip[j] * sign <= 0.0:
+                sign = 0.0
+        low, high = tension[0], tension[n[k]]
+        if sign != 0.0 and min(low, high) > 0.0:
+            slip_direction[k] = sign
+            gain[k] = low / high
+        elif sign != 0.0 and has_drag(cables.prm[k]):
+            slip_direction[k] = sign  # drag slips by, with slack at the motor
+        for i in range(state.shape[1]):
+            state[k, i] = new[k, i]
+    return found
+
+
+@compiled
+def _follow_all(
+    prm: FloatArray,
+    n: stepper.Counts,
+    proximal: FloatArray,
+    distal: FloatArray,
+    state: FloatArray,
+    motor: FloatArray,
+    torque: FloatArray,
+    joint: FloatArray,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    arm: FloatArray,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Step every environment to a motor angle and a joint torque."""
+    for row in range(motor.size):
+        cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
+        joint[row] = follow(
+            cables, state[row], motor[row], torque[row], joint[row],
+            slip_direction[row], gain[row], arm[row], dt, new, work,
+        )  # fmt: skip
+
+
+@compiled
+def _motor_torques(n: stepper.Counts, arm: FloatArray, state: FloatArray) -> FloatArray:
+    found = np.zeros(state.shape[0])
+    for row in range(found.size):
+        for k in range(n.size):
+            found[row] -= arm[row, k] * max(tensions(state[row, k], n[k])[0], 0.0)
+    return found

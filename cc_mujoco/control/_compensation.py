@@ -1,0 +1,315 @@
+r"""Motor torque that puts a desired torque on the joint through friction, compiled.
+
+Which distal tensions make the desired torque? One cable leaves no choice. Of two that
+pull against each other, motor and joint can only exchange length: with the arms
+\(f_i\) at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch
+of cable i and \(s_i^0\) that of the pretension. While a cable slips as a whole its
+stretch is in proportion to its distal tension, so the torque follows from that one
+number, piecewise linearly: a cable that would have to push is slack instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._stepper import Counts
+
+SCRATCH_ROWS = 6
+"""Rows of the scratch, of a number for each cable, that these functions take."""
+_PRETENSION = law.INDEX["pretension"]
+_ASYMMETRY = law.INDEX["friction_asymmetry"]
+_AGEING = law.INDEX["ageing_friction"]
+_DRAG_TERMS = (
+    law.INDEX["viscous_friction"],
+    law.INDEX["grease_drag"],
+    law.INDEX["load_independent_friction"],
+    law.INDEX["seal_proximal"],
+    law.INDEX["seal_distal"],
+)
+
+
+@compiled
+def _friction(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    sense: float,
+    speed: float,
+    j: int,
+    ends: float,
+) -> tuple[float, float, float]:
+    """Return growth, drag [N] and holding growth of segment j for slip along `sense`.
+
+    Every law of friction has a say as in a step of the kernel, but for bristles: they
+    are bent by then. Drag of viscosity helps where the cable still moves the other way.
+
+    Args:
+        prm: packed parameters.
+        n: segments.
+        state: of the model.
+        sense: of the slip, 1 towards the joint, -1 towards the motor.
+        speed: of the cable, positive towards the joint [m/s].
+        j: which.
+        ends: place of its distal end [m].
+    """
+    values, length = at.scalars(prm), at.contact_length(prm, n)[j]
+    if prm[at.CONSTANT_COULOMB] != 0.0:
+        # What else would be taken for every segment anew: exponentials.
+        growth = at.constant_growth(prm, n)[j]
+        constant_drag = law.drag(values, length, growth, j, n)
+        return growth, constant_drag, at.constant_hold(prm, n)[j]
+    node, slip = at.tensions(state, n), at.slips(state, n)[j]
+    angle = at.segment_angles(prm, n)[j] * law.wrap_factor(
+        values, state[at.TRAVEL], ends - length, ends, prm[at.LENGTH]
+    )
+    factor = law.load_factor(values, 0.5 * (max(node[j], 0.0) + max(node[j + 1], 0.0)))
+    factor *= law.drift_factor(values, state[at.TIME], state[at.HEAT])
+    factor *= 1.0 - sense * values[_ASYMMETRY]
+    aged = values[_AGEING] * at.contact_ages(state, n)[j]
+    slipped = abs(slip) if slip * sense > 0.0 else 0.0
+    moving = law.kinetic_coefficient(values, slipped, abs(speed))
+    growth = law.ratio(factor * (moving + aged), angle)
+    hold = law.ratio(factor * (law.holding_coefficient(values) + aged), angle)
+    drag = law.drag(values, length, growth, j, n)
+    drag += sense * speed * law.viscosity(values, length, growth, abs(speed), 1.0)
+    return growth, drag, hold
+
+
+@compiled
+def has_drag(prm: FloatArray) -> bool:
+    """Return whether a cable has friction that needs no tension."""
+    for place in _DRAG_TERMS:
+        if prm[place] != 0.0:
+            return True
+    return False
+
+
+@compiled
+def _stretches(
+    prm: FloatArray, n: int, state: FloatArray, sense: float, speed: float
+) -> tuple[float, float, float]:
+    """Stretch in the pretension [m]; while all slips, per distal tension and at none.
+
+    `sense` is the direction of slip, 0 for a tension that is the same all along; the
+    others see `_friction`.
+    """
+    stiffness = at.node_stiffness(prm, n)
+    length = at.contact_length(prm, n)
+    ends = np.sum(length)
+    level, offset, rest, unit, none = 1.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n + 1):
+        j = n - i
+        if i > 0 and sense != 0.0:
+            growth, drag, _ = _friction(prm, n, state, sense, speed, j, ends)
+            ends -= length[j]
+            if sense < 0.0:
+                level, offset = level * growth, offset * growth + drag
+            else:
+                level, offset = level / growth, (offset - drag) / growth
+        rest += prm[_PRETENSION] / stiffness[j]
+        unit += level / stiffness[j]
+        none += offset / stiffness[j]
+    return rest, unit, none
+
+
+@compiled
+def _shared_tensions(
+    prm: FloatArray,
+    n: Counts,
+    distal: FloatArray,
+    state: FloatArray,
+    slip_direction: FloatArray,
+    joint_velocity: float,
+    desired: float,
+    scratch: FloatArray,
+) -> None:
+    """Compute distal tensions of all cables that make the joint torque [N].
+
+    Args:
+        prm: packed parameters (cables, numbers).
+        n: segments.
+        distal: arms at the joint [m/rad].
+        state: of the model (cables, numbers).
+        slip_direction: direction in which each cable slips.
+        joint_velocity: at which the cables have to follow [rad/s].
+        desired: joint torque [N m].
+        scratch: see `SCRATCH_ROWS`; out, its first row. The third is left alone.
+    """
+    share, taut = scratch[0], scratch[1]
+    rest, unit, none = scratch[3], scratch[4], scratch[5]
+    if n.size == 1:
+        share[0] = max(-desired / distal[0], 0.0)
+        return
+    taut[:] = 1.0
+    for k in range(n.size):
+        rest[k], unit[k], none[k] = _stretches(
+            prm[k], n[k], state[k], slip_direction[k], distal[k] * joint_velocity
+        )
+    for _ in range(n.size):
+        # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
+        constant, slope = 0.0, 0.0
+        for k in range(n.size):
+            if taut[k] != 0.0:
+                constant -= distal[k] * (rest[k] - none[k]) / unit[k]
+                slope -= distal[k] ** 2 / unit[k]
+        if slope == 0.0:
+            break
+        angle = (desired - constant) / slope
+        again = False
+        for k in range(n.size):
+            tension = (rest[k] - none[k] + distal[k] * angle) / unit[k]
+            share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
+            if taut[k] != 0.0 and tension < 0.0:
+                taut[k], again = 0.0, True
+        if not again:
+            break
+
+
+@compiled
+def dynamic(
+    prm: FloatArray,
+    n: Counts,
+    arm: FloatArray,
+    distal: FloatArray,
+    state: FloatArray,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    joint_velocity: float,
+    desired: float,
+    scratch: FloatArray,
+) -> float:
+    """Return the torque with dynamic friction (4.2): distal tensions times gains.
+
+    Drag that needs no tension is added instead: as part of the gain it would grow with
+    the desired torque. Where a motion turns, it stays against the past motion until all
+    of the cable has turned; so there a cable that pulls more than desired is not pulled
+    harder than the model says that it is, nor one that pulls less let go further.
+
+    Args:
+        prm: packed parameters (cables, numbers).
+        n: segments of every cable.
+        arm: of every cable where the motor is (cables,) [m/rad].
+        distal: arms at the joint [m/rad].
+        state: of the model (cables, numbers).
+        slip_direction: direction in which every cable last slipped as a whole (cables,)
+        gain: proximal per distal tension at that time (cables,).
+        joint_velocity: at which the cables have to follow [rad/s].
+        desired: joint torque [N m].
+        scratch: (SCRATCH, cables).
+
+    Returns:
+        Motor torque [N m].
+    """
+    share = scratch[0]
+    _shared_tensions(
+        prm, n, distal, state, slip_direction, joint_velocity, desired, scratch
+    )
+    torque = 0.0
+    for k in range(n.size):
+        if slip_direction[k] != 0.0 and has_drag(prm[k]):
+            speed = distal[k] * joint_velocity
+            tension = _proximal_tension(
+                prm[k], n[k], state[k], slip_direction[k], speed, share[k], False
+            )
+            node = at.tensions(state[k], n[k])
+            if max(node[n[k]], 0.0) > share[k]:
+                tension = min(tension, max(node[0], 0.0))
+            else:
+                tension = max(tension, max(node[0], 0.0))
+            torque -= arm[k] * tension
+        else:
+            torque -= arm[k] * gain[k] * share[k]
+    return torque
+
+
+@compiled
+def full_slip_torque(
+    prm: FloatArray,
+    n: Counts,
+    arm: FloatArray,
+    distal: FloatArray,
+    state: FloatArray,
+    slip_direction: float,
+    joint_velocity: float,
+    desired: float,
+    scratch: FloatArray,
+) -> float:
+    """Return the torque at which all cables slip completely in the motor's direction.
+
+    Listing 4.1: where part of a cable stands still, the proximal tension is the one at
+    which (2.7) fails at every node that does, and at which the desired tension arrives.
+    Where all of it moves that way already this is the compensation of dynamic friction.
+
+    Args:
+        prm: packed parameters (cables, numbers).
+        n: segments of every cable.
+        arm: of every cable where the motor is (cables,) [m/rad].
+        distal: arms at the joint [m/rad].
+        state: of the model (cables, numbers).
+        slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is.
+        joint_velocity: at which the cables have to follow [rad/s].
+        desired: joint torque [N m].
+        scratch: (SCRATCH, cables).
+
+    Returns:
+        Motor torque [N m].
+    """
+    share, senses = scratch[0], scratch[2]
+    for k in range(n.size):
+        senses[k] = np.sign(arm[k]) * slip_direction
+    _shared_tensions(prm, n, distal, state, senses, joint_velocity, desired, scratch)
+    torque = 0.0
+    for k in range(n.size):
+        tension = share[k]
+        if slip_direction != 0.0:
+            speed = distal[k] * joint_velocity
+            tension = _proximal_tension(
+                prm[k], n[k], state[k], senses[k], speed, tension, True
+            )
+        torque -= arm[k] * tension
+    return torque
+
+
+@compiled
+def _proximal_tension(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    sense: float,
+    speed: float,
+    wanted: float,
+    breaking: bool,
+) -> float:
+    """Return the proximal tension at which all segments slip one way [N].
+
+    Args:
+        prm: packed parameters.
+        n: segments.
+        state: of the model.
+        sense: of the slip, see `_friction`.
+        speed: of the slip, see `_friction`.
+        wanted: distal tension [N].
+        breaking: segments that do not slip so yet have to be broken away.
+    """
+    node, slips = at.tensions(state, n), at.slips(state, n)
+    length = at.contact_length(prm, n)
+    ends = np.sum(length)
+    need = wanted
+    for i in range(n):
+        j = n - 1 - i
+        growth, drag, hold = _friction(prm, n, state, sense, speed, j, ends)
+        ends -= length[j]
+        moving = not breaking or slips[j] * sense > 0.0
+        held = max(node[j + 1], 0.0)
+        if sense < 0.0:
+            need = max(growth * need + drag, 0.0)
+            if not moving:
+                need = max(need, hold * held + drag)
+        else:
+            need = max(need - drag, 0.0) / growth
+            if not moving:
+                need = min(need, max(held - drag, 0.0) / hold)
+    return need

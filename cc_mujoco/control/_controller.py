@@ -1,0 +1,117 @@
+"""Definition of a controller and of its measurements.
+
+    controller = CONTROLLERS["pi"](env.unwrapped.drive)
+    controller.reset()
+    observation, info = env.reset(seed=0)
+    torque = controller.torque(info)                       # N m at the motor pulley
+    env.step(env.unwrapped.action(torque))
+
+Controllers work on numbers and, for many environments at once, on arrays; both give
+the same bits.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.errors import CableError
+
+
+class Controller(ABC):
+    """A law for the motor torque; subclasses are small and may keep a state."""
+
+    name = ""
+    """Name in error messages; that of its class where it is empty."""
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven.
+        """
+        self.drive = drive
+
+    @abstractmethod
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Reset the state, before every episode.
+
+        Args:
+            where: Mask of the environments that start anew; all of them by default.
+        """
+
+    @abstractmethod
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m], inside the limits of the drive.
+
+        Args:
+            observation: At least the keys `device._sensors.MEASURED_COLUMNS`, each a
+                number or an array over environments; others are not read, except
+                `device._sensors.WINDING_COLUMNS` and, where the drive has such sensors,
+                `device.TENSION_COLUMN`.
+
+        Returns:
+            A float for numbers, an array for arrays.
+        """
+
+    def given(self, torque: float) -> None:  # noqa: B027, most do not ask
+        """Accept the torque that the motor got instead of the last one [N m].
+
+        A host calls this if its limits (of rate, a soft start) are not those of the
+        drive. Otherwise a model would continue from the wrong torque.
+        """
+
+    def limited(self, torque: Any) -> Any:
+        """Return a torque clipped to the limits of the motor [N m]."""
+        within = np.clip(torque, self.drive.low, self.drive.high)
+        return within if isinstance(within, np.ndarray) else float(within)
+
+
+def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
+    """Convert measurements to a joint with a round pulley on which the cables wind.
+
+    Models of cables have a constant arm. So angle and velocity of the joint are those
+    of that pulley, and both torques those that its tensions would make there. What
+    lacks `device._sensors.WINDING_COLUMNS` is taken for measured at such a pulley.
+
+    Raises:
+        CableError: If that is impossible, because other joints wind the cables too, or
+            because they pull a lever.
+    """
+    if WINDING_COLUMNS[0] not in observation:
+        if drive.crossed:
+            raise CableError(
+                f"joint {', '.join(drive.crossed)} winds the cables too; a controller "
+                f"with a model of them needs to read {', '.join(WINDING_COLUMNS)}."
+            )
+        if drive.lever:
+            raise CableError(
+                "the cables pull a lever, whose arm changes with its angle; a "
+                "controller with a model of them needs to read "
+                f"{', '.join(WINDING_COLUMNS)}."
+            )
+        return observation
+    angle, velocity, leverage = (observation[name] for name in WINDING_COLUMNS)
+    return {
+        **observation,
+        "joint_angle_rad": angle,
+        "joint_velocity_rad_s": velocity,
+        "joint_torque_nm": observation["joint_torque_nm"] / leverage,
+        "desired_torque_nm": observation["desired_torque_nm"] / leverage,
+    }
+
+
+def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
+    """Return the measurements of these names (rows, names); a number is its own row."""
+    columns = [np.atleast_1d(np.asarray(observation[name], float)) for name in names]
+    seen = np.empty((max(column.size for column in columns), len(names)))
+    for place, column in enumerate(columns):
+        seen[:, place] = column
+    return seen

@@ -1,0 +1,48 @@
+"""No compensation: the desired torque through the ideal ratio, friction unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control._controller import Controller, readings
+
+
+class FeedForward(Controller):
+    r"""No compensation: the motor gives the desired torque as if nothing rubbed.
+
+    \[ \tau_m = \tau_d / \rho \]
+
+    with the desired joint torque \(\tau_d\) [N m] and the ratio \(\rho\) of the drive
+    ("feed-forward only" of the thesis, section 4.3.1). It has no state.
+    """
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Do nothing; see `Controller.reset`."""
+
+    @property
+    def gains(self) -> compiled_laws.FeedbackGains:
+        """The numbers of the law, as they are now."""
+        drive = self.drive
+        return compiled_laws.FeedbackGains(
+            drive.ratio, drive.low, drive.high, drive.period
+        )
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        desired = readings(observation, ("desired_torque_nm",))[:, 0]
+        found = np.empty(desired.size)
+        _torques(self.gains.packed, desired, found)
+        numbers = np.ndim(observation["desired_torque_nm"]) == 0
+        return float(found[0]) if numbers else found
+
+
+@compiled
+def _torques(gains: FloatArray, desired: FloatArray, found: FloatArray) -> None:
+    for row in range(found.size):
+        found[row] = compiled_laws.feed_forward(gains, desired[row])

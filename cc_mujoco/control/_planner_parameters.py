@@ -1,0 +1,182 @@
+"""Named parameters of the compiled functions of a planning controller.
+
+tune = Tuning(period=1e-3, inertia=2e-4, ...).packed(stiffness)
+tune[PERIOD]
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
+from cc_mujoco.control import _guard as guard
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Settings of motor, observers and plan for the compiled functions."""
+
+    period: float = parameter(
+        unit="s", bounds=(0.0, 1e3), default=1e-3, low_open=True,
+        meaning="time between two steps of the controller",
+    )  # fmt: skip
+    inertia: float = parameter(
+        unit="kg m^2", bounds=(0.0, 1e6), default=1e-4, low_open=True,
+        meaning="of the motor with its pulley",
+    )  # fmt: skip
+    damping: float = parameter(
+        unit="N m s/rad", bounds=(0.0, 1e6), default=0.0,
+        meaning="of the motor's bearings",
+    )  # fmt: skip
+    ratio: float = parameter(
+        unit="1", bounds=(-1e6, 1e6), default=1.0,
+        meaning="joint torque per motor torque without friction, signed, not 0",
+    )  # fmt: skip
+    low: float = parameter(
+        unit="N m",
+        bounds=(-1e9, 1e9),
+        default=-1.0,
+        meaning="least torque of the motor",
+    )
+    high: float = parameter(
+        unit="N m", bounds=(-1e9, 1e9), default=1.0,
+        meaning="greatest torque of the motor, above `low`",
+    )  # fmt: skip
+    span: float = parameter(
+        unit="s", bounds=(0.0, 10.0), default=3e-3, low_open=True,
+        meaning="time between two knots of the plan",
+    )  # fmt: skip
+    tolerance: float = parameter(
+        unit="N m", bounds=(0.0, 1e6), default=0.0,
+        meaning="of the torque that a knot of the plan makes",
+    )  # fmt: skip
+    turning: float = parameter(
+        unit="N m^2", bounds=(0.0, 1e12), default=0.0,
+        meaning="mean squared error that turning the motor must save",
+    )  # fmt: skip
+    noise: float = parameter(
+        unit="N m", bounds=(0.0, 1e6), default=0.0, low_open=True,
+        meaning="measured torque that is one for sure",
+    )  # fmt: skip
+    belief: float = parameter(
+        unit="1", bounds=(1e-3, 1.0), default=0.5,
+        meaning="share of the torque sensor that is taken over in a step",
+    )  # fmt: skip
+    learning: float = parameter(
+        unit="1/s", bounds=(0.0, 1e3), default=5.0,
+        meaning="rate at which friction is learned",
+    )  # fmt: skip
+    zeroing: float = parameter(
+        unit="1/s", bounds=(0.0, 1e3), default=2.0,
+        meaning="rate at which the bias of the torque sensor is learned",
+    )  # fmt: skip
+    least: float = parameter(
+        unit="N m", bounds=(0.0, 1e9), default=0.05, low_open=True,
+        meaning="motor torque of friction below which little is learned",
+    )  # fmt: skip
+    spend: float = parameter(
+        unit="s", bounds=(0.0, 10.0), default=0.02, low_open=True,
+        meaning="time in which energy given to the joint is spent by a damper",
+    )  # fmt: skip
+    slow: float = parameter(
+        unit="rad/s", bounds=(0.0, 1e3), default=0.1, low_open=True,
+        meaning="velocity of the joint below which that takes longer",
+    )  # fmt: skip
+    damper: float = parameter(
+        unit="N m s/rad", bounds=(0.0, 1e6), default=0.0, meaning="strongest damper"
+    )
+    rotor_0: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.5,
+        meaning="gain of the observer of the rotor, angle",
+    )  # fmt: skip
+    rotor_1: float = parameter(
+        unit="1", bounds=(0.0, 2.0), default=0.5, meaning="likewise, velocity"
+    )
+    motion_0: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.5,
+        meaning="gain of the filters of joint and desired torque, value",
+    )  # fmt: skip
+    motion_1: float = parameter(
+        unit="1", bounds=(0.0, 2.0), default=0.5, meaning="likewise, rate"
+    )
+    motion_2: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.1, meaning="likewise, acceleration"
+    )
+    forgetting: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.01,
+        meaning="share of an observer's mean squared error that a step renews",
+    )  # fmt: skip
+    leak: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=1e-4,
+        meaning="share of the account of energy that a step forgets",
+    )  # fmt: skip
+    yielding: float = parameter(
+        unit="rad/(N m s)", bounds=(0.0, 1e9), default=0.0,
+        meaning="velocity that the joint gains per torque that it lacks",
+    )  # fmt: skip
+    late: float = parameter(
+        unit="steps", bounds=(0.0, 1e6), default=0.0,
+        meaning="by how many measurements are thought to be late at first",
+    )  # fmt: skip
+    lag: float = parameter(
+        unit="s", bounds=(0.0, 1.0), default=0.0,
+        meaning="time constant of the motor's torque behind its command",
+    )  # fmt: skip
+    rate: float = parameter(
+        unit="N m/s", bounds=(0.0, math.inf), default=math.inf, low_open=True,
+        meaning="fastest change of the command; infinite where there is no limit",
+    )  # fmt: skip
+
+    safe_torque: float = parameter(
+        unit="N m", bounds=(0.0, guard.NO_TORQUE_LIMIT), default=guard.NO_TORQUE_LIMIT,
+        low_open=True, meaning="most that the cables may put into the joint",
+    )  # fmt: skip
+
+    def packed(self, stiffness: float) -> FloatArray:
+        """Return the numbers as the vector that the compiled functions read.
+
+        Args:
+            stiffness: Of all cables at the joint [N m/rad].
+        """
+        return np.array([*(getattr(self, one.name) for one in TUNING), stiffness])
+
+
+TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
+"""The numbers of a tuning, in order; the stiffness of the cables is behind them."""
+
+(
+    PERIOD,
+    INERTIA,
+    DAMPING,
+    RATIO,
+    LOW,
+    HIGH,
+    SPAN,
+    TOLERANCE,
+    TURNING,
+    NOISE,
+    BELIEF,
+    LEARNING,
+    ZEROING,
+    MIN_FRICTION_TORQUE,
+    SPEND,
+    SLOW,
+    DAMPER,
+    ROTOR_0,
+    ROTOR_1,
+    MOTION_0,
+    MOTION_1,
+    MOTION_2,
+    FORGETTING,
+    LEAK,
+    YIELDING,
+    LATE_FIRST,
+    LAG,
+    RATE,
+    SAFE,
+    STIFFNESS,
+) = range(len(TUNING) + 1)

@@ -1,0 +1,286 @@
+"""Policies: small networks that were trained on an environment, and their files.
+
+    write_policy("runs/policy.safetensors", network, observed)
+    controller("runs/policy.safetensors", drive)
+
+A file has the weights as safetensors and, in its header, what the policy observes as
+JSON. Nothing in it is executed, and NumPy alone reads and plays it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.control._controller import Controller
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._observation import ObservationHistory, Observed
+from cc_mujoco.errors import CableError
+
+Array = NDArray[np.float64]
+
+POLICY_METADATA_KEY = "cc_mujoco"
+"""Key of the JSON in the metadata of a file."""
+
+MAX_HEADER_BYTES = 10**8
+"""Longest header that is read [bytes], as in the format's own library."""
+
+ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+    "identity": lambda x: x,
+}
+"""Functions that may follow a layer, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A multilayer perceptron from an observation (size,) to the share of the torque.
+
+    Attributes:
+        weights: of each layer, (out, in); the last has one output.
+        biases: of each layer, (out,).
+        activation: key of `ACTIVATIONS`, after every layer but the last.
+        squashed: whether the hyperbolic tangent of the last output is the action.
+        mean: what is subtracted from the observation, (size,).
+        deviation: what it is divided by then, (size,).
+        far: where what results is cut.
+
+    Raises:
+        CableError: If the layers do not fit each other.
+    """
+
+    weights: tuple[Array, ...]
+    biases: tuple[Array, ...]
+    activation: str
+    squashed: bool
+    mean: Array
+    deviation: Array
+    far: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Refuse layers that do not fit."""
+        if self.activation not in ACTIVATIONS:
+            raise CableError.unknown("activation", self.activation, ACTIVATIONS)
+        widths = [self.mean.size]
+        for weights, biases in zip(self.weights, self.biases, strict=True):
+            fits = weights.ndim == 2 and weights.shape[1] == widths[-1]
+            if not fits or biases.shape != weights.shape[:1]:
+                raise CableError(
+                    f"a layer of shape {weights.shape} with {biases.shape} biases does "
+                    f"not follow {widths[-1]} numbers."
+                )
+            widths.append(weights.shape[0])
+        arrays = (*self.weights, *self.biases, self.mean, self.deviation)
+        if len(widths) < 2 or widths[-1] != 1 or self.deviation.shape != (widths[0],):
+            raise CableError("a policy's layers must end in one number.")
+        if not all(np.isfinite(array).all() for array in arrays):
+            raise CableError("a policy's weights must be finite numbers.")
+        if not (self.deviation > 0.0).all():
+            raise CableError("a policy's deviations must be above 0.")
+
+    def __call__(self, observation: Array) -> float:
+        """Return the fraction of the motor's torque, within [-1, 1]."""
+        x = (observation - self.mean) / self.deviation
+        x = np.minimum(np.maximum(x, -self.far), self.far)
+        between = ACTIVATIONS[self.activation]
+        last = len(self.weights) - 1
+        for place, (weights, biases) in enumerate(
+            zip(self.weights, self.biases, strict=True)
+        ):
+            x = weights @ x + biases
+            if place < last:
+                x = between(x)
+        share = float(np.tanh(x[0]) if self.squashed else x[0])
+        return min(max(share, -1.0), 1.0)
+
+
+class Policy(Controller):
+    """A policy of a file, fed as in the environment of its training."""
+
+    def __init__(self, drive: Drive, path: str | os.PathLike[str]) -> None:
+        """Load the policy.
+
+        Args:
+            drive: The device to be driven.
+            path: The file.
+
+        Raises:
+            CableError: If the file cannot be read, or has a policy of another device or
+                for other samples.
+        """
+        super().__init__(drive)
+        self._network, observed = read_policy(path)
+        name, own = os.fspath(path), drive.observed
+        if own is None:
+            raise CableError(
+                f"policy {name!r} needs a device with an environment; this Drive has "
+                "no `observed`."
+            )
+        for what, its, here in (
+            ("for the device", observed.device, own.device),
+            ("on", ", ".join(observed.columns), ", ".join(own.columns)),
+        ):
+            if its != here:
+                raise CableError(
+                    f"policy {name!r} was trained {what} {its}, not {here}."
+                )
+        if not math.isclose(observed.period, drive.period):
+            raise CableError(
+                f"policy {name!r} was trained with samples every "
+                f"{1e3 * observed.period:g} ms, but is called every "
+                f"{1e3 * drive.period:g} ms; give the environment the `frame_skip` of "
+                "its training and hold=1, for a policy holds its actions itself."
+            )
+        self._observed = observed
+        self._whole = own.torque
+        self._sight: ObservationHistory | None = None
+        self._fresh = np.zeros(0, dtype=np.bool_)
+        self._samples = np.zeros(0, dtype=np.intp)
+        self._shares = np.zeros(0)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Reset the state; see `Controller.reset`."""
+        if where is None or self._sight is None:
+            self._sight = None
+        else:
+            self._fresh |= where
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        seen = self._observed.of(observation)
+        measured = np.atleast_2d(seen)
+        if self._sight is None:
+            self._sight = ObservationHistory(self._observed, len(measured))
+            self._fresh = np.ones(len(measured), dtype=np.bool_)
+            self._samples = np.zeros(len(measured), dtype=np.intp)
+            self._shares = np.zeros(len(measured))
+        sight, fresh = self._sight, self._fresh
+        sight.look(measured)
+        if fresh.any():
+            sight.begin(measured[fresh], fresh)
+            self._samples[fresh] = 0
+            fresh[:] = False
+        due = self._samples % self._observed.hold == 0
+        if due.any():
+            rows = sight.observation().astype(np.float64)
+            # One by one: a product rounds differently for one environment and for many.
+            for row in np.flatnonzero(due):
+                self._shares[row] = np.float32(self._network(rows[row]))
+            sight.act(self._shares, due)
+        self._samples += 1
+        # Of the device's motor, whatever this drive limits it to.
+        torque = self._shares * self._whole
+        return self.limited(torque if seen.ndim == 2 else float(torque[0]))
+
+
+def write_policy(
+    path: str | os.PathLike[str], network: Network, observed: Observed
+) -> None:
+    """Write a policy's file.
+
+    Args:
+        path: Where; ends in `.safetensors`.
+        network: The policy.
+        observed: What it observes, `Observed` of its environment.
+
+    Raises:
+        CableError: If the network is not for as many numbers as are observed.
+    """
+    size = observed.space.shape[0]
+    if network.mean.size != size:
+        raise CableError(
+            f"the policy is for {network.mean.size} numbers, but {size} are observed."
+        )
+    tensors = {"mean": network.mean, "deviation": network.deviation}
+    for place, (weights, biases) in enumerate(
+        zip(network.weights, network.biases, strict=True)
+    ):
+        tensors |= {f"{place}.weight": weights, f"{place}.bias": biases}
+    about = {
+        "observed": observed.to_dict(),
+        "activation": network.activation,
+        "squashed": network.squashed,
+        "far": None if np.isinf(network.far) else float(network.far),
+        "layers": len(network.weights),
+    }
+    header: dict[str, Any] = {"__metadata__": {POLICY_METADATA_KEY: json.dumps(about)}}
+    parts, start = [], 0
+    for name, tensor in tensors.items():
+        parts.append(np.ascontiguousarray(tensor, "<f8").tobytes())
+        end = start + len(parts[-1])
+        shape = list(tensor.shape)
+        header[name] = {"dtype": "F64", "shape": shape, "data_offsets": [start, end]}
+        start = end
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    with replacing(Path(path)) as file:
+        file.write_bytes(len(text).to_bytes(8, "little") + text + b"".join(parts))
+
+
+def read_policy(path: str | os.PathLike[str]) -> tuple[Network, Observed]:
+    """Read a policy's file.
+
+    Raises:
+        CableError: If it cannot be read or is not one.
+    """
+    name = os.fspath(path)
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise CableError(f"policy {name!r}: there is no such file.") from None
+    except OSError as error:
+        raise CableError(f"policy {name!r} cannot be read: {error}.") from None
+    try:
+        return _parse_policy(content)
+    except CableError as error:
+        raise CableError(f"policy {name!r}: {error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise CableError(
+            f"policy {name!r} is not one that `write_policy` wrote: "
+            f"{type(error).__name__} {error}."
+        ) from None
+
+
+def _parse_policy(content: bytes) -> tuple[Network, Observed]:
+    length = int.from_bytes(content[:8], "little")
+    if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
+        raise ValueError("no header of safetensors")
+    header = json.loads(content[8 : 8 + length])
+    data = memoryview(content)[8 + length :]
+    about = json.loads(header["__metadata__"][POLICY_METADATA_KEY])
+
+    def tensor(name: str) -> Array:
+        entry = header[name]
+        start, end = entry["data_offsets"]
+        if entry["dtype"] != "F64" or not 0 <= start <= end <= len(data):
+            raise ValueError(f"tensor {name!r}")
+        values = np.frombuffer(data[start:end], "<f8").astype(np.float64)
+        return values.reshape(entry["shape"])
+
+    places = range(int(about["layers"]))
+    network = Network(
+        tuple(tensor(f"{place}.weight") for place in places),
+        tuple(tensor(f"{place}.bias") for place in places),
+        about["activation"],
+        bool(about["squashed"]),
+        tensor("mean"),
+        tensor("deviation"),
+        np.inf if about["far"] is None else float(about["far"]),
+    )
+    observed = Observed.from_dict(about["observed"])
+    if network.mean.shape != observed.space.shape:
+        raise CableError(
+            f"its network is for {network.mean.size} numbers, but it observes "
+            f"{observed.space.shape[0]}."
+        )
+    return network, observed

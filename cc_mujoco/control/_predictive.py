@@ -1,0 +1,359 @@
+"""Friction compensation by plans: the model rolled on, a reversal crossed in one move.
+
+law = PredictiveCompensation(env.unwrapped.drive)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco._validation import require_number
+from cc_mujoco.control import _planning as planning
+from cc_mujoco.control._cable_model import CableModel, has_changed, joint_stiffness
+from cc_mujoco.control._controller import Controller, as_round_pulley, readings
+from cc_mujoco.control._guard import NO_TORQUE_LIMIT
+from cc_mujoco.control._planner_parameters import Tuning
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.errors import CableError
+
+PLANNER_INPUTS = (
+    "motor_angle_rad",
+    "joint_angle_rad",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+"""Columns of `device._sensors.MEASURED_COLUMNS` that it reads."""
+_MIN_NOISE = 1e-5
+"""Share of the greatest torque: a sensor without noise is no reason to turn for
+nothing."""
+
+
+PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 2.5
+"""Bandwidths of plan and of what the rotor feels, at most, times the delay. Without the
+second bound an inertia that is 30 % less than believed swings at 10 ms."""
+TORQUE_SIGMAS = 6.0
+"""Standard deviations of the torque sensor that are a torque for sure, whatever its
+bias."""
+FORGETTING_TIME = 0.1
+"""Time over which the errors of the observers of the rotor are compared [s]."""
+ENERGY_MEMORY, ENERGY_SPEND_TIME, SLOW_JOINT_SPEED = 10.0, 0.02, 0.1
+"""Time for which energy is remembered, in which it is to be spent [s], and velocity of
+the joint below which that takes longer [rad/s]."""
+
+
+class PredictiveCompensation(Controller):
+    r"""Model-predictive: the motor's path is planned, and rolled out with the kernel.
+
+    The cables have no mass, so the angles of motor and joint alone say what torque they
+    make; and it grows with the motor's angle. In every control step
+
+    1. an observer brings model, rotor and motion to when the measurements were taken,
+       and finds how late they are by which of the torques moved the rotor so;
+    2. the kernel rolls them on over the delay, with the torques applied meanwhile;
+    3. the joint and the desired torque are extrapolated over a short horizon, the joint
+       as if it gave way a little to a torque that is not yet as desired, and the
+       kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
+       desired torque, if the motor only turns on in its present sense;
+    4. the accelerations \(a_i\) of the motor minimise
+
+       \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4} a_i^2 \]
+
+       so that a jump of \(\theta^*\), which is a reversal, is crossed in one smooth
+       move that begins before it;
+    5. if that leaves an error, the same is planned in the other sense, which is taken
+       if the error gets smaller by more than a threshold;
+    6. the motor gets the torque of the first acceleration and of the cables on its way,
+       less what the rotor observer finds that the model does not explain.
+
+    A motor that lags (`Drive.motor_lag`) is commanded ahead of that torque, so that
+    its mean until the next knot is right. A motor whose command may not change as fast
+    as that needs (`Drive.torque_rate`) gets another plan in 4: commands \(u_i\),
+    constant between knots, with increments within the rate, that minimise
+
+    \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4}
+       \bigl( (u_i - u^*_i) / J \bigr)^2 \]
+
+    with the torque \(u^*_i\) that holds the motor of inertia J at \(\theta^*_i\). The
+    first of them is the command.
+
+    What the joint was given beyond the desired torque, by torque sensor and motion, is
+    kept as an account; while that is positive, a damper is taken from the desired
+    torque that spends it, so that the joint stays quiet in the hands of a passive
+    wearer (B. Hannaford, J.-H. Ryu, "Time-domain passivity control of haptic
+    interfaces", IEEE Trans. Robotics and Automation 18, 2002). The account is only as
+    good as the torque sensor.
+
+    The friction coefficient of every cable follows what remains unexplained while all
+    of the cables slip, and so does the bias of the torque sensor, which other than
+    friction does not turn with the slip. Preview control of linear systems is that of
+    M. Tomizuka, "Optimal continuous finite preview problem", IEEE Trans. Automatic
+    Control 20, 1975.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        bandwidth: float | None = None,
+        horizon: float = 0.024,
+        knots: int = 8,
+        rotor: float | None = None,
+        motion: float = 300.0,
+        belief: float = 0.5,
+        turning: float = 3.0,
+        learning: float = 20.0,
+        zeroing: float = 2.0,
+        latest: float = 0.015,
+        damper: float | None = None,
+        yielding: float = 2e-3,
+        tolerance: float | None = None,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven; its `cable_drives` and the motor's inertia
+                must be known.
+            bandwidth: omega_c of the plan [rad/s]; where measurements are late never
+                more than 1.5 / delay. By default 300 for a pair of cables and 200 for a
+                single one, whose motor would spend more on it than it gains.
+            horizon: Of the plan [s].
+            knots: Of the plan.
+            rotor: Bandwidth of the observer of the rotor [rad/s]; by default 900 for a
+                pair of cables and 600 for a single one.
+            motion: That of the filters of joint and desired torque [rad/s]. An encoder
+                of less than 14 bits at the joint wants less, 200 or so, or the motor
+                chatters with its last bit.
+            belief: Share of what the torque sensor says beyond the model that is taken
+                over in a control step, above 0, to 1.
+            turning: RMS error of the torque over the horizon that turning the motor
+                must save, in standard deviations of the torque sensor.
+            learning: Rate at which friction is learned [1/s].
+            zeroing: Rate at which the bias of the torque sensor is learned where
+                friction leaves no doubt of it [1/s]; at most twelve of its standard
+                deviations.
+            latest: Longest delay of measurements that is looked for [s]; the drive's
+                own is where it begins.
+            damper: Strongest damper at the joint that spends energy, over the stiffness
+                of the cables there [s]; 0 is none. By default 0.02 for a pair of
+                cables and 0.001 for a single one, whose errors over a profile that
+                gives energy give some, too.
+            yielding: Time for which the torque that the joint lacks speeds up its own
+                inertia once it is there [s]; 0 is a joint that is led whatever it
+                feels. Of a few times as much the loop gets unstable where a hand holds
+                the joint loosely.
+            tolerance: Of the torque that a knot of the plan makes, in standard
+                deviations of the torque sensor. By default 0.5 for a pair of cables
+                and 3 for a single one, which else turns back for less than its motor
+                spends on the turn.
+
+        Raises:
+            CableError: If cables or inertia are not known, a number is out of range, or
+                the motor lags by more than the horizon.
+        """
+        super().__init__(drive)
+        if not drive.inertia > 0.0:
+            raise CableError(
+                "a controller that plans the motor's path needs to know its inertia; "
+                "Drive.inertia is 0."
+            )
+        self.model = CableModel(drive)
+        pair = len(drive.cables) > 1
+        if bandwidth is None:
+            bandwidth = 300.0 if pair else 200.0
+        if rotor is None:
+            rotor = 900.0 if pair else 600.0
+        require_number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
+        require_number("horizon", horizon, drive.period, 10.0, "s")
+        if drive.motor_lag > horizon:
+            raise CableError(
+                f"Drive.motor_lag is {drive.motor_lag:g} s, longer than the horizon of "
+                f"{horizon:g} s that is planned; give a longer horizon."
+            )
+        require_number("knots", knots, 1, 200, "knots")
+        require_number("rotor", rotor, 1.0, 1e5, "rad/s")
+        require_number("motion", motion, 1.0, 1e5, "rad/s")
+        require_number("belief", belief, 1e-3, 1.0, "")
+        require_number("turning", turning, 0.0, 1e6, "standard deviations")
+        require_number("learning", learning, 0.0, 1e3, "1/s")
+        require_number("zeroing", zeroing, 0.0, 1e3, "1/s")
+        require_number("latest", latest, 0.0, 1.0, "s")
+        if damper is None:
+            damper = 0.02 if pair else 0.001
+        require_number("yielding", yielding, 0.0, 0.1, "s")
+        require_number("damper", damper, 0.0, 1.0, "s")
+        if tolerance is None:
+            tolerance = 0.5 if pair else 3.0
+        require_number("tolerance", tolerance, 0.0, 1e6, "standard deviations")
+        period = drive.period
+        delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
+        late = np.maximum(delays, 1) * period
+        bandwidths = np.minimum(bandwidth, PLAN_PER_DELAY / late)
+        gains = np.array(
+            [optimal_plan(knots, horizon / knots, slowed) for slowed in bandwidths]
+        )
+        unexplained = np.array(
+            [
+                filter_gains(slowed * period)[2]
+                for slowed in np.minimum(rotor, ROTOR_PER_DELAY / late)
+            ]
+        )
+        greatest = max(abs(end) for end in drive.reach)
+        noise = max(drive.torque_noise, _MIN_NOISE * greatest)
+        stiffness = joint_stiffness(drive.cables)
+        rotor_0, rotor_1, _ = filter_gains(rotor * period)
+        motion_0, motion_1, motion_2 = filter_gains(motion * period)
+        self.tuning = Tuning(
+            period=period,
+            inertia=drive.inertia,
+            damping=drive.damping,
+            ratio=drive.ratio,
+            low=drive.low,
+            high=drive.high,
+            span=horizon / knots,
+            tolerance=tolerance * noise,
+            turning=(turning * noise) ** 2,
+            noise=TORQUE_SIGMAS * noise,
+            belief=belief,
+            learning=learning,
+            zeroing=zeroing,
+            least=0.05 * max(abs(drive.low), abs(drive.high)),
+            spend=ENERGY_SPEND_TIME,
+            slow=SLOW_JOINT_SPEED,
+            damper=damper * stiffness,
+            rotor_0=rotor_0,
+            rotor_1=rotor_1,
+            motion_0=motion_0,
+            motion_1=motion_1,
+            motion_2=motion_2,
+            forgetting=period / FORGETTING_TIME,
+            leak=period / ENERGY_MEMORY,
+            yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
+            late=drive.delay,
+            lag=drive.motor_lag,
+            rate=drive.torque_rate,
+            safe_torque=min(drive.safe_torque, NO_TORQUE_LIMIT),
+        )
+        """Numbers of the compiled functions, by name."""
+        self.tables = planning.Tables(
+            gains, unexplained, bandwidths**-4.0, self.tuning.packed(stiffness)
+        )
+        """Inputs of the compiled functions."""
+        cables = len(drive.cables)
+        self._size = planning.FRICTION + cables
+        shape = (cables, self.model.state.shape[-1])
+        self._room = planning.PlannerWorkspace(
+            new=np.zeros(shape),
+            state=np.zeros(shape),
+            rolled=np.zeros(shape),
+            leapt=np.zeros(shape),
+            push=np.zeros(knots + 1),
+            best=np.zeros(knots + 1),
+            memory=np.zeros(self._size),
+            wanted=np.zeros(knots),
+            path=np.zeros(knots),
+            load=np.zeros(knots),
+            holding=np.zeros(knots),
+            matrix=np.zeros((knots, knots)),
+            vectors=np.zeros((planning.WORK_ROWS, knots)),
+            work=self.model.work,
+        )
+        self._forget(0)
+
+    def _forget(self, rows: int) -> None:
+        delays = self.tables.unexplained.size
+        self._devices = planning.PlannerMemory(
+            np.zeros((rows, self._size)),
+            np.zeros((rows, delays, planning.OBSERVER_SIZE)),
+            np.zeros((rows, delays)),
+        )
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        self.model.reset(where)
+        if where is None:
+            self._forget(0)
+        elif self._devices.memory.shape[0]:
+            self._devices.memory[where] = 0.0
+            self._devices.applied[where] = 0.0
+
+    def given(self, torque: float) -> None:
+        """Accept the torque that the motor got, if finite; see `Controller.given`."""
+        if math.isfinite(torque):
+            self._devices.applied[:, -1] = torque
+
+    def rebend(self, angles: Sequence[FloatArray]) -> None:
+        """Take the path from sensors of bend; see `CableModel.rebend`."""
+        self.model.rebend(angles)
+
+    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the factors on the drive's friction (rows, cables)."""
+        factor = np.empty_like(self.model.factor)
+        for memory, own in zip(self._devices.memory, factor, strict=True):
+            planning.friction_factors(memory, own)
+        return factor
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        seen = readings(as_round_pulley(observation, self.drive), PLANNER_INPUTS)
+        if seen.shape[0] != self._devices.memory.shape[0]:
+            self._forget(seen.shape[0])
+        model = self.model
+        model.ready(seen[:, 0].copy())
+        found = np.empty(seen.shape[0])
+        planning.motor_torques(
+            model.packed,
+            model.segments,
+            model.proximal,
+            model.distal,
+            model.state,
+            model.joint,
+            self._devices,
+            seen,
+            self.tables,
+            found,
+            self._room,
+        )
+        factor = self.learned(observation)
+        changed = has_changed(factor, model.factor)
+        if changed.any():
+            model.scale_friction(np.where(changed, factor, model.factor))
+        return (
+            float(found[0]) if np.ndim(observation[PLANNER_INPUTS[0]]) == 0 else found
+        )
+
+
+def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:
+    """Return the accelerations of the best plan of a double integrator.
+
+    Args:
+        knots: Number of them.
+        span: From one to the next [s].
+        bandwidth: Square root of the weight of angle to acceleration [rad/s].
+
+    Returns:
+        Acceleration before every knot per angle, velocity and wanted angle at every
+        knot (knots, 2 + knots), to be multiplied by them and added up.
+    """
+    after = np.arange(1, knots + 1)
+    free = np.stack([np.ones(knots), after * span], axis=1)
+    driven = span**2 * np.tril(after[:, None] - after[None, :] + 0.5)
+    weight = np.vstack([driven, np.eye(knots) / bandwidth**2])
+    inverse = np.linalg.pinv(weight)[:, :knots]
+    return np.ascontiguousarray(np.hstack([-inverse @ free, inverse]))
+
+
+def filter_gains(rate: float) -> tuple[float, float, float]:
+    """Return the gains of a third-order filter with all poles at exp(-rate), per step.
+
+    R. Benedict, G. Bordner, "Synthesis of an optimal set of radar track-while-scan
+    smoothing equations", IRE Trans. Automatic Control 7, 1962, for a constant
+    acceleration.
+    """
+    pole = math.exp(-rate)
+    gone = 1.0 - pole
+    return 1.0 - pole**3, 1.5 * (1.0 - pole**2) * gone, 0.5 * gone**3

@@ -1,0 +1,190 @@
+"""Rollout of cables moved at both ends, to test candidate commands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _root as root
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._layout import node_stiffness, tensions
+
+_MAX_EVALUATIONS = 12
+_SLOW_MOVE_TIME = 0.5
+"""Time that a motor takes to the point where friction at speed is evaluated [s]."""
+_MIN_STEP = 0.2
+"""Share of what stretches all of a cable: its end alone is stiffer."""
+
+
+@compiled
+def find_joint_angle(
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    start: float,
+    torque: float,
+    stiffness: float,
+    tolerance: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Find the joint angle [rad] at which the cables make a torque, and move there.
+
+    The torque falls as the joint turns: bracket from `start`, then regula falsi
+    (`root`).
+
+    Args:
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        motor: angle of the motor after it [rad].
+        start: where the joint should be [rad].
+        torque: to be made [N m].
+        stiffness: of all cables at the joint [N m/rad].
+        tolerance: of the torque [N m].
+        dt: time step [s].
+        new: out, after the step.
+        work: scratch.
+    """
+    bracket, at, reach = root.UNKNOWN, 0.0, 0.0
+    for _ in range(2 * _MAX_EVALUATIONS):
+        stepper.move(cables, state, motor, start + at, dt, new, work)
+        over = stepper.torque(cables, new, True, motor)[0] - torque
+        if abs(over) <= tolerance:
+            break
+        bracket = root.narrowed(bracket, at, -over)
+        if root.encloses(bracket):
+            at = root.between(bracket)
+        else:
+            reach = max(2.0 * reach, _MIN_STEP * abs(over) / stiffness)
+            at += reach if over > 0.0 else -reach
+    return start + at
+
+
+@internal
+def _end_tension(cables: stepper.Cables, state: FloatArray, distal: bool) -> float:
+    """Return the tension at one end of the first cable [N].
+
+    Where that end is slack it is below 0: what the cable that lies slack there would
+    need to be drawn taut as a whole. Drag that needs no tension keeps slack where it
+    is.
+    """
+    n = cables.n[0]
+    tension = tensions(state[0], n)
+    end, way = (n, -1) if distal else (0, 1)
+    if tension[end] >= 0.0:
+        return float(tension[end])
+    stiffness = node_stiffness(cables.prm[0], n)
+    slack, compliance, lies = 0.0, 0.0, True
+    for i in range(n + 1):
+        j = end + way * i
+        lies = lies and tension[j] < 0.0
+        if lies:
+            slack += tension[j] / stiffness[j]
+        compliance += 1.0 / stiffness[j]
+    return slack / compliance
+
+
+@compiled
+def joint_torque(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
+    """Return the torque of the cables at the joint [N m].
+
+    A single cable is taken to push in proportion to its slack, so that it is neither
+    paid out nor left behind further than needed.
+    """
+    if cables.n.size == 1:
+        return float(-cables.distal[0] * _end_tension(cables, state, True))
+    return stepper.torque(cables, state, True, motor)[0]
+
+
+@internal
+def _torque_deficit(
+    cables: stepper.Cables, state: FloatArray, motor: float, torque: float
+) -> float:
+    """Return the torque that the cables lack and the motor can change [N m].
+
+    A single cable whose end at the motor is slack cannot be made to pull less. So where
+    it pulls too much, that end is to be neither slack nor taut.
+    """
+    lack = torque - joint_torque(cables, state, motor)
+    if cables.n.size > 1 or lack * cables.distal[0] <= 0.0:
+        return lack
+    held = cables.distal[0] * _end_tension(cables, state, False)
+    return float(min(lack, held) if cables.distal[0] > 0.0 else max(lack, held))
+
+
+@compiled
+def find_motor_angle(
+    cables: stepper.Cables,
+    state: FloatArray,
+    start: float,
+    way: float,
+    joint: float,
+    turned: float,
+    torque: float,
+    rise: float,
+    most: float,
+    tolerance: float,
+    dt: float,
+    drags: bool,
+    leapt: FloatArray,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Find the nearest motor angle [rad] in direction `way` that makes a torque.
+
+    Where that way leads away from the torque, the motor stays. Drag that needs no
+    tension leaves a pull that no paying out ends; then the motor goes to the nearest
+    torque that it can reach, see `_torque_deficit`. Where friction depends on speed,
+    the motor gets there slowly and goes on with the joint: the torque is that with
+    which the cables are then drawn, not that of a leap.
+
+    Args:
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        start: angle of the motor before [rad].
+        way: sense in which it may turn, 1 or -1.
+        joint: angle of the joint after the step [rad].
+        turned: by how much it turns in it [rad].
+        torque: to be made [N m].
+        rise: torque per angle of the motor while all of the cables stretches [N m/rad].
+        most: farthest that the motor turns [rad].
+        tolerance: of the torque [N m].
+        dt: time step [s].
+        drags: whether friction depends on speed.
+        leapt: scratch, as `state`.
+        new: out, after the step.
+        work: scratch.
+    """
+    before = leapt if drags else state
+    along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
+    toward = way * np.sign(rise)
+    bracket, known, at, step, tried = root.UNKNOWN, False, 0.0, 0.0, 0.0
+    for turn in range(_MAX_EVALUATIONS):
+        tried = at
+        if drags:
+            stepper.move(
+                cables, state, start + way * at - along, joint - turned,
+                _SLOW_MOVE_TIME, leapt, work,
+            )  # fmt: skip
+        stepper.move(cables, before, start + way * at, joint, dt, new, work)
+        lack = toward * _torque_deficit(cables, new, start, torque)
+        if abs(lack) <= tolerance:
+            known = True
+            break
+        if turn == 0 and lack <= 0.0:
+            break
+        if lack > 0.0:
+            if at >= most:
+                break
+            before_lack, gone = -bracket.f_low, at - bracket.low
+            if turn > 0 and before_lack > lack:
+                # A secant, a little further, so that the root is soon enclosed.
+                step = min(1.2 * lack * gone / (before_lack - lack), 4.0 * gone)
+            else:
+                step = max(lack / abs(rise), 2.0 * step)
+        bracket = root.narrowed(bracket, at, -lack)
+        known = bracket.high < np.inf
+        at = root.between(bracket) if known else min(bracket.low + step, most)
+    # `new` is the state at the last angle that was tried.
+    return start + way * (at if known else tried)

@@ -1,0 +1,247 @@
+"""Controllers that use tension sensors along the cables (thesis Fig. 4.1, 3.2)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco._validation import require_number
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control._cable_model import CableModel
+from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._predictive import PredictiveCompensation
+from cc_mujoco.control._proportional_integral import ProportionalIntegral
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.device._sensors import TENSION_COLUMN
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation._fusion import fuse, tension_gains
+from cc_mujoco.estimation._tension_slope import require_slope
+
+
+def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the tensions (rows, cables, sensors) [N]."""
+    if TENSION_COLUMN not in observation:
+        raise CableError(
+            "this controller needs tension sensors; the observation has no "
+            f"{TENSION_COLUMN}."
+        )
+    tensions = np.asarray(observation[TENSION_COLUMN], dtype=float)
+    return tensions[None] if tensions.ndim == 2 else tensions
+
+
+def _require_sensors(drive: Drive, least: int) -> None:
+    found = min((len(each.nodes) for each in drive.sensors), default=0)
+    if found < least:
+        raise CableError(
+            f"this controller needs at least {least} tension sensors along every "
+            f"cable, and Drive.sensors has {found}; the readings of a rig that "
+            "`cc-mujoco run` drives have none."
+        )
+
+
+class FusedFeedback(ProportionalIntegral):
+    """Feedback of fused tension sensors: no joint torque sensor is used.
+
+    Noisy tension sensors along the cables are fused into the tensions at the joint
+    (`estimation._fusion`); the model, driven by the motor's angle and the fused
+    tensions, says which parts slip. Feed-forward and PI as in `pi` act on the torque
+    that follows (thesis Fig. 4.1). Where slip ties no sensor to the joint, the last
+    estimate stays.
+    """
+
+    def __init__(
+        self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device, with cables and at least one sensor along each.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+
+        Raises:
+            CableError: If cables or sensors are not known, or a gain is negative.
+        """
+        super().__init__(drive, proportional, integral)
+        _require_sensors(drive, 1)
+        self.model = CableModel(drive)
+        self._cables = [_Fused(drive, k) for k in range(len(drive.cables))]
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        super().reset(where)
+        self.model.reset(where)
+        for cable in self._cables:
+            cable.reset(where)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        observation = as_round_pulley(observation, self.drive)
+        desired = observation["desired_torque_nm"]
+        tensions = _readings(observation)
+        torque = np.zeros(tensions.shape[0])
+        for cable in self._cables:
+            torque = torque - cable.distal * cable.tension
+        self.model.follow(observation["motor_angle_rad"], torque)
+        torque = np.zeros(tensions.shape[0])
+        for k, cable in enumerate(self._cables):
+            torque = torque - cable.distal * cable.fuse(
+                tensions[:, k], self.model.slip(k)
+            )
+        seen = readings(observation, compiled_laws.LAW_INPUTS)
+        seen[:, compiled_laws.TORQUE] = torque
+        found = self.answer(seen)
+        return float(found[0]) if np.ndim(desired) == 0 else found
+
+
+class _Fused:
+    """Distal tension of one cable in every environment."""
+
+    def __init__(self, drive: Drive, cable: int) -> None:
+        cable_drives = [row[cable] for row in drive.cable_drives]
+        self.distal = cable_drives[0].distal
+        meshes = [Mesh.of(cable_drive.cable) for cable_drive in cable_drives]
+        self._mesh = dataclasses.replace(
+            meshes[0], angle=np.stack([mesh.angle for mesh in meshes])
+        )
+        self._sensors = drive.sensors[cable]
+        self._nodes = self._sensors.on(cable_drives[0].cable)
+        self._rest = np.array(
+            [cable_drive.cable.pretension for cable_drive in cable_drives]
+        )
+        self.reset(None)
+
+    def reset(self, where: NDArray[np.bool_] | None) -> None:
+        self.tension: NDArray[np.float64] = (
+            self._rest if where is None else np.where(where, self._rest, self.tension)
+        )
+
+    def fuse(
+        self, told: NDArray[np.float64], slip: NDArray[np.int8]
+    ) -> NDArray[np.float64]:
+        gain = tension_gains(self._mesh, slip, self._nodes)[..., -1:]
+        found = fuse(told, gain, self._sensors.deviation).tension[..., 0]
+        self.tension = np.where(
+            np.isfinite(found), np.maximum(found, 0.0), self.tension
+        )
+        return self.tension
+
+
+class AdaptiveModel(PredictiveCompensation):
+    """Predictive, with the friction of every cable from tension sensors along it.
+
+    Friction is the slope of the logarithm of tension against wrap angle where the model
+    predicts that a cable slips (`estimation._tension_slope`); the model adopts the
+    estimate (thesis 3.2.3). So friction need not be distinguished from other torques on
+    the motor.
+    """
+
+    def __init__(self, drive: Drive, memory: float = 200.0, **settings: Any) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device, with cables and at least two sensors along each. Friction
+                that it believes to be none is 0.001.
+            memory: Readings after which one has faded to 1/e; one in
+                `_friction_slope.READING_INTERVAL` steps is read.
+            **settings: See `PredictiveCompensation`; `learning` is 0.
+
+        Raises:
+            CableError: As `PredictiveCompensation`, if sensors are not known or not as
+                many along every cable, or as `estimation._tension_slope.require_slope`.
+        """
+        drive = dataclasses.replace(
+            drive,
+            cable_drives=tuple(
+                tuple(map(_with_minimum_friction, row)) for row in drive.cable_drives
+            ),
+        )
+        super().__init__(drive, **{**settings, "learning": 0.0})
+        _require_sensors(drive, 2)
+        require_number("memory", memory, 1.0, 1e9, "readings")
+        self.taps = friction_slope.taps(drive.sensors, drive.cables, memory)
+        """Places of the sensors, and what is known of them."""
+        sensors, longest = self.taps.noise.shape[1], int(self.model.segments.max())
+        self._slope_scratch = friction_slope.make_scratch(sensors, longest)
+        self._estimates: FloatArray = np.zeros(
+            (0, len(drive.cables), friction_slope.ESTIMATE_SIZE)
+        )
+        self._calls: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Return to the drive's friction; see `Controller.reset`."""
+        super().reset(where)
+        if where is None:
+            self._begin(0)
+        elif self._calls.size:
+            self._calls[where] = 0
+            self._estimates[where] = self._starts(self._calls.size)[where]
+
+    def friction(self) -> NDArray[np.float64]:
+        """Return the estimated friction (rows, cables), empty at the start."""
+        return self._estimates[:, :, friction_slope.COEFFICIENT].copy()
+
+    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the factors on the drive's friction (rows, cables)."""
+        tensions = np.ascontiguousarray(_readings(observation))
+        expected = (self.model.joint.size, *self.taps.noise.shape)
+        if tensions.shape != expected or not np.all(np.isfinite(tensions)):
+            raise CableError(
+                f"{TENSION_COLUMN} must be finite numbers of shape {expected[1:]} for "
+                f"every device, not {tensions.tolist()}."
+            )
+        if self._calls.size != tensions.shape[0]:
+            self._begin(tensions.shape[0])
+        model = self.model
+        friction_slope.learn_all(
+            model.packed,
+            model.segments,
+            model.state,
+            self.taps,
+            tensions,
+            self._calls,
+            self._estimates,
+            self._slope_scratch,
+        )
+        factor: NDArray[np.float64] = friction_slope.friction_factor(
+            self.friction(),
+            self._starts(tensions.shape[0])[:, :, friction_slope.COEFFICIENT],
+        )
+        return factor
+
+    def _begin(self, rows: int) -> None:
+        self._calls = np.zeros(rows, dtype=np.int64)
+        self._estimates = self._starts(rows)
+
+    def _starts(self, rows: int) -> FloatArray:
+        """Return the initial estimate of every cable, before any reading."""
+        found = np.zeros((rows, self.model.segments.size, friction_slope.ESTIMATE_SIZE))
+        for row in range(rows):
+            for k, one in enumerate(self.model.cable_drives(row)):
+                friction_slope.reset_estimate(found[row, k], one.cable.friction)
+        return found
+
+
+def _with_minimum_friction(one: CableDrive) -> CableDrive:
+    """Return the drive with enough Coulomb friction to scale and to estimate."""
+    cable = one.cable
+    require_slope(cable)
+    if cable.friction >= friction_slope.MIN_BELIEVED_FRICTION:
+        return one
+    still = cable.static_friction
+    changes = (
+        {"static_friction": max(still, friction_slope.MIN_BELIEVED_FRICTION)}
+        if still > 0.0
+        else {}
+    )
+    return dataclasses.replace(
+        one,
+        cable=cable.replace(friction=friction_slope.MIN_BELIEVED_FRICTION, **changes),
+    )

@@ -1,0 +1,5 @@
+"""Measured trials: formats, units, clocks, and `dataset.toml`."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

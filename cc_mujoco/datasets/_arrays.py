@@ -1,0 +1,196 @@
+"""Columns of numbers from MATLAB and HDF5 files: variables, fields, datasets.
+
+A column is called by its path, `data.time_s` in MATLAB and `data/time_s` in HDF5. Of a
+matrix with a row per sample every column counts, in the notation of the language:
+`q(:,1)` and `q[:,0]` are the first. Files of version 7.3 and HDF5 need h5py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cc_mujoco.datasets._trials import FloatArray
+from cc_mujoco.errors import CableError
+
+MATLAB_ENDING = ".mat"
+ENDINGS = (MATLAB_ENDING, ".h5", ".hdf5")
+"""Endings of files that can be read, in any case."""
+
+_NUMERIC_KINDS = "biuf"  # kinds of NumPy
+_MAX_COLUMNS = 64  # columns of a matrix; wider ones are no signals
+_NUMERIC_CLASSES = ("double", "single", "int", "uint", "logical")  # of MATLAB, in HDF5
+_HDF5_VERSION = 2  # major version of files that are HDF5
+
+
+class _Array(NamedTuple):
+    """An array of a file, in memory or not yet.
+
+    Attributes:
+        data: array or HDF5 dataset.
+        turned: whether its axes are stored in the opposite order, as MATLAB does.
+    """
+
+    data: Any
+    turned: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape, without axes of length 1."""
+        shape = self.data.shape[::-1] if self.turned else self.data.shape
+        return tuple(n for n in shape if n != 1)
+
+    def column(self, index: int | None) -> FloatArray:
+        """Return one of its columns, or all of a vector."""
+        values = self.data[()]
+        values = np.squeeze(values.T if self.turned else values)
+        return np.array(values if index is None else values[:, index], dtype=float)
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file.
+
+    Raises:
+        CableError: the file cannot be read or holds no column of numbers.
+    """
+    with _arrays(path) as arrays:
+        return list(_columns(path, arrays))
+
+
+def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
+    """Return the columns of a file, which may differ in length.
+
+    Args:
+        path: the file.
+        names: columns that the file has.
+
+    Returns:
+        Arrays (rows,) by name.
+
+    Raises:
+        CableError: the file cannot be read.
+    """
+    with _arrays(path) as arrays:
+        places = _columns(path, arrays)
+        return {
+            name: arrays[place].column(index)
+            for name in names
+            for place, index in (places[name],)
+        }
+
+
+def _columns(
+    path: Path, arrays: Mapping[str, _Array]
+) -> dict[str, tuple[str, int | None]]:
+    """Return the array and index of every column, by its name."""
+    columns: dict[str, tuple[str, int | None]] = {}
+    form, first = (
+        ("{}(:,{})", 1) if path.suffix.lower() == MATLAB_ENDING else ("{}[:,{}]", 0)
+    )
+    for place, array in arrays.items():
+        if len(array.shape) == 1:
+            columns[place] = (place, None)
+        elif len(array.shape) == 2 and array.shape[1] <= _MAX_COLUMNS:
+            for k in range(array.shape[1]):
+                columns[form.format(place, k + first)] = (place, k)
+    if not columns:
+        raise CableError(
+            f"{path} holds no vector of numbers; a trial needs one per channel, as a "
+            "variable or a field."
+        )
+    return columns
+
+
+@contextmanager
+def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
+    """Arrays of numbers in a file, by their paths."""
+    from scipy.io.matlab import matfile_version
+
+    try:
+        path.open("rb").close()  # the system's reason, where there is one
+        if (
+            path.suffix.lower() != MATLAB_ENDING
+            or matfile_version(str(path))[0] == _HDF5_VERSION
+        ):
+            with _h5py(path).File(path, "r") as file:
+                yield _hdf5_arrays(file, path.suffix.lower() == MATLAB_ENDING)
+        else:
+            yield _matlab_arrays(path)
+    except CableError:
+        raise
+    except Exception as error:  # whatever the parser of a broken file stumbles over
+        reason = getattr(error, "strerror", None)
+        if reason:
+            raise CableError(f"cannot read {path}: {reason}.") from None
+        message = " ".join(str(error).split())[:160].rstrip(".")
+        raise CableError(
+            f"{path} is not a whole {path.suffix[1:]} file: {message}."
+        ) from None
+
+
+def _h5py(path: Path) -> Any:
+    """Return the module h5py."""
+    try:
+        import h5py
+    except ModuleNotFoundError:
+        other = (
+            "save it with '-v7'"
+            if path.suffix.lower() == MATLAB_ENDING
+            else "write Parquet"
+        )
+        raise CableError(
+            f"{path} needs h5py to be read: pip install 'cc_mujoco[hdf5]', or {other}."
+        ) from None
+    return h5py
+
+
+def _matlab_arrays(path: Path) -> dict[str, _Array]:
+    """Return the arrays of a MATLAB file (4 to 7.2), including fields of structs."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
+    found: dict[str, _Array] = {}
+    objects = []
+
+    def look(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                look(f"{name}.{key}", inner)
+        elif isinstance(value, MatlabOpaque | MatlabFunction):
+            objects.append(name)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in _NUMERIC_KINDS:
+            found[name] = _Array(value)
+
+    for name, value in loadmat(str(path), simplify_cells=True).items():
+        if not name.startswith("__"):
+            look(name, value)
+    if objects and not found:
+        raise CableError(
+            f"{path} holds MATLAB objects only, such as a table, which only MATLAB can "
+            "read; save their columns: s = table2struct(t, 'ToScalar', true); "
+            "save('run.mat', '-struct', 's')."
+        )
+    return found
+
+
+def _hdf5_arrays(file: Any, matlab: bool) -> dict[str, _Array]:
+    """Return the arrays of an HDF5 file, including those in groups."""
+    found: dict[str, _Array] = {}
+
+    def look(name: str, item: Any) -> None:
+        kind = item.attrs.get("MATLAB_class", b"double") if matlab else b"double"
+        word = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if (
+            hasattr(item, "dtype")
+            and item.dtype.kind in _NUMERIC_KINDS
+            and word.startswith(_NUMERIC_CLASSES)
+            and not name.startswith("#")  # where MATLAB keeps what it refers to
+        ):
+            found[name.replace("/", ".") if matlab else name] = _Array(item, matlab)
+
+    file.visititems(look)
+    return found

@@ -1,0 +1,327 @@
+"""The rig as a scene describes it: cables, pulleys and the two joints they connect.
+
+bench = Bench.of("assets/bench.xml")
+bench.replay(dt, motor_angle, joint_angle)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Cable, Driven, Transmission
+from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
+from cc_mujoco.datasets._coupled_route import (
+    OPEN_PATHS,
+    CoupledScene,
+    Leading,
+    is_tied_to_path,
+    path_motion,
+    path_tables,
+    require_single_mover,
+    tied_joint,
+)
+from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import from_mjcf
+from cc_mujoco.plugin._config import PLUGIN
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One or two cables between a motor's joint and an output joint.
+
+    Attributes:
+        path: of the scene.
+        sha256: of its text.
+        names: of the plugin instances; the one that pulls the joint positive first.
+        cables: as configured, in the same order.
+        motor: name of the motor's joint.
+        joint: name of the output joint.
+        motor_radius: of the motor's pulley [m].
+        joint_radius: of the joint's pulley, or arm of its lever at 0 [m].
+        lever: that the cable pulls in place of a pulley, or None.
+        led: what the joint moves of the cables besides their ends.
+        span: angles of the joint between which the scene is known [rad].
+        drawn_radius: `joint_radius` as the scene has it [m].
+        exit_angle: around the motor's pulley, from where the agonist leaves it to where
+            the antagonist does [rad].
+    """
+
+    path: Path
+    sha256: str
+    names: tuple[str, ...]
+    cables: tuple[Cable, ...]
+    motor: str
+    joint: str
+    motor_radius: float
+    joint_radius: float
+    lever: Lever | None = None
+    exit_angle: float = math.pi
+    led: Leading = ""
+    span: tuple[float, float] = (-math.inf, math.inf)
+    drawn_radius: float = math.nan
+
+    @property
+    def transmission(self) -> Transmission:
+        """The cables on their pulleys; of a lever, on the pulley that it is at 0."""
+        return Transmission(self.cables, self.motor_radius, self.joint_radius)
+
+    @property
+    def tied(self) -> bool:
+        """Return whether the end of an open path is where the cable pulls the joint."""
+        return self.led in OPEN_PATHS and self.lever is not None
+
+    def courses(self, segments: int) -> tuple[CoupledPath, ...]:
+        """Return the paths of cables that the joint leads, in at least these segments.
+
+        A path in the open needs a segment at each bend, which those of the scene are.
+        """
+        if not self.led:
+            return ()
+        sign = 1.0 if self.lever is None else self.lever.sign
+        scene = CoupledScene(
+            str(self.path), self.sha256, self.names, self.joint, *self.span, sign
+        )
+        return path_tables(scene, max(segments, self.min_cable_segments))
+
+    @property
+    def min_cable_segments(self) -> int:
+        """Segments that the cables have at least: a path in the open needs its own."""
+        return max(c.segments for c in self.cables) if self.led in OPEN_PATHS else 1
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+        return joint if self.lever is None else self.lever.turned(joint)
+
+    def following(self, joint: FloatArray) -> FloatArray:
+        """Return the motor angle at which the cables keep their length (samples,)."""
+        ratio = self.joint_radius / self.motor_radius
+        found: FloatArray = ratio * self.turned(joint)
+        return found
+
+    def carried(self, motor: FloatArray) -> FloatArray:
+        """Return the joint angle at which the cables keep their length (samples,).
+
+        At the ends of what the scene is known for it stays.
+        """
+        if self.lever is None:
+            found: FloatArray = self.motor_radius / self.joint_radius * motor
+            return found
+        known = self.lever.joint
+        found = np.interp(motor, self.following(known), known)
+        return found
+
+    def replay(
+        self, dt: float, motor_angle: FloatArray, joint_angle: FloatArray
+    ) -> Driven:
+        """Play both angles through the cables of the scene, from rest.
+
+        Args:
+            dt: time between samples [s].
+            motor_angle: (samples,) [rad].
+            joint_angle: (samples,) [rad].
+        """
+        own = self.courses(max(cable.segments for cable in self.cables))
+        if own:
+            drive = CoupledCables(self.cables, own, self.motor_radius)
+            return drive.replay(dt, motor_angle=motor_angle, joint_angle=joint_angle)
+        played = self.transmission.replay(
+            dt, motor_angle=motor_angle, joint_angle=self.turned(joint_angle)
+        )
+        if self.lever is None:
+            return played
+        share = self.lever.share(joint_angle)
+        return replace(
+            played, joint_angle=joint_angle, joint_torque=played.joint_torque * share
+        )
+
+    def known(self, constants: Mapping[str, Constant]) -> Bench:
+        """Return the bench with constants of the rig's file in place of the scene's.
+
+        Args:
+            constants: of `[rig]`, see `RIG_CONSTANTS`.
+
+        Raises:
+            CableError: a radius of the joint, where the scene's path has the arm.
+        """
+        if self.tied and "joint_radius" in constants:
+            raise CableError(
+                "[rig] joint_radius is of a pulley, and in scene "
+                f"{self.path} the path of cable {self.names[0]} is the arm at joint "
+                f"{self.joint!r}; take it out, or correct the sites of that path"
+            )
+        value = {name: constant.value for name, constant in constants.items()}
+        of_cables = ("pretension", "axial_stiffness", "friction")
+        cable = {name: value[name] for name in of_cables if name in value}
+        return replace(
+            self,
+            cables=tuple(given.replace(**cable) for given in self.cables),
+            motor_radius=value.get("motor_radius", self.motor_radius),
+            joint_radius=value.get("joint_radius", self.joint_radius),
+            exit_angle=value.get("exit_angle", self.exit_angle),
+        )
+
+    @classmethod
+    def of(cls, scene: str | Path) -> Bench:
+        """Read a scene.
+
+        Raises:
+            CableError: the scene cannot be read, has no cable or more than two, or its
+                cables do not connect the same two hinge joints.
+        """
+        path = Path(scene)
+        if not path.is_file():
+            raise CableError(f"scene {path} is no file; give an MJCF file")
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+            model = spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise CableError(f"scene {path} does not load: {reason}") from None
+        cables = from_mjcf(spec)
+        if len(cables) not in (1, 2):
+            raise CableError(
+                f"scene {path} has {len(cables)} cables; a diagnosis takes one cable "
+                f"or a pull-pull pair (plugin `{PLUGIN}`)"
+            )
+        found = {
+            name: _cable_connections(spec, model, path, name, cable)
+            for name, cable in cables.items()
+        }
+        levers = {name: found[name].lever for name in cables}
+        # Positive motor rotation draws the agonist towards the motor: negative gear.
+        order = sorted(found, key=lambda name: found[name][1])
+        (motor, proximal, joint, distal, lever) = found[order[0]]
+        kinds = {path_motion(cable) for cable in cables.values()}
+        if len(kinds) > 1:
+            raise CableError(
+                f"scene {path}: its two cables are led unlike each other (`path` or "
+                "`bend`); a diagnosis takes a pull-pull pair of like cables"
+            )
+        (led,) = kinds
+        for name in order if led else ():
+            where = f"scene {path}: cable {name}"
+            require_single_mover(model, name, found[name].joint, where)
+        segments = {cable.segments for cable in cables.values()}
+        if led and len(segments) > 1:
+            raise CableError(
+                f"scene {path}: its two cables have unlike `segments`; give them as "
+                "many each"
+            )
+        if len(order) == 2 and any(levers.values()):
+            raise CableError(
+                f"scene {path} has two cables, and {order[0] if lever else order[1]} "
+                "pulls a lever; a diagnosis takes one cable to a lever, or a pull-pull "
+                "pair on pulleys"
+            )
+        signs = [(found[n][1] < 0.0, found[n][3] < 0.0) for n in order]
+        wanted = [(True, True), (False, False)][: len(order)]
+        if signs != wanted:
+            raise CableError(
+                f"scene {path}: the gears of its cables have signs that do not let "
+                "positive motor rotation pull the joint positive; the agonist has both "
+                "gears negative, the antagonist both positive"
+            )
+        for name in order[1:]:
+            if (found[name][0], found[name][2]) != (motor, joint):
+                raise CableError(
+                    f"scene {path}: cables {order[0]} and {name} connect different "
+                    "joints; a pull-pull pair has both in common"
+                )
+            if (-found[name][1], -found[name][3]) != (proximal, distal):
+                raise CableError(
+                    f"scene {path}: cables {order[0]} and {name} have pulleys of "
+                    "different radii; a pull-pull pair shares both pulleys"
+                )
+        return cls(
+            path,
+            hashlib.sha256(path.read_bytes()).hexdigest(),
+            tuple(order),
+            tuple(cables[name] for name in order),
+            motor,
+            joint,
+            motor_radius=abs(proximal),
+            joint_radius=abs(distal),
+            lever=lever,
+            led=led,
+            span=_span(model, joint, lever),
+            drawn_radius=abs(distal),
+        )
+
+
+class _Ends(NamedTuple):
+    """Joint and gear of both ends of a cable; a lever's gear is that of a pulley."""
+
+    motor: str
+    proximal: float
+    joint: str
+    distal: float
+    lever: Lever | None
+
+
+def _cable_connections(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str, cable: Cable
+) -> _Ends:
+    """Return the two joints that a cable connects."""
+    ends: list[tuple[str, float]] = []
+    lever = None
+    for actuator in spec.actuators:
+        if actuator.plugin.name != name:
+            continue
+        if ends and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
+            where = f"scene {path}: cable {name}"
+            gear, tendon = float(actuator.gear[0]), str(actuator.target)
+            if is_tied_to_path(model, name, cable, tendon):
+                turned, arm, lever = tied_joint(model, name, where)
+            else:
+                turned, arm, lever = lever_of(model, tendon, gear, where)
+            ends.append((turned, -arm))
+            continue
+        joint = spec.joint(actuator.target)
+        hinge = joint is not None and joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or not hinge:
+            raise CableError(
+                f"scene {path}: cable {name} ends at {actuator.target!r}; a diagnosis "
+                "needs its proximal end on the pulley of a hinge joint, and its distal "
+                "end on another or on a lever"
+            )
+        ends.append(
+            (_driven_joint(model, str(actuator.target)), float(actuator.gear[0]))
+        )
+    (motor, proximal), (output, distal) = ends
+    return _Ends(motor, proximal, output, distal, lever)
+
+
+def _span(
+    model: mujoco.MjModel, joint: str, lever: Lever | None
+) -> tuple[float, float]:
+    """Return the known joint angles of the scene in the data's count [rad]."""
+    known = swept_angles(model, joint) if lever is None else lever.joint
+    return float(known[0]), float(known[-1])
+
+
+def _driven_joint(model: mujoco.MjModel, joint: str) -> str:
+    """Return the joint that a pulley with play drives, else the joint itself.
+
+    Play is a limited fixed tendon whose length is the pulley angle less the joint's.
+    """
+    pulley = model.joint(joint).id
+    for tendon in np.flatnonzero(model.tendon_limited):
+        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+        wraps = slice(first, first + count)
+        if count != 2 or (model.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT).any():
+            continue
+        ends, coefficients = model.wrap_objid[wraps], model.wrap_prm[wraps]
+        if ends[0] == pulley and coefficients[0] == -coefficients[1]:
+            return str(model.joint(int(ends[1])).name)
+    return joint

@@ -1,0 +1,135 @@
+"""Channels that a trial may hold, in one table, and the units their readings come in.
+
+A channel is called by its column, whose name ends in the unit: `motor_angle_rad`. The
+same column in another unit may be called by that unit: `motor_angle_deg`.
+"""
+
+from __future__ import annotations
+
+import re
+
+from cc_mujoco._utils.units import ANGLE as ANGLE
+from cc_mujoco._utils.units import CLOCK as CLOCK
+from cc_mujoco._utils.units import FORCE as FORCE
+from cc_mujoco._utils.units import TORQUE as TORQUE
+from cc_mujoco._utils.units import Kind, last_word
+from cc_mujoco._utils.units import unit_of as unit_of
+from cc_mujoco.errors import CableError
+
+TIME = "time_s"
+VALID = "valid"
+TEMPERATURE = "temperature_c"
+MOTOR_ANGLE, MOTOR_TORQUE = "motor_angle_rad", "motor_torque_nm"
+MOTOR_CURRENT = "motor_current_a"
+JOINT_ANGLE, JOINT_TORQUE = "joint_angle_rad", "joint_torque_nm"
+
+ANGLES = (MOTOR_ANGLE, JOINT_ANGLE)
+TORQUES = (MOTOR_TORQUE, JOINT_TORQUE)
+MAIN_CHANNELS = (MOTOR_ANGLE, MOTOR_TORQUE, JOINT_ANGLE, JOINT_TORQUE)
+"""Angles and torques of both ends."""
+REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
+NON_TENSION_CHANNELS = (*MAIN_CHANNELS, MOTOR_CURRENT, TEMPERATURE)
+"""Channels of a trial other than tensions and time."""
+
+TENSION_TEMPLATE = "tension_<cable>_<proximal|distal>_n"
+_TENSION_PATTERN = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
+_TENSION_UNIT_PATTERN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z]+)")
+
+
+CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
+TEMPERATURE_KIND = Kind("temperature", "degC", {"degC": 1.0})
+MASK = Kind("mask", "1", {"1": 1.0})
+
+_KINDS = {
+    TIME: CLOCK,
+    MOTOR_ANGLE: ANGLE,
+    MOTOR_TORQUE: TORQUE,
+    MOTOR_CURRENT: CURRENT,
+    JOINT_ANGLE: ANGLE,
+    JOINT_TORQUE: TORQUE,
+    TEMPERATURE: TEMPERATURE_KIND,
+    VALID: MASK,
+}
+
+_UNIT_HINTS = {
+    **dict.fromkeys(
+        ("mm", "cm"), "a length; over the radius of its pulley it is an angle in rad"
+    ),
+    **dict.fromkeys(("rpm", "rps"), "a speed; its integral over time is an angle"),
+    **dict.fromkeys(
+        ("kg", "lb", "lbs"), "a mass; its weight is a force, in kgf or in lbf"
+    ),
+    **dict.fromkeys(
+        ("ma", "amp"),
+        "a current; times the torque constant it is a motor's torque: call it "
+        "motor_current_a or motor_current_ma and declare [rig] torque_constant",
+    ),
+    **dict.fromkeys(
+        ("mv", "volt"), "a voltage; apply the calibration of its sensor first"
+    ),
+    **dict.fromkeys(
+        map(str.lower, FORCE.factors),
+        "a force; times the radius of its pulley it is a torque",
+    ),
+}
+"""Hint by unit suffix: the quantity of the reading, and its conversion to a channel."""
+
+
+def kind_of(channel: str) -> Kind:
+    """Return the kind of quantity of the channel of this name.
+
+    Raises:
+        CableError: there is no such channel.
+    """
+    if is_tension(channel):
+        return FORCE
+    if channel not in _KINDS:
+        raise CableError.unknown("channel", channel, [*_KINDS, TENSION_TEMPLATE])
+    return _KINDS[channel]
+
+
+def is_tension(column: str) -> bool:
+    """Return whether the name of a column is that of a measured end tension."""
+    return _TENSION_PATTERN.fullmatch(column) is not None
+
+
+def cable_end(tension: str) -> tuple[str, str]:
+    """Return the cable and the end of a tension channel; "" for the only cable."""
+    found = _TENSION_PATTERN.fullmatch(tension)
+    assert found is not None
+    return found[1] or "", found[2]
+
+
+def bare_name(column: str) -> str:
+    """Return the name of a column without its struct, group, topic or file."""
+    return re.split(r"[./]", column)[-1]
+
+
+def spellings(channel: str) -> dict[str, str]:
+    """Return the possible column names of a channel, with their units."""
+    measured = kind_of(channel)
+    if measured in (TEMPERATURE_KIND, MASK):
+        return {channel: measured.unit}
+    stem = channel[: channel.rindex("_")]
+    return {f"{stem}_{unit.lower()}": unit for unit in measured.factors}
+
+
+def tension_channel(column: str) -> str:
+    """Return the tension channel of a column in any unit of force, or "".
+
+    Raises:
+        CableError: the unit belongs to another quantity.
+    """
+    found = _TENSION_UNIT_PATTERN.fullmatch(column)
+    if found is None:
+        return ""
+    if unit_of(column, FORCE):
+        return f"{found[1]}n"
+    if other := explain_unknown_column(column):
+        raise CableError(f"column {column} is {other}.")
+    return ""
+
+
+def explain_unknown_column(column: str) -> str:
+    """Return the quantity of a column without a channel by its unit, and advice."""
+    return _UNIT_HINTS.get(last_word(column), "")

@@ -1,0 +1,329 @@
+"""The time of a recording: from rows as recorded to stretches sampled evenly.
+
+A gap, a missing reading or a masked row ends a stretch; nothing is interpolated across
+it. Only where times jitter inside a stretch is it sampled anew, linearly: between times
+that are those of the readings, however uneven, the error is that of the chord.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.datasets._channels import ANGLES, CLOCK, TEMPERATURE, TIME, VALID
+from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._dataset_file import DatasetFile
+from cc_mujoco.datasets._quantization import interpolate_readings, resolution
+from cc_mujoco.datasets._reading import Recording
+from cc_mujoco.datasets._sorting import MAX_MISSING_SHARE
+from cc_mujoco.datasets._trials import Facts, FloatArray
+
+GAP_FACTOR = 3.0
+"""An interval of more than so many usual ones is a gap."""
+MIN_RATE, LOW_RATE = 25.0, 100.0
+"""Rates below which data are of no use, and of limited use [Hz]."""
+MIN_SEGMENT_TIME, MIN_SEGMENT_SAMPLES = 0.2, 20
+"""A stretch is at least so long [s], and has so many samples."""
+
+_MAX_RATE = 5e3  # rate of any rig [Hz]
+_BUNCH_FACTOR = 0.1  # intervals of less than so many usual ones come in bunches
+_MAX_BUNCHED_SHARE = 0.05
+_GRID_TOLERANCE = 0.1  # share of a step by which times may be off an even grid
+
+
+@dataclass
+class SampledTrack:
+    """Evenly sampled stretches of a recording.
+
+    Attributes:
+        time: (samples,) [s].
+        values: (samples,) by channel, finite in segments.
+        segments: stretches in order.
+        step: time between samples [s].
+        digits: quantisation step of the readings by channel, 0 if they show none.
+    """
+
+    time: FloatArray
+    values: dict[str, FloatArray]
+    segments: tuple[slice, ...]
+    step: float
+    digits: dict[str, float]
+
+
+def find_segments(
+    recording: Recording, facts: Facts, file: DatasetFile
+) -> tuple[SampledTrack | None, list[DataFinding]]:
+    """Find the stretches of a recording that can be used.
+
+    Args:
+        recording: whose times increase (see `order`).
+        facts: what is known of the trial.
+        file: what the columns mean.
+
+    Returns:
+        The stretches, None if there is nothing to use; and what was noticed.
+    """
+    name = recording.name
+    findings = [warning(message, name) for message in recording.remarks]
+    if recording.rows < 2:
+        rows = "one row of data" if recording.rows else "no rows of data"
+        message = (
+            f"{recording.path} has {rows}; a trial needs at least {MIN_SEGMENT_TIME} s."
+        )
+        return None, [error(message, name)]
+    time = recording.values[TIME]
+    step = float(np.median(np.diff(time)))
+    lasts = float(time[-1] - time[0])
+    rate, found = _rate(recording, file, step, lasts)
+    findings += found
+    digits = {
+        channel: resolution(value)
+        for channel, value in recording.values.items()
+        if channel not in (TIME, VALID)
+    }
+    values = _on_one_clock(recording, file, digits)
+    good, found = _counted_samples(recording, time, values, facts)
+    findings += found
+    breaks, found = _gaps(recording, time, step)
+    findings += found
+    segments = _counted_runs(
+        good, breaks, max(MIN_SEGMENT_SAMPLES, round(MIN_SEGMENT_TIME * rate))
+    )
+    if not segments:
+        message = f"lasts {lasts:.3g} s; a trial needs at least {MIN_SEGMENT_TIME} s."
+        if other := _suggest_time_unit(recording, file, rate, lasts):
+            message = (
+                f"lasts {lasts:.3g} s with {len(time)} samples, {rate:.3g} per second; "
+                f"{other}."
+            )
+        elif lasts >= MIN_SEGMENT_TIME and len(time) < MIN_SEGMENT_SAMPLES:
+            message = (
+                f"has {len(time)} samples; "
+                f"a trial needs at least {MIN_SEGMENT_SAMPLES}."
+            )
+        elif lasts >= MIN_SEGMENT_TIME:
+            message = (
+                f"has no stretch of {MIN_SEGMENT_TIME} s without a gap or a missing "
+                "reading; record without interruption."
+            )
+        findings.append(error(f"{recording.path} {message}", name))
+        return None, findings
+    values.pop(VALID, None)
+    track, found = _resample_evenly(
+        recording, SampledTrack(time, values, segments, step, digits)
+    )
+    return track, findings + found
+
+
+def _suggest_time_unit(
+    recording: Recording, file: DatasetFile, rate: float, lasts: float
+) -> str:
+    """Return the declaration for times in another unit, or "" if none fits."""
+    label = recording.labels.get(TIME, TIME)
+    now = CLOCK.factors[file.unit(TIME, label)]
+    for unit, factor in CLOCK.factors.items():
+        scale = factor / now
+        likely = (
+            MIN_RATE < rate / scale < _MAX_RATE and scale * lasts >= MIN_SEGMENT_TIME
+        )
+        if scale != 1.0 and likely:
+            if set(recording.paths.values()) - {recording.path}:
+                return f"check the `unit` of its files in [files]; {unit!r} would do"
+            return (
+                f"declare [columns.{TIME}] unit = {unit!r} if that is what {label} "
+                "holds"
+            )
+    return ""
+
+
+def _rate(
+    recording: Recording, file: DatasetFile, step: float, lasts: float
+) -> tuple[float, list[DataFinding]]:
+    """Return the sampling rate [Hz], with a finding if it is too low."""
+    rate = 1.0 / step
+    message = f"{recording.column(TIME)}: {rate:.4g} samples per second"
+    if rate < MIN_RATE:
+        text = (
+            f"{message} are too few to see friction at reversals; record at 200 or more"
+        )
+        if other := _suggest_time_unit(recording, file, rate, lasts):
+            text += f", or {other}"
+        return rate, [error(f"{text}.", recording.name, TIME)]
+    if rate < LOW_RATE:
+        text = f"{message} blur what happens at reversals; 200 or more are better."
+        return rate, [warning(text, recording.name, TIME)]
+    return rate, []
+
+
+def _on_one_clock(
+    recording: Recording, file: DatasetFile, digits: dict[str, float]
+) -> dict[str, FloatArray]:
+    """Return values at the common times, interpolated for delays and other clocks."""
+    time = recording.values[TIME]
+    values = {}
+    for channel, value in recording.values.items():
+        if channel == TIME:
+            continue
+        delay = file.source(channel).delay
+        clock = recording.clocks.get(channel)
+        if clock is not None or delay != 0.0:
+            own = time if clock is None else clock
+            digit = digits[channel] if channel in ANGLES else 0.0
+            value = _interpolate(time + delay, own, value, digit)
+        if channel == VALID and clock is not None:  # between 1 and 0 nothing counts
+            value = np.where((value > 0.0) & (value < 1.0), 0.0, value)
+        values[channel] = value
+    return values
+
+
+def _interpolate(
+    wanted: FloatArray, clock: FloatArray, values: FloatArray, digit: float
+) -> FloatArray:
+    """Return values at other times, NaN outside, in gaps and near missing readings."""
+    if len(clock) < 2:
+        return np.full_like(wanted, np.nan)
+    interval = np.diff(clock)
+    after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
+    found = interpolate_readings(wanted, clock, values, digit)
+    found[interval[after - 1] > GAP_FACTOR * np.median(interval)] = np.nan
+    return found
+
+
+def _counted_samples(
+    recording: Recording,
+    time: FloatArray,
+    values: dict[str, FloatArray],
+    facts: Facts,
+) -> tuple[NDArray[np.bool_], list[DataFinding]]:
+    """Return which samples count: none missing or masked, in declared stretches."""
+    name = recording.name
+    findings = []
+    good = np.ones(len(time), dtype=bool)
+    mask = values.get(VALID)
+    if mask is not None:
+        if not np.isin(mask[~np.isnan(mask)], (0.0, 1.0)).all():
+            problem = "holds other numbers than 0 and 1; 1 means that the row counts."
+            findings.append(error(f"{recording.column(VALID)} {problem}", name, VALID))
+        good &= mask == 1.0
+        if not good.any():
+            problem = "is 1 in no row; 1 means that the row counts."
+            findings.append(error(f"{recording.column(VALID)} {problem}", name, VALID))
+    if facts.valid is not None:
+        inside = np.zeros(len(time), dtype=bool)
+        for start, stop in facts.valid:
+            inside |= (time >= start) & (time <= stop)
+        if not inside.any():
+            problem = f"has no sample in the stretches declared valid, {facts.valid}"
+            ends = f"its times are {time[0]:.6g} to {time[-1]:.6g} s"
+            findings.append(error(f"{recording.path} {problem}; {ends}.", name))
+        good &= inside
+    total = max(1, int(np.count_nonzero(good)))
+    for channel, value in tuple(values.items()):
+        missing = np.isnan(value)
+        lost = int(np.count_nonzero(missing & good)) if missing.any() else 0
+        if channel == VALID or not lost:
+            continue
+        problem = f"{recording.column(channel)} lacks {lost} of {total} readings"
+        if channel == TEMPERATURE:  # which is only told, and worth no trial
+            del values[channel]
+            findings.append(warning(f"{problem}; it is left out.", name, channel))
+        elif lost > MAX_MISSING_SHARE * total:
+            advice = "repair the sensor or leave the trial out."
+            findings.append(error(f"{problem}; {advice}", name, channel))
+        else:
+            advice = "the trial is split there and nothing is filled in."
+            findings.append(warning(f"{problem}; {advice}", name, channel))
+    for channel, value in values.items():
+        if channel != VALID:
+            good &= ~np.isnan(value)
+    return good, findings
+
+
+def _gaps(
+    recording: Recording, time: FloatArray, step: float
+) -> tuple[NDArray[np.intp], list[DataFinding]]:
+    """Return the rows after a gap, and whether the rest comes in bunches."""
+    name = recording.name
+    change = np.diff(time)
+    gap = change > GAP_FACTOR * step
+    findings = []
+    if gap.any():
+        longest = int(np.argmax(change))
+        findings.append(
+            warning(
+                f"{recording.column(TIME)} has {np.count_nonzero(gap)} gaps, the "
+                f"longest of {change[longest]:.4g} s at {time[longest]:.6g} s; the "
+                "trial is split there and nothing is filled in.",
+                name,
+                TIME,
+            )
+        )
+    bunched = np.count_nonzero((change < _BUNCH_FACTOR * step) | gap)
+    if bunched > _MAX_BUNCHED_SHARE * len(change):
+        findings.append(
+            error(
+                f"{recording.column(TIME)}: {bunched / len(change):.0%} of the "
+                f"intervals are less than a tenth of the usual {1e3 * step:.4g} ms or "
+                f"more than {GAP_FACTOR:g} times as long, as where readings arrive in "
+                "bunches; use the times of the sampling clock, not those of arrival.",
+                name,
+                TIME,
+            )
+        )
+    return np.flatnonzero(gap) + 1, findings
+
+
+def _counted_runs(
+    good: NDArray[np.bool_], breaks: NDArray[np.intp], fewest: int
+) -> tuple[slice, ...]:
+    """Return the runs of valid samples that are long enough and have no gap."""
+    edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
+    runs = []
+    for start, stop in edges.reshape(-1, 2):
+        inside = breaks[(breaks > start) & (breaks < stop)]
+        ends = [start, *inside, stop]
+        runs += [(a, b) for a, b in itertools.pairwise(ends)]
+    return tuple(slice(int(a), int(b)) for a, b in runs if b - a >= fewest)
+
+
+def _resample_evenly(
+    recording: Recording, track: SampledTrack
+) -> tuple[SampledTrack, list[DataFinding]]:
+    """Return the same stretches, sampled evenly."""
+    time, segments = track.time, track.segments
+    spans = [
+        (time[part][0], time[part][-1], part.stop - part.start) for part in segments
+    ]
+    step = sum(b - a for a, b, _ in spans) / sum(n - 1 for _, _, n in spans)
+    off = max(
+        float(np.abs(time[part] - (a + step * np.arange(n))).max())
+        for part, (a, _, n) in zip(segments, spans, strict=True)
+    )
+    if off <= _GRID_TOLERANCE * step:
+        return replace(track, step=step), []
+    # By rounding the last time may lie beyond the last reading.
+    grids = [
+        np.minimum(a + step * np.arange(int((b - a) / step + 1e-6) + 1), b)
+        for a, b, _ in spans
+    ]
+    values = {
+        channel: np.concatenate(
+            [
+                interpolate_readings(grid, time[part], value[part], digit)
+                for grid, part in zip(grids, segments, strict=True)
+            ]
+        )
+        for channel, value in track.values.items()
+        for digit in [track.digits.get(channel, 0.0) if channel in ANGLES else 0.0]
+    }
+    ends = np.cumsum([0, *(len(grid) for grid in grids)])
+    parts = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
+    message = (
+        f"{recording.column(TIME)} is off an even clock by up to {1e3 * off:.3g} ms; "
+        f"the readings were interpolated at {1 / step:.5g} Hz."
+    )
+    even = SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
+    return even, [warning(message, recording.name, TIME)]

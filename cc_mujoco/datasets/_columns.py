@@ -1,0 +1,216 @@
+"""Assignment of the columns of a file to channels and units.
+
+A column in a struct, group, topic or file of a trial may be called by its last name
+alone (`motor_angle_deg` for `data.motor_angle_deg`) where there is one such.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
+from cc_mujoco.errors import CableError
+
+DATASET_FILE = "dataset.toml"
+
+_SIDE_WORDS = {
+    "motor": ("motor", "drive", "actuator", "proximal", "input", "pulley"),
+    "joint": (
+        *("joint", "handle", "output", "distal", "load", "finger", "wrist"),
+        *("elbow", "shoulder", "hip", "knee", "ankle"),
+    ),
+}
+"""Words in names of columns that speak of either end of a cable."""
+_PLOTJUGGLER_TIME = "__time"
+_STAMP_PATTERN = re.compile(r"(.*stamp[._/])(secs?)")
+_NANOSECOND_NAMES = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
+
+
+def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Return the columns of seconds and nanoseconds of message stamps, by stem."""
+    found = {}
+    for name in names:
+        if (stamp := _STAMP_PATTERN.fullmatch(name)) is not None:
+            for nano in _NANOSECOND_NAMES[stamp[2]]:
+                if stamp[1] + nano in names:
+                    found[stamp[1][:-1]] = (name, stamp[1] + nano)
+    return found
+
+
+def columns_named(name: str, names: Sequence[str]) -> list[str]:
+    """Return the columns of exactly this name, else those of this last name."""
+    if name in names:
+        return [name]
+    return [full for full in names if channels.bare_name(full) == name]
+
+
+def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
+    """Return the one column of this name.
+
+    Args:
+        where: the file, for a sentence.
+        what: the column is for.
+        name: as `dataset.toml` has it.
+        names: of all columns.
+
+    Raises:
+        CableError: there is none, or there are several.
+    """
+    places = columns_named(name, names)
+    if len(set(places)) > 1:
+        raise _ambiguous_column(where, places, what)
+    if not places:
+        raise _missing_column(where, what, name, names)
+    return places[0]
+
+
+def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
+    """Return the column and unit of the times of a file.
+
+    Raises:
+        CableError: there is none, or there are several.
+    """
+    if given.time is not None:
+        name = find_column(where, channels.TIME, given.time, names)
+    else:
+        own = channels.spellings(channels.TIME)
+        places = [full for word in own for full in columns_named(word, names)]
+        places = (
+            places or columns_named(_PLOTJUGGLER_TIME, names) or [*stamp_columns(names)]
+        )
+        if len(set(places)) > 1:
+            raise _ambiguous_column(where, places, channels.TIME)
+        if not places:
+            raise _missing_column(where, channels.TIME, channels.TIME, names)
+        name = places[0]
+    spelled = channels.spellings(channels.TIME).get(channels.bare_name(name))
+    return name, given.unit or spelled or channels.CLOCK.unit
+
+
+def channel_sources(
+    where: str, names: Sequence[str], file: DatasetFile
+) -> dict[str, tuple[str, str]]:
+    """Return the column and unit of every channel that a trial has, time aside.
+
+    Raises:
+        CableError: one is missing, or there are several. A torque may be missing where
+            something stands in for it, see `file.has_substitute`.
+    """
+    optional = [channel for name in names if (channel := _tension_channel(where, name))]
+    optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
+    found: dict[str, tuple[str, str]] = {}
+    absent = []
+    for channel in dict.fromkeys([*channels.MAIN_CHANNELS, *file.columns, *optional]):
+        source = file.source(channel)
+        if channel == channels.TIME or not source.measured:
+            continue
+        if source.name is not None:
+            column = find_column(where, channel, source.name, names)
+        else:
+            own = channels.spellings(channel)
+            places = [full for word in own for full in columns_named(word, names)]
+            if len(set(places)) > 1:
+                raise _ambiguous_column(where, places, channel)
+            if not places:
+                if channel in channels.MAIN_CHANNELS or channel in file.columns:
+                    absent.append(channel)
+                continue
+            column = places[0]
+        found[channel] = (column, file.unit(channel, column))
+    for channel in absent:
+        if not (channel in channels.TORQUES and file.has_substitute(channel, found)):
+            taken = [column for column, _ in found.values()]
+            raise _missing_column(where, channel, channel, names, taken)
+    return found
+
+
+def _ambiguous_column(where: str, places: Sequence[str], channel: str) -> CableError:
+    """Return the error for a name that several columns have."""
+    return CableError(
+        f"{where} has {' and '.join(dict.fromkeys(places))}; say in {DATASET_FILE} "
+        f"which of them is {channel}: [columns.{channel}], name."
+    )
+
+
+def _tension_channel(where: str, column: str) -> str:
+    """Return the channel of a column that is a tension by its name, else empty."""
+    try:
+        return channels.tension_channel(channels.bare_name(column))
+    except CableError as error:
+        raise CableError(f"{where}: {error}") from None
+
+
+def _missing_column(
+    where: str,
+    channel: str,
+    name: str,
+    names: Sequence[str],
+    used: Sequence[str] = (),
+) -> CableError:
+    """Return the error for a column that is not there.
+
+    Args:
+        where: the file.
+        channel: that it is for, or what else.
+        name: of the column.
+        names: of all columns.
+        used: columns that are other channels already.
+    """
+    listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    if channel != name:
+        near = _nearest_name(name, names)
+        hint = f" (is it {near!r}?)" if near else ""
+        return CableError(
+            f"{where} has no column {name!r} for {channel}{hint}: {listing}."
+        )
+    missing = f"{where} has no column {channel!r}, only {listing}"
+    measured = channels.kind_of(channel)
+    taken = {
+        own for other in channels.REQUIRED_CHANNELS for own in channels.spellings(other)
+    }
+    free = [
+        n
+        for n in names
+        if n not in (*taken, *used)
+        and not channels.tension_channel(n)
+        and not _names_other_side(n, channel)
+    ]
+    same_kind = [n for n in free if channels.unit_of(n, measured)]
+    if column := _nearest_name(name, same_kind, 0.0):
+        return CableError(
+            f"{missing}; if it is {column!r}, say so in {DATASET_FILE}, which converts "
+            f"it: [columns.{channel}] name = {column!r}, unit = "
+            f"{channels.unit_of(column, measured)!r}."
+        )
+    others = [n for n in free if channels.explain_unknown_column(n)]
+    plain = [n for n in free if n not in others]
+    if near := _nearest_name(name, plain):
+        missing += f" (is it {near!r}?)"
+    elif other := _nearest_name(name, others, 0.4):
+        return CableError(
+            f"{missing}; {other!r} is {channels.explain_unknown_column(other)}."
+        )
+    listing = f"{missing}; rename one or map it in {DATASET_FILE}"
+    if channel in channels.TORQUES:
+        listing += f", or declare [columns.{channel}] measured = false"
+    if channel in channels.ANGLES:
+        listing += "; without this angle there is nothing to play through the cables"
+    return CableError(f"{listing}.")
+
+
+def _names_other_side(column: str, channel: str) -> bool:
+    """Return whether the name of a column speaks of the other end of the cable only."""
+    word = column.lower()
+    sides = {
+        side: any(each in word for each in words) for side, words in _SIDE_WORDS.items()
+    }
+    own = channel.partition("_")[0]
+    return own in sides and not sides[own] and any(sides.values())
+
+
+def _nearest_name(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:
+    """Return the name most similar to another, or an empty one."""
+    return next(iter(difflib.get_close_matches(name, names, 1, cutoff)), "")

@@ -1,0 +1,43 @@
+"""Findings about the data: one sentence each."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+
+class DataFinding(NamedTuple):
+    """Something about the data that its owner should know.
+
+    Attributes:
+        severity: `error` where nothing may be concluded before it is put right,
+            `warning` where the program has dealt with it or can live with it, `doubt`
+            where it can, too, but the owner should settle it before anything else.
+        statement: one sentence with file and column, and what would be right.
+        trial: name of the trial, empty if the finding is about all of them.
+        channel: name of the channel (see `channels`), empty if it is about several.
+    """
+
+    severity: Literal["error", "warning", "doubt"]
+    statement: str
+    trial: str = ""
+    channel: str = ""
+
+
+def error(statement: str, trial: str = "", channel: str = "") -> DataFinding:
+    """Return a finding that must be corrected before a diagnosis."""
+    return DataFinding("error", statement, trial, channel)
+
+
+def warning(statement: str, trial: str = "", channel: str = "") -> DataFinding:
+    """Return a finding that does not prevent a diagnosis."""
+    return DataFinding("warning", statement, trial, channel)
+
+
+def doubt(statement: str, trial: str = "", channel: str = "") -> DataFinding:
+    """Return a finding that puts the conclusions from the data in doubt."""
+    return DataFinding("doubt", statement, trial, channel)
+
+
+def errors(findings: list[DataFinding]) -> list[DataFinding]:
+    """Return the findings that must be corrected before a diagnosis."""
+    return [finding for finding in findings if finding.severity == "error"]

@@ -1,0 +1,508 @@
+"""`dataset.toml`: what the columns of the trials mean, the rig, and facts per trial.
+
+All of it is optional. An example with every key:
+
+    name = "wrist rig, March"
+    notes = "cables relaid on Monday"
+
+    [columns.motor_angle_rad]       # one table per channel that needs one
+    name = "theta_m"                # column in the files, if called otherwise
+    unit = "deg"                    # of the readings, if not the channel's own
+    sign = -1                       # value = sign * (reading - offset) * unit
+    offset = 1.5                    # reading at true zero, in `unit`
+    delay = 0.004                   # s by which this channel comes late
+    clock = "t_encoder"             # its own column of times, if it has a clock
+    noise = 0.01                    # standard deviation, in `unit`
+    resolution = 0.02               # quantisation step, in `unit`
+
+    [columns.joint_torque_nm]
+    measured = false                # of a torque that no instrument tells
+
+    [files."run_*"]                 # a trial in several files, each with its times;
+    motor = "motor/run_*.csv"       # `*` stands for the same in all of them
+    joint = { file = "joint/run_*.csv", time = "t", unit = "ms", offset = 350 }
+
+    [rig]                           # uncertainty: one standard deviation
+    motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
+    joint_radius = 0.104
+    exit_angle = { value = 180, unit = "deg" }  # between the tangents of the rope
+    torque_constant = 0.07          # N m/A, where `motor_current_a` is recorded; with
+    gear_ratio = 5                  # turns of the motor per turn of its pulley, and
+    gear_efficiency = 0.9           # 1 unless it is given
+    rotor_inertia = 3e-4            # kg m^2, where the motor's torque is what it makes
+    load_stiffness = 2.5            # N m/rad: where the joint's torque is not measured,
+    load_rest_angle = 0             # what the joint turns, see `RIG_CONSTANTS`
+    load_inertia = { value = 0.004, uncertainty = 0.0002 }
+
+    [trials."run_*"]                # file name with or without ending, or a pattern;
+    pretension = 12.0               # later tables win over earlier ones
+
+    [trials.run_7]
+    split = "test"                  # train or test
+    repeat_of = "run_3"
+    temperature = 23.5              # degC
+    locked = "joint"                # the side that was held fast: motor or joint
+    tilt = 1.57                     # rad by which the rig was turned about the joint's
+                                    # axis, for gravity; positive as the joint is
+    valid = [[0.5, 12.0]]           # stretches of time that count, from and to in s
+    notes = "operator sneezed at the end"
+
+The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,
+`joint_torque_nm` and, if measured, `tension_<cable>_proximal_n`,
+`tension_<cable>_distal_n` (without a name where there is one cable), `motor_current_a`,
+`temperature_c` and `valid` (1 where the sample counts).
+Positive motor rotation pulls the joint positive; the motor torque is what the motor
+puts into its pulley, the joint torque what the transmission puts into the joint.
+
+In `[files]`, `offset` is the reading of a file's clock when that of the trial is at
+zero, in the `unit` of its `time`; columns that two files have are called by the file's
+key as well: `name = "joint.angle"`.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._data_findings import DataFinding, warning
+from cc_mujoco.datasets._file_formats import ENDINGS
+from cc_mujoco.datasets._toml_table import Table, finite
+from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.report._html import list_words
+
+_LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_DIMENSIONLESS = {"1": 1.0}
+_MAX_DELAY = 1.0
+"""Delay of a channel that is no slip of the pen [s]."""
+_INERTIA_UNITS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
+RIG_CONSTANTS: dict[str, dict[str, float]] = {
+    "motor_radius": _LENGTH_UNITS,
+    "joint_radius": _LENGTH_UNITS,
+    "pretension": channels.FORCE.factors,
+    "axial_stiffness": channels.FORCE.factors,
+    "friction": _DIMENSIONLESS,
+    "exit_angle": channels.ANGLE.factors,
+    "torque_constant": {"Nm/A": 1.0, "mNm/A": 1e-3},
+    "gear_ratio": _DIMENSIONLESS,
+    "gear_efficiency": _DIMENSIONLESS,
+    "rotor_inertia": _INERTIA_UNITS,
+    "load_stiffness": {"Nm/rad": 1.0, "Nm/deg": 180.0 / math.pi},
+    "load_rest_angle": channels.ANGLE.factors,
+    "load_inertia": _INERTIA_UNITS,
+    "load_damping": {"Nm s/rad": 1.0},
+    "load_weight": channels.TORQUE.factors,
+    "load_hanging_angle": channels.ANGLE.factors,
+}
+"""Constants that `[rig]` may give, with units, SI first.
+
+The first five stand in place of the scene's: `axial_stiffness` is EA, `friction` the
+coefficient mu; everything else about the rig (conduits, lengths, wrap) is in the scene,
+but for `exit_angle`: how far around the motor's pulley the antagonist leaves it from
+where the agonist does (pi unless given: conduits side by side, one on either side).
+`rotor_inertia`, at the pulley, is what the motor's torque turns before it reaches the
+cables: of a motor whose torque is the one that it was told, or its current.
+The load is what the joint turns, itself included: a spring that is at rest at
+`load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
+its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
+the angles is negative."""
+LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
+"""Those that make a joint's torque of its motion; with their angles."""
+RIG_ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
+UNTUNED_CONSTANTS = (
+    "exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia",
+    "load_hanging_angle",
+)  # fmt: skip
+"""Those that a diagnosis does not tune."""
+MAY_BE_ZERO = ("friction", *RIG_ANGLES, "load_damping")
+"""Those that may be 0."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Source of a channel: value = sign * (reading - offset) * factor.
+
+    Attributes:
+        name: column of the files; None is the channel's own name.
+        unit: of the readings; None is what the name says.
+        sign: 1 or -1.
+        offset: reading at true zero, in the unit of the readings.
+        delay: time by which the channel comes late [s].
+        clock: column with the times of this channel; None is `time_s`.
+        noise: standard deviation in the unit of the readings; None is not known.
+        resolution: quantisation step in the unit of the readings; None is not known.
+        measured: False where no instrument tells this torque.
+    """
+
+    name: str | None = None
+    unit: str | None = None
+    sign: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    clock: str | None = None
+    noise: float | None = None
+    resolution: float | None = None
+    measured: bool = True
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """One of the files of a trial: time = (reading - offset) * factor.
+
+    Attributes:
+        file: its name, `*` standing for what it shares with the trial's.
+        time: column of its times; None is that of `[columns.time_s]`.
+        unit: of these times; None is what the name says.
+        offset: reading at the trial's zero of time, in that unit; None is not known.
+    """
+
+    file: str
+    time: str | None = None
+    unit: str | None = None
+    offset: float | None = None
+
+    def match_wildcard(self, path: Path) -> tuple[Path, str] | None:
+        """Return the folder and the text that `*` matches in a file, or None."""
+        depth = 1 + self.file.count("/")
+        tail = Path(*path.parts[-depth:]).as_posix()
+        found = re.fullmatch(re.escape(self.file).replace(r"\*", "([^/]*)"), tail)
+        if found is None:
+            return None
+        return Path(*path.parts[:-depth]), (found[1] if "*" in self.file else "")
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """Contents of a `dataset.toml`; the default is an empty file."""
+
+    columns: Mapping[str, Source] = field(default_factory=dict)
+    rig: Mapping[str, Constant] = field(default_factory=dict)
+    facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, PartFile]] = field(default_factory=dict)
+    name: str = ""
+    notes: str = ""
+    path: str = ""
+    sha256: str = ""
+
+    def source(self, channel: str) -> Source:
+        """Return the source of a channel."""
+        return self.columns.get(channel, Source())
+
+    def unit(self, channel: str, column: str) -> str:
+        """Return the unit of a channel: declared, in the column's name, or its own."""
+        spelled = channels.spellings(channel)
+        unit = self.source(channel).unit or spelled.get(channels.bare_name(column))
+        return unit or channels.kind_of(channel).unit
+
+    def has_substitute(self, torque: str, found: Iterable[str]) -> bool:
+        """Return whether a torque that has no column follows from something else.
+
+        Args:
+            torque: channel without a column.
+            found: channels that have one.
+        """
+        motor = torque == channels.MOTOR_TORQUE
+        end = "proximal" if motor else "distal"
+        tensions = (name for name in found if channels.is_tension(name))
+        if any(channels.cable_end(name)[1] == end for name in tensions):
+            return True
+        if motor:
+            return channels.MOTOR_CURRENT in found
+        return any(name in self.rig for name in LOAD_CONSTANTS)
+
+    def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
+        """Return the facts of the trial in this file; the last matching table wins.
+
+        Args:
+            path: the file.
+            names: of all trials, by file; None if files are called by their own.
+        """
+        names = names or {path: path.stem}
+        facts = Facts()
+        for pattern, known in self.facts.items():
+            if _matches(path, names[path], pattern):
+                facts = replace(facts, **known)
+        return replace(facts, repeat_of=_resolve_trial(facts.repeat_of, names))
+
+    def check_trials(
+        self, names: Mapping[Path, str], others: Iterable[Path] = ()
+    ) -> list[DataFinding]:
+        """Check that every table of `[trials]` means a file, and so does `repeat_of`.
+
+        Args:
+            names: of the trials, by file.
+            others: data files that were not given but may be meant; only looked at
+                where none of the trials is.
+
+        Returns:
+            A warning for every `repeat_of` that names no file: a part of a dataset may
+            come without the trial that one of its own repeats.
+
+        Raises:
+            CableError: a table means no file, or a trial would repeat itself.
+        """
+        unread = (
+            {path: self._trial_of(path) for path in others}
+            if self._names_unknown_trial(names)
+            else {}
+        )
+        everything = {**unread, **names}
+        absent: list[DataFinding] = []
+        for pattern, known in self.facts.items():
+            where = f"{self.path}, [trials.{pattern!r}]"
+            if not _matches_any(everything, pattern):
+                kind = f"trial in {self.path}, [trials]"
+                raise CableError.unknown(kind, pattern, everything.values())
+            original = _resolve_trial(known.get("repeat_of"), names)
+            if original is not None and not _matches_any(everything, original):
+                there = list_words(sorted(everything.values()))
+                message = (
+                    f"{where}, repeat_of: there is no trial {original!r} among the "
+                    f"data ({there}); the trial is used without it."
+                )
+                absent.append(warning(message))
+            meant = [n for path, n in names.items() if _matches(path, n, pattern)]
+            if original in meant:
+                raise CableError(
+                    f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
+                    "trial that was recorded first."
+                )
+        return absent
+
+    def _trial_of(self, path: Path) -> str:
+        """Name of the trial in this file, which may be one of several."""
+        for trial, parts in self.files.items():
+            for part in parts.values():
+                if found := part.match_wildcard(path):
+                    return trial.replace("*", found[1])
+        return path.stem
+
+    def _names_unknown_trial(self, names: Mapping[Path, str]) -> bool:
+        """Return whether the file mentions a trial that is not among these."""
+        mentioned = [
+            *self.facts,
+            *(known.get("repeat_of") for known in self.facts.values()),
+        ]
+        return not all(
+            _matches_any(names, name) for name in mentioned if name is not None
+        )
+
+
+def read_dataset_file(path: str | Path) -> DatasetFile:
+    """Read a `dataset.toml`.
+
+    Raises:
+        CableError: it cannot be read, has an unknown key or a value that cannot be.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+        content = tomllib.loads(raw.decode("utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {path}: {reason}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    top = Table(str(path), content)
+    top.only("name", "notes", "columns", "files", "rig", "trials")
+    return DatasetFile(
+        columns={n: _source(t, n) for n, t in top.tables("columns").items()},
+        rig=_rig(top.table("rig")),
+        facts={n: _facts(t) for n, t in top.tables("trials").items()},
+        files={n: _files(t, n) for n, t in top.tables("files").items()},
+        name=top.text("name") or "",
+        notes=top.text("notes") or "",
+        path=str(path),
+        sha256=hashlib.sha256(raw).hexdigest(),
+    )
+
+
+def _is_measured(table: Table, channel: str) -> bool:
+    """Return the value of `measured`, true unless it is declared.
+
+    Raises:
+        CableError: it is no truth value, or false of a channel that nothing replaces.
+    """
+    value = table.content.get("measured", True)
+    if not isinstance(value, bool):
+        raise table.wrong("measured", "true or false")
+    if value or channel in channels.TORQUES:
+        return value
+    if channel in channels.ANGLES:
+        raise CableError(
+            f"{table.where}: `measured = false` is possible for one of the two torques "
+            "only; a diagnosis plays both angles through the cables, so this one must "
+            "be recorded."
+        )
+    raise CableError(
+        f"{table.where}: `measured = false` is possible for one of the two torques "
+        "only; a channel that was not recorded needs no table."
+    )
+
+
+def _source(table: Table, channel: str) -> Source:
+    """Return one table of `[columns]`."""
+    try:
+        units = channels.kind_of(channel).factors
+    except CableError as error:
+        raise CableError(f"{table.where}: {error}") from None
+    if channel == channels.VALID:
+        table.only("name")
+    elif channel == channels.TIME:
+        table.only("name", "unit", "offset")
+    elif not _is_measured(table, channel):
+        table.only("measured")
+        return Source(measured=False)
+    else:
+        table.only(*Source.__dataclass_fields__)
+    sign = table.number("sign")
+    if sign not in (None, 1.0, -1.0):
+        raise table.wrong("sign", "1 or -1")
+    delay = table.number("delay") or 0.0
+    if abs(delay) > _MAX_DELAY:
+        raise table.wrong("delay", f"at most {_MAX_DELAY:g} s (milliseconds are 0.001)")
+    return Source(
+        name=table.text("name"),
+        unit=table.choice("unit", units),
+        sign=1.0 if sign is None else sign,
+        offset=table.number("offset") or 0.0,
+        delay=delay,
+        clock=table.text("clock"),
+        noise=table.number("noise", 0.0),
+        resolution=table.number("resolution", 0.0),
+    )
+
+
+def _files(table: Table, trial: str) -> dict[str, PartFile]:
+    """Read one table of `[files]`: the files of a trial by their names there."""
+    if len(table.content) < 2:
+        raise CableError(
+            f"{table.where} must name two files or more; one file needs no table."
+        )
+    parts = {}
+    for key, given in table.content.items():
+        content = given if isinstance(given, dict) else {"file": given}
+        inner = Table(f"{table.where}, {key}", content)
+        inner.only(*PartFile.__dataclass_fields__)
+        name = inner.text("file")
+        if not name:
+            raise CableError(f"{inner.where} needs a `file`.")
+        if name.count("*") != trial.count("*") or trial.count("*") > 1:
+            raise inner.wrong(
+                "file", "a name with one * if the trial's has one, else with none"
+            )
+        parts[key] = PartFile(
+            file=name,
+            time=inner.text("time"),
+            unit=inner.choice("unit", channels.CLOCK.factors),
+            offset=inner.number("offset"),
+        )
+    return parts
+
+
+def _rig(table: Table) -> dict[str, Constant]:
+    """Return the table `[rig]`."""
+    constants = {}
+    for name, given in table.content.items():
+        units = look_up(f"constant in {table.where}", name, RIG_CONSTANTS)
+        is_table = isinstance(given, dict)
+        inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
+        inner.only("value", "uncertainty", "unit")
+        value = inner.number("value", -math.inf if name in RIG_ANGLES else 0.0)
+        if value is None:
+            raise CableError(f"{inner.where} needs a `value`.")
+        if value == 0.0 and name not in MAY_BE_ZERO:
+            raise inner.wrong("value", "more than 0")
+        factor = units[inner.choice("unit", units) or next(iter(units))]
+        doubt = inner.number("uncertainty", 0.0) or 0.0
+        if doubt > value > 0.0 and name not in RIG_ANGLES:
+            right = "one standard deviation in the unit of the value, and no larger"
+            raise inner.wrong("uncertainty", right)
+        if doubt > 0.0 == value and name in LOAD_CONSTANTS:
+            raise inner.wrong("value", "more than 0 where it has an uncertainty")
+        if doubt > 0.0 and name in UNTUNED_CONSTANTS:
+            raise CableError(
+                f"{inner.where}: `uncertainty` cannot be used; a diagnosis takes this "
+                "constant for exact."
+            )
+        constants[name] = Constant(value * factor, doubt * factor)
+    if constants.get("gear_efficiency", Constant(1.0)).value > 1.0:
+        raise table.wrong("gear_efficiency", "more than 0 and no more than 1")
+    return constants
+
+
+def _facts(table: Table) -> dict[str, Any]:
+    """Return one table of `[trials]`: the facts that it gives."""
+    table.only(*Facts.__dataclass_fields__)
+    known = {
+        "split": table.choice("split", get_args(Split)),
+        "repeat_of": table.text("repeat_of"),
+        "pretension": table.number("pretension", 0.0),
+        "temperature": table.number("temperature"),
+        "locked": table.choice("locked", get_args(Locked)),
+        "tilt": _tilt(table),
+        "valid": _time_stretches(table),
+        "notes": table.text("notes"),
+    }
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _tilt(table: Table) -> float | None:
+    """Return the angle by which the rig was turned, None if not given [rad]."""
+    given = table.number("tilt", -math.inf)
+    if given is not None and abs(given) > 2.0 * math.pi:
+        raise table.wrong("tilt", "an angle in radians, at most a turn either way")
+    return given
+
+
+def _time_stretches(table: Table) -> tuple[tuple[float, float], ...] | None:
+    """Return the stretches of time, or None if they are not there."""
+    given = table.content.get("valid")
+    if given is None:
+        return None
+    error = table.wrong("valid", "a list of [from, to] in seconds, from before to")
+    if not isinstance(given, list):
+        raise error
+    stretches = []
+    for pair in given:
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise error
+        start, stop = finite(pair[0]), finite(pair[1])
+        if start is None or stop is None or not start < stop:
+            raise error
+        stretches.append((start, stop))
+    return tuple(stretches)
+
+
+def _resolve_trial(given: str | None, names: Mapping[Path, str]) -> str | None:
+    """Return the trial that a name or a file name denotes, or the bare name."""
+    if given is None or given in names.values():
+        return given
+    bare = Path(given)
+    if bare.suffix.lower() in ENDINGS:
+        bare = bare.with_suffix("")
+    return next((n for path, n in names.items() if path.name == given), bare.as_posix())
+
+
+def _matches_any(names: Mapping[Path, str], pattern: str) -> bool:
+    """Return whether a pattern of `[trials]` means one of these files."""
+    return any(_matches(path, name, pattern) for path, name in names.items())
+
+
+def _matches(path: Path, name: str, pattern: str) -> bool:
+    """Return whether a pattern of `[trials]` means this file.
+
+    A pattern with folders is held against as much of the path: how much of it is in the
+    name depends on which other files were given.
+    """
+    tail = Path(*path.parts[-1 - pattern.count("/") :])
+    called = (name, tail.as_posix(), tail.with_suffix("").as_posix())
+    return any(fnmatch.fnmatchcase(text, pattern) for text in called)

@@ -1,0 +1,218 @@
+"""Columns of numbers from a file; `_arrays` reads MATLAB and HDF5.
+
+CSV and Parquet files are streamed, so that of a large one no more is held than the
+columns wanted. `csv_files` says what forms CSV may have.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from cc_mujoco._utils.csv_files import HEAD_BYTES, Layout, is_number, layout
+from cc_mujoco.datasets import _arrays as arrays
+from cc_mujoco.datasets._trials import FloatArray
+from cc_mujoco.errors import CableError
+
+ENDINGS = (".csv", ".parquet", *arrays.ENDINGS)
+"""Endings of files that can be read, in any case."""
+
+_NULL_VALUES = [
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "-nan",
+    "NA",
+    "N/A",
+    "n/a",
+    "null",
+    "NULL",
+    "None",
+]
+_BOOLEAN_VALUES = {"true": "1", "false": "0"}
+_BLOCK_BYTES = 1 << 23
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file, in order.
+
+    Raises:
+        CableError: the file cannot be read, or the first line names no columns.
+    """
+    if path.suffix.lower() in arrays.ENDINGS:
+        return arrays.column_names(path)
+    with _Readable(path):
+        if path.suffix.lower() == ".parquet":
+            return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
+        return _layout(path).names
+
+
+def read_columns(
+    path: Path, names: Iterable[str], switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
+    """Return the columns of a file as numbers, NaN where missing.
+
+    Args:
+        path: the file.
+        names: columns, each of which the file has once.
+        switches: those of them that may hold true and false, read as 1 and 0.
+
+    Returns:
+        Arrays (rows,) by name, in MATLAB and HDF5 files perhaps of different lengths.
+
+    Raises:
+        CableError: the file cannot be read or holds something else than numbers.
+    """
+    names = list(names)
+    if path.suffix.lower() in arrays.ENDINGS:
+        return arrays.read_columns(path, names)
+    with _Readable(path):
+        if path.suffix.lower() == ".parquet":
+            return _join_batches(names, _parquet_batches(path, names))
+        form = _layout(path)
+        try:
+            return _join_batches(names, _csv_batches(path, form, names, switches))
+        except pa.ArrowInvalid as error:
+            raise _csv_error(path, form, names, switches, error) from None
+
+
+def _join_batches(
+    names: list[str], batches: Iterable[pa.RecordBatch]
+) -> dict[str, FloatArray]:
+    """Return the batches joined to one array per column."""
+    pieces: dict[str, list[FloatArray]] = defaultdict(list)
+    for batch in batches:
+        for name in names:
+            column = batch.column(name)
+            if pa.types.is_string(column.type):
+                column = _convert_booleans(column)
+            numbers = column.to_numpy(zero_copy_only=False)
+            pieces[name].append(np.array(numbers, dtype=float))
+    empty = [np.empty(0)]
+    # One column after the other, so that pieces are freed before the next is joined.
+    return {name: np.concatenate(pieces.pop(name, empty)) for name in names}
+
+
+def _convert_booleans(column: pa.StringArray) -> pa.DoubleArray:
+    """Return the column as numbers, also if it is boolean."""
+    words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+    for word, number in _BOOLEAN_VALUES.items():
+        words = pc.if_else(pc.equal(words, word), number, words)
+    return pc.cast(words, pa.float64())
+
+
+def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
+    """Yield the columns of a Parquet file as numbers."""
+    for batch in pq.ParquetFile(path).iter_batches(columns=names):
+        columns = []
+        for name in names:
+            column = batch.column(name)
+            try:
+                columns.append(pc.cast(column, pa.float64()))
+            except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+                raise CableError(
+                    f"{path}, column {name} holds {column.type}; it must hold numbers."
+                ) from None
+        yield pa.RecordBatch.from_arrays(columns, names)
+
+
+def _layout(path: Path) -> Layout:
+    """Find out the form of a CSV file."""
+    with path.open("rb") as file:
+        return layout(path, file.read(HEAD_BYTES))
+
+
+def _csv_batches(
+    path: Path, form: Layout, names: list[str], texts: Iterable[str] = ()
+) -> Iterator[pa.RecordBatch]:
+    """Yield the columns of a CSV file as numbers, some as text."""
+    # Names of their own, for the file's may be there twice.
+    own = [name if name in names else f"#{k}" for k, name in enumerate(form.names)]
+    kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())
+    try:
+        reader = pa_csv.open_csv(
+            path,
+            pa_csv.ReadOptions(
+                use_threads=False,
+                block_size=_BLOCK_BYTES,
+                column_names=own,
+                skip_rows=form.top,
+                encoding=form.encoding,
+            ),
+            pa_csv.ParseOptions(delimiter=form.separator),
+            pa_csv.ConvertOptions(
+                include_columns=names,
+                column_types=kinds,
+                null_values=_NULL_VALUES,
+                strings_can_be_null=True,
+                decimal_point=form.decimal,
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        if "Empty CSV" in str(error):
+            return
+        raise
+    yield from reader
+
+
+def _csv_error(
+    path: Path,
+    form: Layout,
+    names: list[str],
+    switches: Iterable[str],
+    error: Exception,
+) -> CableError:
+    """Return the error for a CSV file that is not all numbers, with the place."""
+    rows = 0
+    try:
+        for batch in _csv_batches(path, form, names, names):
+            for name in names:
+                words = _BOOLEAN_VALUES if name in switches else {}
+                for k, cell in enumerate(batch.column(name).to_pylist()):
+                    if cell is None or cell.strip().lower() in words:
+                        continue
+                    if not is_number(cell, form.decimal):
+                        return CableError(
+                            f"{path}, column {name}, row {rows + k + 1} of the data: "
+                            f"{cell.strip()[:40]!r} must be a number."
+                        )
+            rows += batch.num_rows
+    except pa.ArrowInvalid as other:
+        error = other
+    message = " ".join(str(error).split())
+    return CableError(
+        f"{path} is not a table: {message[:160]}; every line must have the "
+        f"{len(form.names)} cells that the first line names."
+    )
+
+
+class _Readable:
+    """Converter of errors while a file is read into one sentence."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, pa.ArrowException):
+            message = " ".join(str(error).split())[:160].rstrip(".")
+            raise CableError(
+                f"{self.path} is not a whole {self.path.suffix[1:]} file: {message}."
+            ) from None
+        if isinstance(error, UnicodeError | csv.Error):
+            raise CableError(f"{self.path} is not a text file: {error}.") from None
+        if isinstance(error, OSError):
+            reason = error.strerror or str(error)
+            raise CableError(f"cannot read {self.path}: {reason}.") from None

@@ -1,0 +1,88 @@
+"""Files of trials, found in folders, and what the trials are called."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from cc_mujoco.datasets import _file_formats as tables
+from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.errors import CableError
+
+MOTION_FILE = "motion_{}.csv"
+"""File that holds the motion of a planned trial, by its number of two digits."""
+
+_ENDINGS = f"{', '.join(tables.ENDINGS[:-1])} or {tables.ENDINGS[-1]}"
+
+
+def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """Return the data files in these files and folders, each once, sorted by name.
+
+    Raises:
+        CableError: a path does not exist or is no data file, or there is none in all.
+    """
+    found: dict[Path, Path] = {}
+    given = [Path(path) for path in paths]
+    for path in given:
+        if path.is_dir():
+            files = [file for file in sorted(path.rglob("*")) if _is_data(file, path)]
+        elif not path.exists():
+            raise CableError(f"{path} does not exist; give data files or folders.")
+        elif path.suffix.lower() not in tables.ENDINGS:
+            raise CableError(
+                f"{path} is no data file; its name must end in {_ENDINGS}."
+            )
+        else:
+            files = [path]
+        for file in files:
+            found.setdefault(file.resolve(), file)
+    if not found:
+        places = ", ".join(str(path) for path in given) or "nothing"
+        raise CableError(
+            f"there is no data file in {places}; trials are files whose names end in "
+            f"{_ENDINGS}."
+        )
+    return list(found.values())
+
+
+def nearby_data_files(files: Iterable[Path], dataset_file: str) -> Iterator[Path]:
+    """Yield the data files in the folders of these files and their `dataset.toml`."""
+    folders = [path.parent for path in files]
+    if dataset_file:
+        folders.append(Path(dataset_file).parent)
+    for folder in dict.fromkeys(folders):
+        yield from (path for path in folder.rglob("*") if _is_data(path, folder))
+
+
+def trial_names(files: Iterable[Path]) -> dict[Path, str]:
+    """Return the shortest distinct names of the trials in these files."""
+    files = list(files)
+    for depth in range(1, 1 + max((len(path.parts) for path in files), default=0)):
+        ends = [Path(*path.parts[-depth:]) for path in files]
+        for names in ([end.with_suffix("") for end in ends], ends):
+            if len(set(names)) == len(files):
+                return dict(zip(files, (n.as_posix() for n in names), strict=True))
+    return {path: path.as_posix() for path in files}
+
+
+def find_dataset_file(files: Iterable[Path]) -> Path | None:
+    """Return the `dataset.toml` in the folder of the data files, or None.
+
+    Raises:
+        CableError: there are several, so that one must be named.
+    """
+    folders = dict.fromkeys(path.parent for path in files)
+    found = [folder / DATASET_FILE for folder in folders]
+    found = [path for path in found if path.is_file()]
+    if len(found) > 1:
+        raise CableError(
+            f"there are {' and '.join(map(str, found))}; give the one that counts."
+        )
+    return found[0] if found else None
+
+
+def _is_data(path: Path, folder: Path) -> bool:
+    """Return whether a path inside a folder is a data file that is not hidden."""
+    hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+    return not hidden and path.is_file() and path.suffix.lower() in tables.ENDINGS

@@ -1,0 +1,159 @@
+"""Load cells on the cables: their torque, and its comparison with a torque sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
+from cc_mujoco.datasets._dataset_file import DatasetFile
+from cc_mujoco.datasets._instruments import Instrument
+from cc_mujoco.datasets._trials import FloatArray, Trial
+from cc_mujoco.errors import CableError
+from cc_mujoco.report._html import list_words
+
+END_OF_TORQUE = {channels.MOTOR_TORQUE: "proximal", channels.JOINT_TORQUE: "distal"}
+_MAX_PUSH_SHARE = 0.05
+"""Share of its largest reading by which a load cell may show a push on average."""
+_TORQUE_TOLERANCE = 0.05
+"""Reported difference of a torque and that of its cells, relative to its RMS."""
+
+
+def check_cells(
+    torque: str, trials: Sequence[Trial], bench: Bench | None
+) -> tuple[Instrument | None, list[DataFinding]]:
+    """Return the load cells of all cables at one end, or their faults."""
+    cells = [cells_at_end(torque, trial) for trial in trials]
+    first = trials[0]
+    if bench is None:
+        message = (
+            f"{first.column(cells[0][0])} is no {torque} without a scene, which has "
+            "the pulleys and knows which cable pulls which way."
+        )
+        return None, [warning(message, first.name, cells[0][0])]
+    wanted = _cell_names(END_OF_TORQUE[torque], bench)
+    for trial, own in zip(trials, cells, strict=True):
+        missing = [names[0] for names in wanted if not set(names) & set(own)]
+        if missing:
+            strange = [n for n in own if not any(n in names for names in wanted)]
+            message = f"{trial.path} has no {missing[0]}"
+            if strange:
+                message += (
+                    f", only {', '.join(strange)}; call the cables as the scene does, "
+                    f"or say which is which: [columns.{missing[0]}] "
+                    f"name = '{trial.labels.get(strange[0], strange[0])}'."
+                )
+            else:
+                message += (
+                    "; one cable of a pair does not tell the torque of both: measure "
+                    f"the other one too, or declare [columns.{torque}] measured = "
+                    "false."
+                )
+            return None, [error(message, trial.name, missing[0])]
+        for name in own:
+            pull = trial.tensions[name]
+            if np.nanmean(pull) < -_MAX_PUSH_SHARE * np.nanmax(np.abs(pull)):
+                message = (
+                    f"{trial.column(name)} is negative on average, and a cable cannot "
+                    f"push; declare [columns.{name}] sign = -1, or its offset."
+                )
+                return None, [error(message, trial.name, name)]
+    return "load cells", []
+
+
+def _cell_names(end: str, bench: Bench) -> list[tuple[str, ...]]:
+    """Return possible names of the load cells of every cable, the agonist's first."""
+    alone = (f"tension_{end}_n",) if len(bench.names) == 1 else ()
+    return [(f"tension_{name}_{end}_n", *alone) for name in bench.names]
+
+
+def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
+    """Return whether load cells of all cables at one end are declared."""
+    wanted = _cell_names(end, bench)
+    given = [name for name in file.columns if is_cell_at_end(name, end)]
+    for name in given:
+        if not any(name in names for names in wanted):
+            every = [one for names in wanted for one in names]
+            raise CableError.unknown("load cell", name, every)
+    lacking = [names[0] for names in wanted if not set(names) & set(given)]
+    if given and lacking:
+        raise CableError(
+            f"of the load cells at the {end} ends only {', '.join(given)} is declared; "
+            f"a torque takes those of all cables, {', '.join(lacking)} as well."
+        )
+    return bool(given)
+
+
+def is_cell_at_end(name: str, end: str) -> bool:
+    """Return whether a channel is a load cell at an end of a cable."""
+    return channels.is_tension(name) and channels.cable_end(name)[1] == end
+
+
+def torque_radius(torque: str, bench: Bench) -> float:
+    """Return the pulley's radius at a torque, or the lever's arm at 0 [m]."""
+    motor = torque == channels.MOTOR_TORQUE
+    return bench.motor_radius if motor else bench.joint_radius
+
+
+def pull_torque(
+    trial: Trial, torque: str, bench: Bench
+) -> tuple[FloatArray, list[str]]:
+    """Return the net torque of the cells over the pulley [N m], and their names."""
+    names = [
+        next(name for name in known if name in trial.tensions)
+        for known in _cell_names(END_OF_TORQUE[torque], bench)
+    ]
+    pulls = [trial.tensions[name] for name in names]
+    net = pulls[0] - pulls[1] if len(pulls) == 2 else pulls[0]
+    return torque_radius(torque, bench) * net, names
+
+
+def cells_at_end(torque: str, trial: Trial) -> list[str]:
+    """Load cells of a trial at the end where this torque acts."""
+    return [
+        name for name in trial.tensions if is_cell_at_end(name, END_OF_TORQUE[torque])
+    ]
+
+
+def compare_with_sensor(
+    torque: str, trials: Sequence[Trial], bench: Bench | None
+) -> list[DataFinding]:
+    """Return findings on load cells at the same end as a torque sensor."""
+    having = [trial for trial in trials if cells_at_end(torque, trial)]
+    if not having:
+        return []
+    sensor = having[0].labels.get(torque, torque)
+    cells = list_words(
+        [having[0].labels.get(n, n) for n in cells_at_end(torque, having[0])]
+    )
+    message = f"Beside {sensor} there are {cells}: the diagnosis compares the former"
+    _, wrong = check_cells(torque, having, bench)
+    if bench is None or wrong:
+        return [warning(f"{message}, the load cells not.", channel=torque)]
+    shown = np.concatenate([trial.channel(torque) for trial in having])
+    made = np.concatenate([_cell_torque(trial, torque, bench) for trial in having])
+    known = np.isfinite(shown) & np.isfinite(made)
+    shown, made = shown[known], made[known]
+    size = float(np.sqrt(np.mean(shown**2)))
+    deviation = float(np.sqrt(np.mean((made - shown) ** 2)))
+    if deviation <= _TORQUE_TOLERANCE * size:
+        return [warning(f"{message}, with which the load cells agree.", channel=torque)]
+    gain, offset = np.polyfit(shown, made, 1)
+    offset = 0.0 if abs(offset) < 1e-9 * size else offset
+    message += (
+        f", and the load cells contradict it: on their pulley they make {gain:.3g} "
+        f"times its torque and {offset:+.2g} N m ({deviation:.2g} N m RMS apart, of "
+        f"{size:.2g}); check signs, offsets and units of both, and the pulley's radius."
+    )
+    return [doubt(message, channel=torque)]
+
+
+def _cell_torque(trial: Trial, torque: str, bench: Bench) -> FloatArray:
+    """Return the torque of the cells, on a lever by its arm (samples,) [N m]."""
+    made, _ = pull_torque(trial, torque, bench)
+    if torque == channels.JOINT_TORQUE and bench.lever is not None:
+        made = made * bench.lever.share(trial.joint_angle)
+    return made

@@ -1,0 +1,188 @@
+"""A lever that a cable pulls: how far it gives way at every angle of its joint.
+
+The scene has it as a spatial tendon from the end of the conduit to the lever, whose
+length depends on one hinge joint only. Its arm changes with the angle; to the cable it
+is a pulley that turns by another angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.errors import CableError
+
+LEVER_ANGLE_COUNT = 4001
+"""Angles at which a lever is known."""
+MIN_ARM_RATIO = 0.2
+"""Arm over that at 0 beyond which a lever is as good as dead."""
+_MAX_ANGLE = 3.0
+_JOINT_TOLERANCE = 1e-6
+_RANDOM_POSES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Lever:
+    """A lever as a pulley whose angle is a function of the joint's.
+
+    Angles are positive where the cable pulls, as in the data.
+
+    Attributes:
+        joint: (angles,) of the joint, increasing [rad].
+        pulley: (angles,) of a pulley of the lever's arm at 0, increasing [rad].
+        arm: (angles,) of the lever over that at 0.
+        sign: of the scene's angle where the cable pulls.
+    """
+
+    joint: FloatArray
+    pulley: FloatArray
+    arm: FloatArray
+    sign: float
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Return the angle of the pulley (samples,) [rad]."""
+        found: FloatArray = np.interp(joint, self.joint, self.pulley)
+        return found
+
+    def share(self, joint: FloatArray) -> FloatArray:
+        """Return the arm of the lever over that at 0 (samples,)."""
+        found: FloatArray = np.interp(joint, self.joint, self.arm)
+        return found
+
+
+def lever_of(
+    model: mujoco.MjModel, tendon: str, gear: float, where: str
+) -> tuple[str, float, Lever]:
+    """Return the joint that a tendon turns, its moment arm at 0 [m], and its lever.
+
+    Args:
+        model: of the scene.
+        tendon: at which the cable ends.
+        gear: of that end.
+        where: scene and cable, for a sentence.
+
+    Raises:
+        CableError: the tendon depends on no joint, on several or on one that is no
+            hinge, or its lever is dead at 0.
+    """
+    row = model.tendon(tendon).id
+    data = mujoco.MjData(model)
+    dofs = _moving_dofs(model, data, row)
+    names = [str(model.joint(int(model.dof_jntid[dof])).name) for dof in dofs]
+    joint = single_hinge(model, names, f"{where} ends at tendon {tendon!r}, which")
+    (dof,) = dofs
+    place = int(model.joint(joint).qposadr[0])
+    angles = swept_angles(model, joint)
+    lengths, arms = np.empty((2, LEVER_ANGLE_COUNT))
+    for k, angle in enumerate(angles):
+        data.qpos[place] = angle
+        arms[k], lengths[k] = _tendon_state(model, data, row, dof)
+    data.qpos[place] = 0.0
+    arm, length = _tendon_state(model, data, row, dof)
+    radius, lever = make_lever(
+        angles, gear * (lengths - length), gear * arms, gear * arm, where
+    )
+    return joint, radius, lever
+
+
+def single_hinge(model: mujoco.MjModel, moved: Sequence[str], what: str) -> str:
+    """Return the one hinge among the joints that move something.
+
+    Raises:
+        CableError: there is none, there are several, or it is no hinge.
+    """
+    if len(moved) != 1:
+        movement = (
+            f"moves with joints {', '.join(moved)}" if moved else "moves with none"
+        )
+        raise CableError(
+            f"{what} {movement}; a diagnosis takes a cable that turns one hinge joint, "
+            "by a pulley or a lever, and that no other joint moves"
+        )
+    if model.joint(moved[0]).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise CableError(f"{what} moves with joint {moved[0]!r}, which is no hinge")
+    return moved[0]
+
+
+def swept_angles(
+    model: mujoco.MjModel, joint: str, count: int = LEVER_ANGLE_COUNT
+) -> FloatArray:
+    """Return scene angles over a joint's range, including 0 (count,) [rad]."""
+    index = model.joint(joint).id
+    low, high = -_MAX_ANGLE, _MAX_ANGLE
+    if model.jnt_limited[index]:
+        low, high = model.jnt_range[index]
+    return np.linspace(min(low, 0.0), max(high, 0.0), count)
+
+
+def make_lever(
+    angles: FloatArray, let: FloatArray, arms: FloatArray, arm: float, where: str
+) -> tuple[float, Lever]:
+    """Return the moment arm of a lever at 0 [m], and the lever where its arm is not 0.
+
+    Args:
+        angles: (angles,) of the scene [rad].
+        let: (angles,) what the lever takes of the cable there, 0 at 0 [m].
+        arms: (angles,) its change with the angle [m/rad].
+        arm: the same at 0.
+        where: scene and cable, for a sentence.
+
+    Raises:
+        CableError: the lever is dead at 0.
+    """
+    radius = abs(arm)
+    if radius == 0.0:
+        raise CableError(
+            f"{where} pulls along its lever at angle 0; it has no arm there"
+        )
+    at, count = int(np.argmin(np.abs(angles))), angles.size
+    alive = arms / arm > MIN_ARM_RATIO
+    first = at - int(np.argmin(alive[at::-1])) + 1 if not alive[: at + 1].all() else 0
+    last = at + int(np.argmin(alive[at:])) if not alive[at:].all() else count
+    kept = slice(first, last)
+    # Where the cable is drawn in, the distal end moves towards the motor.
+    sign = -float(np.sign(arm))
+    way = int(sign)
+    return radius, Lever(
+        np.ascontiguousarray(sign * angles[kept][::way]),
+        np.ascontiguousarray(-let[kept][::way] / radius),
+        np.ascontiguousarray(arms[kept][::way] / arm),
+        sign,
+    )
+
+
+def _tendon_state(
+    model: mujoco.MjModel, data: mujoco.MjData, row: int, dof: int
+) -> tuple[float, float]:
+    """Change of a tendon's length with a joint, and the length."""
+    mujoco.mj_fwdPosition(model, data)
+    return float(_tendon_arms(model, data, row)[dof]), float(data.ten_length[row])
+
+
+def _tendon_arms(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> FloatArray:
+    """Change of a tendon's length with every joint (nv,)."""
+    found = np.zeros(model.nv)
+    start, count = model.ten_J_rowadr[row], model.ten_J_rownnz[row]
+    part = slice(start, start + count)
+    found[model.ten_J_colind[part]] = data.ten_J[part]
+    return found
+
+
+def _moving_dofs(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> list[int]:
+    """Return the degrees of freedom that change a tendon's length in any pose."""
+    random = np.random.default_rng(0)
+    most = np.zeros(model.nv)
+    for _ in range(_RANDOM_POSES):
+        speed = random.uniform(-0.5, 0.5, model.nv)
+        data.qpos[:] = model.qpos0
+        mujoco.mj_integratePos(model, data.qpos, speed, 1.0)
+        mujoco.mj_fwdPosition(model, data)
+        most = np.maximum(most, np.abs(_tendon_arms(model, data, row)))
+    data.qpos[:] = model.qpos0
+    return [
+        int(k) for k in np.flatnonzero(most > _JOINT_TOLERANCE * max(most.max(), 1e-12))
+    ]

@@ -1,0 +1,126 @@
+"""Rounded readings: their digit, and the angle between two of them.
+
+Where a reading jumps from one digit to the next, the angle stands at the edge between
+them, better known than anywhere else. In slow creep the jumps are all there is: taken
+as steps, they would shake a cable that sticks.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.datasets._trials import Noise, Trial
+
+_MAX_SAMPLES = 200_000  # samples that are enough to see a digit
+_MIN_DIFFERENCES = 50  # differences that are no multiples of anything by chance
+_MAX_JUMP = 6  # largest candidate for the least difference of readings, in digits
+_CREEP_DIGITS = 1.5  # digits between two readings beyond which an angle is under way
+_ROUNDING_VARIANCE_RATIO = 1.5
+"""Variance over that of rounding up to which the digits tell more than the mean."""
+
+
+def resolution(values: FloatArray) -> float:
+    """Return the quantisation step of readings, 0 if they show none.
+
+    The differences between the values that occur are multiples of the step. They have
+    to be the readings themselves: what lies between two of them is no multiple.
+    """
+    values = values[:_MAX_SAMPLES]
+    values = values[np.isfinite(values)]
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    change = np.diff(levels)
+    change = change[change > 1e-9 * (levels[-1] - levels[0])]
+    least = float(np.percentile(change, 10))
+    few = change[change < 10.5 * least]
+    # An encoder that is fine for its range hardly ever reads the same twice.
+    if len(levels) > 0.5 * len(values) and len(few) < _MIN_DIFFERENCES:
+        return 0.0
+    for jump in range(1, _MAX_JUMP + 1):
+        step = least / jump
+        for _ in range(5):
+            multiples = np.maximum(1.0, np.round(few / step))
+            step = float(few.sum() / multiples.sum())
+        off = np.abs(few / step - np.round(few / step))
+        if float(np.mean(off)) < 0.1:
+            return step
+    return 0.0
+
+
+def digit_of(trial: Trial, channel: str) -> float:
+    """Return the quantisation step of a channel of a trial, 0 if none is visible."""
+    if channel in trial.digits:
+        return trial.digits[channel]
+    return resolution(trial.channel(channel))
+
+
+def interpolate_readings(
+    wanted: FloatArray, clock: FloatArray, reading: FloatArray, digit: float = 0.0
+) -> FloatArray:
+    """Return the readings at other times, by linear interpolation except in slow creep.
+
+    In slow creep the nearer reading is taken: a value between two digits is no reading
+    and would hide the digit.
+
+    Args:
+        wanted: (n,) [s].
+        clock: (samples,) times of the readings, at least two [s].
+        reading: (samples,).
+        digit: of the readings; 0 if they show none.
+
+    Returns:
+        (n,), NaN before the first and after the last reading.
+    """
+    found: FloatArray = np.interp(wanted, clock, reading, left=np.nan, right=np.nan)
+    if digit == 0.0:
+        return found
+    after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
+    one, other = reading[after - 1], reading[after]
+    early = wanted - clock[after - 1] < clock[after] - wanted
+    creeps = np.isfinite(found) & (np.abs(other - one) < _CREEP_DIGITS * digit)
+    return np.where(creeps, np.where(early, one, other), found)
+
+
+def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
+    """Return the angle behind a rounded reading, else the reading (samples,).
+
+    It passes the edges when the reading jumps. Between two jumps the same way it goes
+    on at the pace of its neighbours to the middle of the digit, and rests there if it
+    is early; between two that go back over the same edge it turns as far as that pace
+    takes a parabola, at most to the middle.
+
+    Args:
+        reading: (samples,).
+        noise: of the channel; rounding must be nearly all of it.
+    """
+    if noise is None or not 0.0 < noise.resolution:
+        return reading
+    if noise.deviation > math.sqrt(_ROUNDING_VARIANCE_RATIO / 12.0) * noise.resolution:
+        return reading
+    step = np.diff(reading)
+    before = np.flatnonzero(np.abs(step) > 0.5 * noise.resolution)
+    if before.size < 3:
+        return reading
+    when, way = before + 0.5, np.sign(step[before])
+    edge = reading[before] + 0.5 * step[before]
+    dwell = np.diff(when)
+    earlier = np.concatenate([dwell[:1], dwell[:-1]])
+    later = np.concatenate([dwell[1:], dwell[-1:]])
+    level = reading[before[:-1] + 1]
+    turns = way[:-1] != way[1:]
+    reach = np.where(turns, np.minimum(dwell / (earlier + later), 1.0), 1.0)
+    value = edge[:-1] + reach * (level - edge[:-1])
+    arrive = when[:-1] + 0.5 * np.minimum(dwell, earlier)
+    leave = when[1:] - 0.5 * np.minimum(dwell, later)
+    x = np.concatenate([when, arrive, leave])
+    y = np.concatenate([edge, value, value])
+    order = np.argsort(x, kind="stable")
+    found: FloatArray = np.interp(np.arange(reading.size), x[order], y[order])
+    # Before the first jump and after the last there is a digit only.
+    found[: before[0] + 1] = reading[: before[0] + 1]
+    found[before[-1] + 1 :] = reading[before[-1] + 1 :]
+    return found

@@ -1,0 +1,312 @@
+"""Files of trials, read: channels in SI units under their own names.
+
+What a file calls its columns, and in which units, comes from its `dataset.toml` or from
+the names themselves: `motor_angle_deg` is the motor angle in degrees.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets import _columns as columns
+from cc_mujoco.datasets import _file_formats as tables
+from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
+from cc_mujoco.datasets._multi_file import TrialFile
+from cc_mujoco.datasets._streams import Stream, merge_streams, topic_rows
+from cc_mujoco.datasets._trials import FloatArray
+from cc_mujoco.errors import CableError
+
+MAX_CHANNEL_VALUE, MAX_TIME = 1e6, 1e11
+"""Readings and times [s] beyond these are taken for missing."""
+# Clocks that begin within so much of 0 may have zeros of their own [s].
+_CLOCK_START_TOLERANCE = 1.0
+
+
+@dataclass
+class Recording:
+    """Contents of a file, before it is checked and cut.
+
+    Attributes:
+        name: of the trial.
+        path: the file, or the first of several.
+        sha256: of its bytes.
+        values: (rows,) by channel in SI units, with signs and offsets applied; of a
+            channel with a clock of its own perhaps another number of rows.
+        clocks: [s], times of the channels that have a clock of their own.
+        labels: name in the file of every channel.
+        names: all columns of the file.
+        paths: files of the channels that are in another than `path`.
+        remarks: what was done to bring channels to one clock, a sentence each.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    values: dict[str, FloatArray]
+    clocks: dict[str, FloatArray]
+    labels: dict[str, str]
+    names: list[str]
+    paths: dict[str, Path] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.values[channels.TIME])
+
+    def column(self, channel: str) -> str:
+        """Return the file and column of a channel, for a sentence."""
+        path = self.paths.get(channel, self.path)
+        return f"{path}, column {self.labels.get(channel, channel)}"
+
+
+def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
+    """Read the channels of one file.
+
+    Args:
+        path: the file.
+        file: what its columns mean.
+        name: of the trial; None is the file's name without ending.
+
+    Raises:
+        CableError: the file cannot be read, lacks a column or holds text.
+    """
+    return read_parts((TrialFile("", path, PartFile("")),), file, name or path.stem)
+
+
+def read_parts(parts: Sequence[TrialFile], file: DatasetFile, name: str) -> Recording:
+    """Read the channels of a trial that is in one file or in several.
+
+    Args:
+        parts: its files.
+        file: what their columns mean.
+        name: of the trial.
+
+    Raises:
+        CableError: a file cannot be read, lacks a column or holds text; clocks of
+            several files share no time or do not say how they are related.
+    """
+    where = " and ".join(str(part.path) for part in parts)
+    tabled = [_Table.of(part, file) for part in parts]
+    # In full where there are several: their columns may have the same names.
+    homes = {
+        f"{table.part.key}.{column}" if len(parts) > 1 else column: (table, column)
+        for table in tabled
+        for column in table.names
+        if len(parts) == 1 or column != table.time
+    }
+    found = columns.channel_sources(where, list(homes), file)
+    for channel, (column, unit) in found.items():
+        table, own = homes[column]
+        table.channels[channel] = (own, unit)
+    streams: dict[str, Stream] = {}
+    topical = False
+    for table in tabled:
+        read_here, of_topics = table.streams(file)
+        streams.update(read_here)
+        topical |= of_topics
+    first = tabled[0]
+    labels = {
+        c: column for table in tabled for c, (column, _) in table.channels.items()
+    }
+    recording = Recording(
+        name=name,
+        path=first.part.path,
+        sha256=_sha256([part.path for part in parts]),
+        values={channels.TIME: first.stamps}
+        | {channel: streams[channel].values for channel in found},
+        clocks={
+            channel: stream.time
+            for channel, stream in streams.items()
+            if file.source(channel).clock is not None
+        },
+        labels={channels.TIME: first.time} | labels,
+        names=[n for table in tabled for n in table.plain(topical, len(parts) > 1)],
+        paths={channel: stream.path for channel, stream in streams.items()},
+    )
+    if len(parts) == 1 and not topical:
+        return recording
+    if len(parts) > 1:
+        _require_common_zero(where, tabled, name)
+    together = merge_streams(name if len(parts) > 1 else where, streams)
+    of = next(table for table in tabled if together.leader in table.channels)
+    return replace(
+        recording,
+        values={channels.TIME: together.time} | together.values,
+        clocks=together.clocks,
+        labels=labels | {channels.TIME: file.source(together.leader).clock or of.time},
+        paths=recording.paths | {channels.TIME: of.part.path},
+        remarks=together.remarks,
+    )
+
+
+@dataclass
+class _Table:
+    """One file while it is read.
+
+    Attributes:
+        part: the file.
+        names: of its columns, and of the stamps that two columns make up.
+        time: the column of its times.
+        second: factor of that column's unit.
+        offset: reading at zero of the trial's time.
+        channels: column and unit by channel.
+        stamps: (rows,) [s], once they are read.
+    """
+
+    part: TrialFile
+    names: list[str]
+    time: str
+    second: float
+    offset: float
+    channels: dict[str, tuple[str, str]] = field(default_factory=dict)
+    stamps: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of(cls, part: TrialFile, file: DatasetFile) -> _Table:
+        """Return a file with its columns identified and nothing read yet."""
+        names = tables.column_names(part.path)
+        names += [stem for stem in columns.stamp_columns(names) if stem not in names]
+        source, given = file.source(channels.TIME), part.times
+        given = replace(
+            given, time=given.time or source.name, unit=given.unit or source.unit
+        )
+        time, unit = columns.time_column(str(part.path), names, given)
+        offset = source.offset if given.offset is None else given.offset
+        return cls(part, names, time, channels.CLOCK.factors[unit], offset)
+
+    def streams(self, file: DatasetFile) -> tuple[dict[str, Stream], bool]:
+        """Read the channels; whether the rows belong to topics.
+
+        Raises:
+            CableError: the file cannot be read, or a column has no times.
+        """
+        path = self.part.path
+        clocks = {
+            channel: columns.find_column(
+                str(path), f"the clock of {channel}", clock, self.names
+            )
+            for channel in self.channels
+            if (clock := file.source(channel).clock) is not None
+        }
+        used = [self.time, *(name for name, _ in self.channels.values())]
+        raw = self._read([*used, *clocks.values()])
+        # The clocks first: conversion may happen in place.
+        times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
+        self.stamps = _scale(raw[self.time], self.offset, self.second, MAX_TIME)
+        values = {
+            channel: _convert(raw[column], channel, unit, file)
+            for channel, (column, unit) in self.channels.items()
+        }
+        for channel, value in values.items():
+            time = times.get(channel, self.stamps)
+            if len(value) != len(time):
+                stamps = clocks.get(channel, self.time)
+                raise CableError(
+                    f"{path}, column {self.channels[channel][0]} has {len(value)} "
+                    f"readings, but its times, column {stamps}, are {len(time)}; "
+                    "every reading needs one."
+                )
+        rows = len(self.stamps)
+        logged = topic_rows({c: v for c, v in values.items() if len(v) == rows})
+        streams = {}
+        for channel, value in values.items():
+            time = times.get(channel, self.stamps)
+            if channel in logged:
+                time, value = time[logged[channel]], value[logged[channel]]
+            elif channel in times:  # which may have fewer rows than the file
+                known = ~(np.isnan(time) & np.isnan(value))
+                time, value = time[known], value[known]
+            streams[channel] = Stream(time, value, path)
+        return streams, bool(logged)
+
+    def plain(self, topical: bool, several: bool) -> list[str]:
+        """Return the columns that are no times of the file nor stamps of messages."""
+        known = columns.stamp_columns(self.names)
+        left = {*known, *(name for pair in known.values() for name in pair)}
+        if several:
+            left.add(self.time)
+        return [
+            name
+            for name in self.names
+            if name not in left and not (topical and name.endswith("stamp"))
+        ]
+
+    def _read(self, wanted: Iterable[str]) -> dict[str, FloatArray]:
+        """Return the columns of the file, with time stamps in seconds."""
+        path = self.part.path
+        wanted = dict.fromkeys(wanted)
+        pairs = columns.stamp_columns(self.names)
+        single = dict.fromkeys(
+            piece for name in wanted for piece in pairs.get(name, (name,))
+        )
+        for column in single:
+            if self.names.count(column) > 1:
+                raise CableError(
+                    f"{path} has {self.names.count(column)} columns {column}; names "
+                    "must differ."
+                )
+        switch = self.channels.get(channels.VALID)
+        raw = tables.read_columns(path, single, [switch[0]] if switch else [])
+        for name in wanted:
+            if name in pairs:
+                whole, nano = pairs[name]
+                raw[name] = (raw[whole] + 1e-9 * raw[nano]) / self.second
+        return raw
+
+
+def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> None:
+    """Refuse clocks that may count from different zeros."""
+    unknown = []
+    for table in tabled:
+        known = table.stamps[np.isfinite(table.stamps)]
+        begins = abs(float(known.min())) if len(known) else np.inf
+        if table.part.times.offset is None and begins < _CLOCK_START_TOLERANCE:
+            unknown.append(table)
+    if len(unknown) > 1:
+        keys = " and ".join(table.part.key for table in unknown)
+        last = unknown[-1].part
+        raise CableError(
+            f"{where}: the times of {keys} all begin at about 0 s, perhaps each at the "
+            "start of its own file; give the reading of one clock when the other is at "
+            f"0 in {DATASET_FILE}, [files], or 0 if they are one clock: {last.key} = "
+            f"{{ file = ..., offset = ... }} (trial {name!r})."
+        )
+
+
+def _convert(
+    reading: FloatArray, channel: str, unit: str, file: DatasetFile
+) -> FloatArray:
+    """Return readings in the unit of the channel, NaN where beyond any rig's range."""
+    source = file.source(channel)
+    factor = source.sign * channels.kind_of(channel).factors[unit]
+    return _scale(reading, source.offset, factor, MAX_CHANNEL_VALUE)
+
+
+def _scale(
+    reading: FloatArray, offset: float, factor: float, limit: float
+) -> FloatArray:
+    """Return (reading - offset) * factor, missing where that is beyond a limit."""
+    value = reading if offset == 0.0 else reading - offset
+    value = value if factor == 1.0 else value * factor
+    if not (len(value) and -limit < value.min() and value.max() < limit):
+        value = np.where(np.abs(value) < limit, value, np.nan)
+    return value
+
+
+def _sha256(paths: Sequence[Path]) -> str:
+    """Return the hash of a file's bytes; of several, of their hashes in a row."""
+    hashes = []
+    for path in paths:
+        with path.open("rb") as file:
+            hashes.append(hashlib.file_digest(file, "sha256").hexdigest())
+    if len(hashes) == 1:
+        return hashes[0]
+    return hashlib.sha256("".join(hashes).encode()).hexdigest()

@@ -1,0 +1,47 @@
+"""Run record that `cc-mujoco run` writes next to the rows of a run.
+
+cut_short(Path("data/trial_01.csv"))        # "" or "stopped by SIGTERM."
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+DEFAULT_LOG_NAME = "log"
+"""Name of a run's files unless it has one of its own."""
+RUN_MARK = {"cc_mujoco": "run"}
+"""In every such page; other files of that name are not of ours."""
+
+
+def page_of(rows: Path) -> Path:
+    """Return the path of the run record that belongs to the rows of a run."""
+    return rows.with_name(
+        "run.json" if rows.stem == DEFAULT_LOG_NAME else f"{rows.stem}.json"
+    )
+
+
+def truncation_reason(rows: Path) -> str:
+    """Return the reason why a run ended early; empty if it did not or is unknown."""
+    page = _read_page(rows)
+    return str(page.get("outcome", "")) if page.get("exit_code") != 0 else ""
+
+
+def scene_of(rows: Path) -> str:
+    """Return the scene that a run's controller used; empty where that is unknown."""
+    try:
+        return str(tomllib.loads(str(_read_page(rows).get("rig", ""))).get("scene", ""))
+    except tomllib.TOMLDecodeError:
+        return ""
+
+
+def _read_page(rows: Path) -> dict[str, Any]:
+    """Return the contents of the run record, if it is one of this package."""
+    try:
+        page = json.loads(page_of(rows).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    ours = isinstance(page, dict) and page.items() >= RUN_MARK.items()
+    return page if ours else {}

@@ -1,0 +1,82 @@
+"""Speeds from angles, without shifting them in time.
+
+The same filter must be applied to what is simulated before the two are compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from cc_mujoco.datasets._trials import FloatArray
+
+VELOCITY_WINDOW = 0.05
+"""Stretch of time over which a speed is estimated [s]."""
+_POLYNOMIAL_ORDER = 2
+_MIN_WINDOW = 5
+
+
+def velocity(
+    angle: FloatArray,
+    step: float,
+    segments: Iterable[slice] | None = None,
+    span: float = VELOCITY_WINDOW,
+) -> FloatArray:
+    """Return the rate of change by a zero-phase Savitzky-Golay filter of second order.
+
+    A parabola is fitted to the samples within `span` around each sample (at least
+    five); its slope there is the speed (Savitzky and Golay, Anal. Chem. 36, 1964).
+
+    Args:
+        angle: (samples,) [rad].
+        step: time between samples [s].
+        segments: stretches without gaps, each filtered by itself; None is all samples.
+        span: length of the window [s].
+
+    Returns:
+        (samples,) [rad/s]; NaN outside the segments.
+    """
+    speed = np.full(len(angle), np.nan)
+    for part in [slice(0, len(angle))] if segments is None else segments:
+        count = len(angle[part])
+        window = max(_MIN_WINDOW, 2 * (round(span / step) // 2) + 1)
+        window = min(window, 2 * ((count - 1) // 2) + 1)
+        if window > _POLYNOMIAL_ORDER:
+            speed[part] = _local_slopes(angle[part], window // 2) / step
+    return speed
+
+
+def _local_slopes(values: FloatArray, half: int) -> FloatArray:
+    """Return the slope per sample of a parabola through `half` samples either side.
+
+    Nearer to an end it is that of the last whole window (`savgol_filter` of
+    `scipy.signal`, a second to load, with mode "interp").
+    """
+    place = np.arange(-half, half + 1)
+    found = np.empty(len(values))
+    weights = place / float(place @ place)
+    found[half : len(values) - half] = np.correlate(values, weights, "valid")
+    powers = np.vander(place / half, _POLYNOMIAL_ORDER + 1, increasing=True)
+    for window, kept, inside in (
+        (slice(0, 2 * half + 1), slice(0, half), place[:half]),
+        (slice(-2 * half - 1, None), slice(len(values) - half, None), place[-half:]),
+    ):
+        _, slope, bend = np.linalg.lstsq(powers, values[window])[0]
+        found[kept] = (slope + 2.0 * bend * inside / half) / half
+    return found
+
+
+def velocity_noise(
+    deviation: float, step: float, span: float = VELOCITY_WINDOW
+) -> float:
+    """Return the standard deviation of `velocity` inside a stretch, for white noise.
+
+    Args:
+        deviation: of the angle readings [rad].
+        step: time between samples [s].
+        span: length of the window [s].
+    """
+    half = max(_MIN_WINDOW // 2, round(span / step) // 2)
+    return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

@@ -1,0 +1,85 @@
+"""Tables of a TOML file: values of the requested kind, or an error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the file, and how to call it in a sentence."""
+
+    where: str
+    content: dict[str, Any]
+
+    def only(self, *allowed: str) -> None:
+        """Refuse other keys."""
+        for key in self.content:
+            if key not in allowed:
+                raise CableError.unknown(f"key in {self.where}", key, allowed)
+
+    def wrong(self, key: str, right: str) -> CableError:
+        """Return the error for an impossible value."""
+        return CableError(f"{self.where}, {key} must be {right}, not {self.told(key)}.")
+
+    def told(self, key: str) -> str:
+        """Return a value as text, truncated to 60 characters."""
+        text = repr(self.content[key])
+        return text if len(text) <= 60 else f"{text[:57]}..."
+
+    def table(self, key: str) -> Table:
+        """Return a table inside this one, or an empty one if it is absent."""
+        content = self.content.get(key, {})
+        if not isinstance(content, dict):
+            raise self.wrong(key, f"a table, written as [{key}]")
+        return Table(f"{self.where}, [{key}]", content)
+
+    def tables(self, key: str) -> dict[str, Table]:
+        """Return the tables inside a table."""
+        outer = self.table(key)
+        inner = {}
+        for name, content in outer.content.items():
+            if not isinstance(content, dict):
+                raise outer.wrong(name, f"a table, written as [{key}.{name}]")
+            inner[name] = Table(f"{self.where}, [{key}.{name}]", content)
+        return inner
+
+    def text(self, key: str) -> str | None:
+        """Return a text, or None if it is absent."""
+        value = self.content.get(key)
+        if value is not None and not isinstance(value, str):
+            raise self.wrong(key, "a text in quotes")
+        return value
+
+    def number(self, key: str, low: float = -math.inf) -> float | None:
+        """Return a finite number not below `low`, or None if it is absent."""
+        if key not in self.content:
+            return None
+        value = finite(self.content[key])
+        if value is None or value < low:
+            least = "" if low == -math.inf else f" of at least {low:g}"
+            raise self.wrong(key, f"a finite number{least}")
+        return value
+
+    def choice(self, key: str, allowed: Iterable[str]) -> str | None:
+        """Return one of the allowed words, or None if it is absent."""
+        value = self.text(key)
+        if value is not None and value not in tuple(allowed):
+            raise CableError.unknown(f"{key} in {self.where}", value, allowed)
+        return value
+
+
+def finite(value: object) -> float | None:
+    """Return a finite number, or None if it is something else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # TOML allows integers of any size
+        return None
+    return number if math.isfinite(number) else None

@@ -1,0 +1,207 @@
+"""Torques that no sensor shows directly: from load cells, a current, a known load.
+
+All trials of a dataset use the same instrument: of a torque sensor, load cells and a
+current the first that every trial has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets import _load_cells as load_cells
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
+from cc_mujoco.datasets._dataset_file import LOAD_CONSTANTS, DatasetFile
+from cc_mujoco.datasets._instruments import Instrument, Instruments
+from cc_mujoco.datasets._smoothing import velocity
+from cc_mujoco.datasets._trials import Constant, FloatArray, Noise, Trial
+
+_INSTRUMENT_NAMES: dict[Instrument, str] = {
+    "load cells": "load cells",
+    "motor current": "the motor's current",
+    "known load": "a known load",
+}
+
+
+def add_derived_torques(
+    trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
+) -> tuple[list[Trial], Instruments, list[DataFinding]]:
+    """Give trials the torques that follow from something else.
+
+    Args:
+        trials: as read.
+        file: with the constants of motor and load.
+        bench: of the scene; without one load cells stay what they are.
+
+    Returns:
+        The trials, what their torques are known from, and what was noticed.
+    """
+    found: list[Instrument | None] = []
+    findings: list[DataFinding] = []
+    made = list(trials)
+    for torque in channels.TORQUES:
+        instrument, problems = _instrument(torque, trials, file, bench)
+        findings += problems
+        if instrument == "load cells" and bench is not None:
+            made = [
+                _with_torque(
+                    trial, torque, *load_cells.pull_torque(trial, torque, bench)
+                )
+                for trial in made
+            ]
+        elif instrument == "motor current":
+            made = [_with_current_torque(trial, file.rig) for trial in made]
+        elif instrument != "torque sensor":
+            made = [_with_torque(trial, torque, None) for trial in made]
+        found.append(instrument)
+        if instrument != "torque sensor" and made and not problems:
+            findings.append(warning(_describe_source(torque, instrument, made)))
+    instruments = Instruments(*found)
+    if trials and not instruments.rows and not errors(findings):
+        told_both = (
+            "Neither torque is measured, and no load is declared in [rig]; a diagnosis "
+            "compares at least one of the two."
+        )
+        findings.append(error(told_both))
+    return made, instruments, findings
+
+
+def expected_instruments(file: DatasetFile, bench: Bench) -> Instruments:
+    """Return the instruments of the torques, as declared before any data.
+
+    A table of a torque's column means a sensor, tables of the load cells of all cables
+    at one end mean these, a torque constant a current, and a load in `[rig]` that load.
+
+    Raises:
+        CableError: cells are declared of no cable of the scene, or not of all.
+    """
+    found: list[Instrument | None] = []
+    for torque, end in load_cells.END_OF_TORQUE.items():
+        measured = file.source(torque).measured
+        pulls = load_cells.has_declared_cells(file, end, bench)
+        motor = torque == channels.MOTOR_TORQUE
+        instrument: Instrument | None = "torque sensor" if measured else None
+        if torque in file.columns and measured:
+            instrument = "torque sensor"
+        elif pulls:
+            instrument = "load cells"
+        elif motor and "torque_constant" in file.rig:
+            instrument = "motor current"
+        elif not motor and _has_known_load(file):
+            instrument = "known load"
+        found.append(instrument)
+    return Instruments(*found)
+
+
+def derived_noise(
+    noise: Mapping[str, Noise],
+    instruments: Instruments,
+    constants: Mapping[str, Constant],
+    bench: Bench | None,
+) -> dict[str, Noise]:
+    """Return the noise of torques by that of the channels that they are made of."""
+    found: dict[str, Noise] = {}
+    for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
+        if instrument == "load cells" and bench is not None:
+            parts = [
+                noise[n]
+                for n in noise
+                if load_cells.is_cell_at_end(n, load_cells.END_OF_TORQUE[torque])
+            ]
+            size = load_cells.torque_radius(torque, bench)
+        elif instrument == "motor current":
+            parts = [noise[n] for n in noise if n == channels.MOTOR_CURRENT]
+            size = _torque_per_current(constants)
+        else:
+            continue
+        if not parts:  # nothing is declared yet
+            continue
+        found[torque] = Noise(
+            size * float(np.sqrt(sum(part.deviation**2 for part in parts))),
+            size * max(part.resolution for part in parts),
+            parts[0].source,
+        )
+    return found
+
+
+def _instrument(
+    torque: str, trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
+) -> tuple[Instrument | None, list[DataFinding]]:
+    """Return the instrument of a torque that all trials have."""
+    if not file.source(torque).measured or not trials:
+        if torque == channels.JOINT_TORQUE and _has_known_load(file):
+            return "known load", []
+        return None, []
+    if all(torque in trial.channels for trial in trials):
+        return "torque sensor", load_cells.compare_with_sensor(torque, trials, bench)
+    if all(load_cells.cells_at_end(torque, trial) for trial in trials):
+        return load_cells.check_cells(torque, trials, bench)
+    motor = torque == channels.MOTOR_TORQUE
+    if motor and all(trial.motor_current is not None for trial in trials):
+        if "torque_constant" in file.rig:
+            return "motor current", []
+        message = (
+            f"{trials[0].column(channels.MOTOR_CURRENT)} is a torque only by the "
+            "motor's torque constant; declare [rig] torque_constant in N m/A."
+        )
+        return None, [error(message, trials[0].name, channels.MOTOR_CURRENT)]
+    if not motor and _has_known_load(file):
+        return "known load", []
+    lacking = next(t for t in trials if torque not in t.channels)
+    message = (
+        f"{lacking.path} has no {torque}, and nothing that all trials have stands in "
+        f"for it; leave it out, or declare [columns.{torque}] measured = false."
+    )
+    return None, [error(message, lacking.name, torque)]
+
+
+def _describe_source(
+    torque: str, instrument: Instrument | None, trials: Sequence[Trial]
+) -> str:
+    """Return the description of a torque's instrument, for the report."""
+    where = "every trial" if len(trials) > 1 else trials[0].name
+    if instrument is None:
+        return f"{torque} of {where} is not measured, so only the other is compared."
+    made = trials[0].labels.get(torque, "the motion of the joint, declared in [rig]")
+    return f"{torque} of {where} follows from {_INSTRUMENT_NAMES[instrument]}: {made}."
+
+
+def _has_known_load(file: DatasetFile) -> bool:
+    return any(name in file.rig for name in LOAD_CONSTANTS)
+
+
+def _torque_per_current(constants: Mapping[str, Constant]) -> float:
+    """Return the torque of the motor's pulley per current, friction aside [N m/A]."""
+    gear = constants.get("gear_ratio", Constant(1.0)).value
+    return constants["torque_constant"].value * gear
+
+
+def _with_current_torque(trial: Trial, constants: Mapping[str, Constant]) -> Trial:
+    """Return a trial with the motor torque that follows from its current.
+
+    What teeth and bearings take under load is lost on the way to the cable, or on the
+    way back where the cable drives the motor.
+    """
+    current = trial.motor_current
+    assert current is not None
+    share = constants.get("gear_efficiency", Constant(1.0)).value
+    speed = velocity(trial.motor_angle, trial.step, trial.segments)
+    with np.errstate(invalid="ignore"):
+        lost: FloatArray = np.where(current * speed >= 0.0, share, 1.0 / share)
+    made = _torque_per_current(constants) * current * lost
+    return _with_torque(trial, channels.MOTOR_TORQUE, made, [channels.MOTOR_CURRENT])
+
+
+def _with_torque(
+    trial: Trial, torque: str, values: FloatArray | None, parts: Sequence[str] = ()
+) -> Trial:
+    """Return a trial with a torque that was computed from these channels."""
+    label = " and ".join(trial.labels.get(name, name) for name in parts)
+    labels = {**trial.labels, torque: label} if parts else trial.labels
+    if torque == channels.MOTOR_TORQUE:
+        return replace(trial, labels=labels, motor_torque=values)
+    return replace(trial, labels=labels, joint_torque=values)

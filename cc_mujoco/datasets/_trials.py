@@ -1,0 +1,228 @@
+"""Measured trials in SI units, and the rig they were measured on.
+
+    >>> from cc_mujoco.diagnosis._loading import load
+    >>> dataset, findings = load(["data"])              # doctest: +SKIP
+    >>> for trial in dataset.trials:                    # doctest: +SKIP
+    ...     for part in trial.segments:
+    ...         print(trial.name, trial.time[part], trial.motor_torque[part])
+
+Positive motor rotation pulls the joint positive. The motor torque is what the motor
+puts into its pulley, the joint torque what the transmission puts into the joint: motor
+power less joint power is stored or dissipated, and over a closed cycle never negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.errors import CableError
+
+FloatArray = NDArray[np.float64]
+Split = Literal["train", "test"]
+Locked = Literal["motor", "joint"]
+
+
+class Constant(NamedTuple):
+    """A number known of the rig, SI, and its standard deviation (0: exact)."""
+
+    value: float
+    uncertainty: float = 0.0
+
+
+class Noise(NamedTuple):
+    """Scatter of a channel when nothing happens, in its SI unit.
+
+    Attributes:
+        deviation: standard deviation of the sensor noise, quantisation included.
+        resolution: quantisation step, 0 if there is none to be seen.
+        source: how the deviation is known: `declared`, from `holds` (stretches without
+            motion) or from `differences` of neighbouring samples.
+    """
+
+    deviation: float
+    resolution: float
+    source: Literal["declared", "holds", "differences"]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Declarations of `dataset.toml` for one trial.
+
+    Attributes:
+        split: what the trial may be used for; None leaves it to the program.
+        repeat_of: name of the trial that this one repeats.
+        pretension: of the cables at rest [N]; 0 where they were taken off.
+        temperature: of the rig [degC].
+        locked: the side that was held fast, so that its angle is constant.
+        tilt: angle by which the rig was turned about the joint's axis, positive as the
+            joint is [rad].
+        valid: stretches of time that count (from, to) [s]; None is all.
+        notes: for a human reader.
+    """
+
+    split: Split | None = None
+    repeat_of: str | None = None
+    pretension: float | None = None
+    temperature: float | None = None
+    locked: Locked | None = None
+    tilt: float | None = None
+    valid: tuple[tuple[float, float], ...] | None = None
+    notes: str = ""
+
+    @property
+    def unhooked(self) -> bool:
+        """Return whether the cables were taken off, so that they connect nothing."""
+        return self.pretension == 0.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One recording. Arrays have one entry per sample and are finite in segments.
+
+    Attributes:
+        name: file name without ending; as much more of its path as it takes to differ.
+        time: (samples,) [s], as recorded.
+        motor_angle: (samples,) [rad].
+        motor_torque: (samples,) [N m], motor into its pulley; None if it is not known.
+        joint_angle: (samples,) [rad].
+        joint_torque: (samples,) [N m], transmission into joint; None if it is not
+            known.
+        segments: valid stretches in order, each sampled at `step` without a gap.
+        step: time between samples [s].
+        tensions: (samples,) [N] each, by column name (`tension_<cable>_proximal_n`).
+        temperature: (samples,) [degC], or None.
+        motor_current: (samples,) [A], or None.
+        facts: what `dataset.toml` says.
+        path: the file.
+        sha256: of the file's bytes, hexadecimal.
+        labels: name in the file of every channel.
+        paths: files of the channels that are in another than `path`.
+        digits: quantisation step by channel, as recorded; 0 where there is none to be
+            seen. Of channels that are not in it the samples are the readings.
+    """
+
+    name: str
+    time: FloatArray
+    motor_angle: FloatArray
+    motor_torque: FloatArray | None
+    joint_angle: FloatArray
+    joint_torque: FloatArray | None
+    segments: tuple[slice, ...]
+    step: float
+    tensions: Mapping[str, FloatArray] = field(default_factory=dict)
+    temperature: FloatArray | None = None
+    facts: Facts = field(default_factory=Facts)
+    path: str = ""
+    sha256: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    paths: Mapping[str, str] = field(default_factory=dict)
+    motor_current: FloatArray | None = None
+    digits: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return 1.0 / self.step
+
+    @property
+    def samples(self) -> int:
+        """Number of valid samples."""
+        return sum(part.stop - part.start for part in self.segments)
+
+    @property
+    def duration(self) -> float:
+        """Time in valid segments [s]."""
+        return self.samples * self.step
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels, time aside."""
+        own = {name: self._plain(name) for name in channels.NON_TENSION_CHANNELS}
+        return (
+            *(name for name in channels.MAIN_CHANNELS if own[name] is not None),
+            *self.tensions,
+            *(
+                name
+                for name in (channels.MOTOR_CURRENT, channels.TEMPERATURE)
+                if own[name] is not None
+            ),
+        )
+
+    def channel(self, name: str) -> FloatArray:
+        """Return the samples of a channel by its name, for example `joint_torque_nm`.
+
+        Raises:
+            CableError: the trial has no such channel.
+        """
+        if name in self.tensions:
+            return self.tensions[name]
+        found = self._plain(name)
+        if found is None:
+            raise CableError.unknown("channel", name, self.channels)
+        return found
+
+    def _plain(self, name: str) -> FloatArray | None:
+        return {
+            channels.TIME: self.time,
+            channels.MOTOR_ANGLE: self.motor_angle,
+            channels.MOTOR_TORQUE: self.motor_torque,
+            channels.MOTOR_CURRENT: self.motor_current,
+            channels.JOINT_ANGLE: self.joint_angle,
+            channels.JOINT_TORQUE: self.joint_torque,
+            channels.TEMPERATURE: self.temperature,
+        }.get(name)
+
+    def column(self, channel: str) -> str:
+        """Return the file and column of a channel, for a sentence."""
+        path = self.paths.get(channel, self.path)
+        return f"{path}, column {self.labels.get(channel, channel)}"
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Trials of one rig.
+
+    Attributes:
+        trials: in the order of their files; those that could not be read are missing.
+        constants: what is known of the rig by name (see `RIG_CONSTANTS`), SI.
+        noise: sensor noise by channel.
+        name: what the data are.
+        notes: for a human reader.
+        instruments: sources of both torques, the same in all trials.
+        path: the `dataset.toml`, empty if there is none.
+        sha256: of its bytes.
+    """
+
+    trials: tuple[Trial, ...]
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    noise: Mapping[str, Noise] = field(default_factory=dict)
+    name: str = ""
+    notes: str = ""
+    path: str = ""
+    sha256: str = ""
+    instruments: Instruments = TORQUE_SENSORS
+
+    def trial(self, name: str) -> Trial:
+        """Return the trial of that name.
+
+        Raises:
+            CableError: there is none.
+        """
+        for trial in self.trials:
+            if trial.name == name:
+                return trial
+        raise CableError.unknown("trial", name, (trial.name for trial in self.trials))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that all trials have, in the order of the first."""
+        rest = [set(trial.channels) for trial in self.trials[1:]]
+        first = self.trials[0].channels if self.trials else ()
+        return tuple(name for name in first if all(name in other for other in rest))

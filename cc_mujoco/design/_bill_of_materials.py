@@ -1,0 +1,177 @@
+"""Mass, cost and tightest bends of the parts of a design; nothing is simulated.
+
+Lengths are those of the conduits: rope beyond their ends is left out, as are gears,
+levers, fittings and frames in the mass. Where a cable leaves its conduit all but the
+inertia is unknown, and there is no number.
+
+    read_costs("mine.csv")          # part,per,cost with a line for each part
+
+reads what parts cost. `costs.csv` beside this file has round figures that are only an
+example, meant to be replaced. A line for a motor of `MOTORS` or a material of
+`MATERIALS` goes before that of `motor` or `rope`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+
+from cc_mujoco._utils.csv_files import read_sheet
+from cc_mujoco.cable._parameters import PATHS
+from cc_mujoco.design._protocol import CONTROL_PERIOD
+from cc_mujoco.design._study_metrics import COST_METRIC
+from cc_mujoco.device import MATERIALS, MOTORS, Plant
+from cc_mujoco.device._device import Device
+from cc_mujoco.device._materials import WIRE_MODULUS, area
+from cc_mujoco.device._variables import Value
+from cc_mujoco.errors import CableError
+
+STEEL_DENSITY = 7850.0
+"""Density of steel [kg/m^3]."""
+COIL_DIAMETER_RATIOS = (1.75, 2.6)
+"""Inner and outer diameter of the steel coil of a conduit per diameter of its rope, as
+about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
+EXAMPLE = Path(__file__).with_name("costs.csv")
+"""The table that holds unless another is given."""
+
+PARTS = {
+    "motor": "piece",
+    "pulley": "piece",
+    "rope": "m",
+    "conduit": "m",
+    "fittings": "cable",
+}
+"""Parts that every table has, and what a cost is per."""
+
+_ALLOWED = (
+    PARTS
+    | dict.fromkeys(MOTORS, PARTS["motor"])
+    | dict.fromkeys(MATERIALS, PARTS["rope"])
+)
+_HEAD = ["part", "per", "cost"]
+
+
+def parts_of(
+    plant: Plant,
+    model: mujoco.MjModel,
+    costs: Mapping[str, float],
+) -> dict[str, float]:
+    """Return the metrics of the parts by name, as far as they are known.
+
+    Args:
+        plant: the design.
+        model: of the plant.
+        costs: see `read_costs`; empty where they are not asked for.
+    """
+    drive = Device(plant.setup, None, model).drive(CONTROL_PERIOD)
+    inertia = {"reflected_inertia": drive.inertia * drive.ratio**2}
+    cables, values = plant.cables, plant.values
+    if any(cable.path != PATHS[0] for cable in cables.values()):
+        return inertia
+    diameters, material = plant.diameters, plant.material
+    density = float(values.get("rope_density", math.nan))
+    if material is not None:
+        density = material.density.typical
+    ropes = sum(
+        cable.length
+        * (
+            density * area(diameters[name])
+            + _coil_mass_per_length(values, diameters[name])
+        )
+        for name, cable in cables.items()
+    )
+    pulleys = plant.pulleys
+    bends = {
+        name: 2.0
+        * min(
+            *(section.radius for section in cable.conduit),
+            *pulleys[name],
+            math.inf,
+        )
+        / diameters[name]
+        for name, cable in cables.items()
+    }
+    ratio = min(bends.values())
+    wires = 0 if material is None else material.wires
+    motor, discs = plant.motor, plant.discs
+    return (
+        inertia
+        | {
+            "cable_mass": ropes,
+            "mass": ropes + motor.mass + sum(discs),
+            "bend_ratio": ratio,
+            "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
+        }
+        | _cost(
+            costs, values, motor.name, len(discs), [c.length for c in cables.values()]
+        )
+    )
+
+
+def _cost(
+    costs: Mapping[str, float],
+    design: Mapping[str, Value],
+    motor: str,
+    pulleys: int,
+    lengths: Sequence[float],
+) -> dict[str, float]:
+    """Return the cost of all parts, empty if not requested."""
+    if not costs:
+        return {}
+    per_metre = costs.get(str(design.get("material", "")), costs["rope"])
+    return {
+        COST_METRIC: costs.get(motor, costs["motor"])
+        + pulleys * costs["pulley"]
+        + sum(lengths) * (per_metre + costs["conduit"])
+        + len(lengths) * costs["fittings"]
+    }
+
+
+def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float:
+    """Return the mass of a conduit per length [kg/m]."""
+    if "conduit_linear_mass" in design:
+        return float(design["conduit_linear_mass"])
+    inner, outer = (area(share * diameter) for share in COIL_DIAMETER_RATIOS)
+    return STEEL_DENSITY * (outer - inner)
+
+
+def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
+    """Costs by part, in whatever money the table is in.
+
+    Raises:
+        CableError: the file is no such table; says where and what would be right.
+    """
+    path = Path(path)
+    sheet = read_sheet(path, "the costs")
+    if sheet.names != _HEAD:
+        raise CableError(f"{path} must begin with the line {','.join(_HEAD)}.")
+    found: dict[str, float] = {}
+    for _, row in sheet.rows:
+        if len(row) != len(_HEAD):
+            raise CableError(f"{path}: the line {','.join(row)!r} must have 3 cells.")
+        part, per, amount = row
+        if part not in _ALLOWED:
+            raise CableError.unknown("part", part, _ALLOWED)
+        if part in found:
+            raise CableError(f"{path} gives the cost of {part!r} twice.")
+        if per != _ALLOWED[part]:
+            raise CableError(
+                f"{path}: the cost of {part!r} must be per {_ALLOWED[part]}, not per "
+                f"{per!r}."
+            )
+        try:
+            cost = float(amount)
+        except ValueError:
+            cost = math.nan
+        if not 0.0 <= cost < math.inf:
+            raise CableError(
+                f"{path}: the cost of {part!r} must be a number of at least 0, not "
+                f"{amount!r}."
+            )
+        found[part] = cost
+    if missing := [part for part in PARTS if part not in found]:
+        raise CableError(f"{path} lacks the cost of {', '.join(missing)}.")
+    return found

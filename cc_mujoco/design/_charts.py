@@ -1,0 +1,220 @@
+"""Figures of a study: heat maps, Pareto plots, main effects."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco.design._pareto import Objective, column
+from cc_mujoco.design._plan import Plan
+from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._surface import DesignAxis
+from cc_mujoco.device._variables import describe
+from cc_mujoco.metrics import METRICS
+from cc_mujoco.report._figures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    TENSION_COLORS,
+    figure,
+    set_ticks,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+HEAT_MAP_CELLS = 41
+"""Cells along each side of the heat map of a surface."""
+
+
+def pareto_plot(
+    table: pa.Table, objectives: Sequence[Objective], best: NDArray[np.bool_]
+) -> Figure:
+    """Return every pair of objectives: all designs, and the Pareto set over it."""
+    pairs = list(itertools.combinations(objectives, 2))
+    columns = min(len(pairs), 3)
+    rows = math.ceil(len(pairs) / columns)
+    drawing = figure(4.6 * columns if columns > 1 else 6.0, 3.9 * rows)
+    panels = drawing.subplots(rows, columns, squeeze=False).ravel()
+    for axes, (one, other) in zip(panels, pairs, strict=False):
+        x, y = (column(table, o.name) for o in (one, other))
+        axes.plot(x[~best], y[~best], ".", color=GREY, alpha=0.45, markersize=4,
+                  label="designs")  # fmt: skip
+        axes.plot(x[best], y[best], "o", color=ORANGE, markersize=4.5,
+                  label="Pareto set")  # fmt: skip
+        axes.set(
+            xlabel=_label(one.name, one.high), ylabel=_label(other.name, other.high)
+        )
+        _log_where_wide(axes, x, y)
+    for axes in panels[len(pairs) :]:
+        axes.set_axis_off()
+    panels[0].legend(loc="best")
+    several = "" if len(objectives) == 2 else f" of {len(objectives)} objectives"
+    drawing.suptitle(
+        f"Pareto set{several}: {int(best.sum())} of {len(best)} designs",
+        x=0.012, ha="left", fontsize=12,
+    )  # fmt: skip
+    return drawing
+
+
+def effects_plot(found: Sequence[Sensitivity]) -> Figure:
+    """Return the mean of each metric (a row) along each variable (a column)."""
+    names = list(found[0].effects)
+    drawing = figure(1.2 + 2.1 * len(names), 0.9 + 1.35 * len(found))
+    panels = drawing.subplots(len(found), len(names), squeeze=False, sharey="row")
+    for row, one in zip(panels, found, strict=True):
+        for axes, name in zip(row, names, strict=True):
+            x, y = one.effects[name]
+            axes.plot(x, y, "o-", color=BLUE, markersize=2.5)
+            axes.set_title(f"{max(one.first[name], 0.0):.0%}", fontsize=8, loc="right",
+                           color=GREY, fontweight="normal", pad=2)  # fmt: skip
+            if name in one.levels:
+                axes.set_xticks(x, one.levels[name], fontsize=6)
+        metric = METRICS[one.metric]
+        row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
+    for axes, name in zip(panels[-1], names, strict=True):
+        axes.set_xlabel(_variable(name))
+    for axes in panels[:-1].ravel():
+        axes.tick_params(labelbottom=False)
+    drawing.align_ylabels()
+    drawing.suptitle(
+        "Main effects (mean over the other variables; share of variance, first order)",
+        x=0.012, ha="left", fontsize=10,
+    )  # fmt: skip
+    return drawing
+
+
+def heat_maps(
+    plan: Plan, table: pa.Table, found: Sequence[Sensitivity]
+) -> Figure | None:
+    """Draw each metric over the two variables that matter most to it."""
+    if len(plan.varied) < 2:
+        return None
+    columns = min(len(found), 3 if len(found) <= 6 else 4)
+    rows = math.ceil(len(found) / columns)
+    drawing = figure(4.0 * columns, 3.3 * rows)
+    panels = drawing.subplots(rows, columns, squeeze=False).ravel()
+    for axes, one in zip(panels, found, strict=False):
+        _heat_map(axes, plan, table, one)
+    for axes in panels[len(found) :]:
+        axes.set_axis_off()
+    return drawing
+
+
+def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None:
+    across, up = sorted(one.total, key=lambda n: one.total[n], reverse=True)[:2]
+    if one.surface is None:
+        values = _means(plan, column(table, one.metric), across, up)
+        ticks: Mapping[str, Sequence[object]] = {
+            n: plan.ranges[n].levels for n in (across, up)
+        }
+    else:
+        values, ticks = _surface_grid(plan, table, one, across, up)
+    image = axes.imshow(
+        values, origin="lower", aspect="auto", cmap=TENSION_COLORS,
+        interpolation="nearest",
+    )  # fmt: skip
+    axes.grid(False)
+    for axis, name in ((axes.xaxis, across), (axes.yaxis, up)):
+        count = len(ticks[name])
+        shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
+        axis.set_ticks(list(shown), [_format_short(ticks[name][i]) for i in shown])
+    axes.set(xlabel=_variable(across), ylabel=_variable(up))
+    metric = METRICS[one.metric]
+    axes.set_title(metric.name.replace("_", " "))
+    bar = axes.figure.colorbar(image, ax=axes, pad=0.02)
+    bar.set_label(f"[{metric.unit}]", fontsize=8)
+
+
+def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
+    """Return the mean over the other variables of a full grid, (up, across)."""
+    names = list(plan.ranges)
+    cube = y.reshape([len(plan.ranges[name].levels) for name in names])
+    i, j = names.index(up), names.index(across)
+    others = tuple(k for k in range(len(names)) if k not in (i, j))
+    mean = cube.mean(axis=others)
+    return np.asarray(mean if i < j else mean.T)
+
+
+def _surface_grid(
+    plan: Plan, table: pa.Table, one: Sensitivity, across: str, up: str
+) -> tuple[Array, dict[str, Sequence[object]]]:
+    """Return the surface (up, across) with the other variables at mid-range.
+
+    Blank beyond the designs that have the number.
+    """
+    assert one.surface is not None
+    names = plan.varied
+    axes = {name: DesignAxis(plan.ranges[name]) for name in names}
+    shares = {name: axes[name].shares(HEAT_MAP_CELLS) for name in (across, up)}
+    x, y = np.meshgrid(shares[across], shares[up])
+    columns = []
+    for name in names:
+        flat = {across: x, up: y}.get(name, np.full_like(x, 0.5)).ravel()
+        columns.append(axes[name].sample(flat))
+    values = one.surface(np.stack(columns, axis=-1)).reshape(x.shape)
+    good = np.isfinite(column(table, one.metric))
+    designs = [d for d, has in zip(plan.designs, good, strict=True) if has]
+    places = np.stack(
+        [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
+    )
+    shown = [columns[names.index(n)] for n in (across, up)]
+    values[outside_hull(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
+    ticks: dict[str, Sequence[object]] = {
+        name: axes[name].values.at(shares[name]) for name in (across, up)
+    }
+    return values, ticks
+
+
+def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
+    """Mark points outside the convex hull of places, all (n, 2) on scales of 1."""
+    from scipy.spatial import Delaunay, QhullError
+
+    # A little is allowed, for a hypercube does not reach the ends of its ranges.
+    grown = places.mean(axis=0) + 1.05 * (places - places.mean(axis=0))
+    try:
+        return np.asarray(Delaunay(grown).find_simplex(points) < 0)
+    except QhullError:  # places on a line
+        return np.zeros(len(points), dtype=np.bool_)
+
+
+def _label(name: str, high: bool) -> str:
+    arrow = "more is better" if high else "less is better"
+    return f"{name.replace('_', ' ')} [{METRICS[name].unit}]  ({arrow})"
+
+
+def _wrapped_label(name: str, unit: str) -> str:
+    return name.replace("_", "\n") + f"\n[{unit}]"
+
+
+def _variable(name: str) -> str:
+    unit = describe(name).unit
+    plain = name.replace("_", " ")
+    return plain if unit == "1" else f"{plain} [{unit}]"
+
+
+def _format_short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _log_where_wide(axes: Axes, x: Array, y: Array) -> None:
+    """Set logarithmic scales for positive values over more than a factor of 30."""
+    for axis, values, scale in (
+        (axes.xaxis, x, axes.set_xscale),
+        (axes.yaxis, y, axes.set_yscale),
+    ):
+        found = values[np.isfinite(values)]
+        if found.size and found.min() > 0.0 and found.max() > 30.0 * found.min():
+            scale("log")
+            low, high = math.log10(found.min()), math.log10(found.max())
+            decades = [10.0**k for k in range(math.ceil(low), math.floor(high) + 1)]
+            if len(decades) >= 2:
+                set_ticks(axis, decades)

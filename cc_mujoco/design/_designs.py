@@ -1,0 +1,253 @@
+"""Designs that a study tries: a grid, a Latin hypercube, or a list from a file.
+
+    vary = {"friction": "0.05:0.3:10", "loops": [1, 2, 3]}
+    grid(vary)                      # 30 designs
+    latin_hypercube(vary, 100, seed=0)
+
+A range is written `low:high:count`, or `low:high:count:log` for equal ratios; values
+are separated by commas. Samples and searches need no count.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.csv_files import read_sheet
+from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.design._study_spec import Given
+from cc_mujoco.device._variables import VARIABLES, Value, find
+from cc_mujoco.errors import CableError
+
+MAX_DESIGNS = 1_000_000
+"""Most designs that fit into memory, and into weeks: each takes a second or so."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values that a variable may take: levels, or all between two ends."""
+
+    levels: tuple[Value, ...]
+    """Levels of a grid; empty where a range has no count."""
+    ends: tuple[float, float] | None = None
+    """Lowest and highest value of a range; None where only the levels are meant."""
+    log: bool = False
+
+    def at(self, share: NDArray[np.float64]) -> list[Value]:
+        """Return the values at these fractions of the range, 0 to 1."""
+        if self.ends is None:
+            count = len(self.levels)
+            places = np.minimum((share * count).astype(int), count - 1)
+            return [self.levels[place] for place in places]
+        return [float(value) for value in _between(self.ends, self.log, share)]
+
+
+def read_range(
+    name: str,
+    given: Given,
+    cables: Iterable[str],
+    among: Mapping[str, Parameter] = VARIABLES,
+    kind: str = "variable",
+) -> Range:
+    """Parse the range of a variable.
+
+    Args:
+        name: of the variable, perhaps of one cable.
+        given: range, values or text of them.
+        cables: the cables of the scene.
+        among: the variables that there are.
+        kind: what an error calls them.
+
+    Raises:
+        CableError: an unknown name, or a range or value that cannot be.
+    """
+    variable = find(name, cables, among, kind)
+    label = f"variable {name!r}"
+    if isinstance(given, str) and ":" in given and not variable.text:
+        found = _read_ends(name, given)
+        for value in (*found.levels, *(found.ends or ())):
+            variable.read(value, label)
+        if variable.whole:
+            whole = dict.fromkeys(round(float(level)) for level in found.levels)
+            return Range(tuple(whole))
+        return found
+    words: Iterable[object]
+    if isinstance(given, str):
+        words = [word.strip() for word in given.split(",")]
+    elif isinstance(given, Iterable):
+        words = list(given)
+    else:
+        words = [given]
+    levels = tuple(variable.read(word, label) for word in words)
+    if not levels:
+        raise CableError(f"variable {name!r} has no values; give one or more.")
+    level, times = Counter(levels).most_common(1)[0]
+    if times > 1:
+        raise CableError(
+            f"variable {name!r} is given {level!r} more than once; give it once."
+        )
+    return Range(levels)
+
+
+def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
+    """Return every combination, the last variable fastest.
+
+    Raises:
+        CableError: a range has no count, or the grid is too large.
+    """
+    for name, values in ranges.items():
+        if not values.levels:
+            raise CableError(
+                f"a grid needs to know how many values {name!r} takes; "
+                "write low:high:count."
+            )
+    count = math.prod(len(values.levels) for values in ranges.values())
+    require_count(count)
+    rows = itertools.product(*(values.levels for values in ranges.values()))
+    return [dict(zip(ranges, row, strict=True)) for row in rows]
+
+
+def latin_hypercube(
+    ranges: Mapping[str, Range], count: int, seed: int
+) -> list[dict[str, Value]]:
+    """Return a Latin hypercube of `count` designs.
+
+    The range of each variable is cut into `count` parts, of which each is used once.
+
+    Raises:
+        CableError: the count is not one.
+    """
+    from scipy.stats import qmc
+
+    require_count(count)
+    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
+        count
+    )
+    columns = [values.at(unit[:, i]) for i, values in enumerate(ranges.values())]
+    return [dict(zip(ranges, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def from_file(path: str | Path) -> list[dict[str, object]]:
+    """Read the designs of a file, without changes.
+
+    CSV has a line of variable names and a line per design; TOML has a table
+    `[[design]]` for each.
+
+    Raises:
+        CableError: the file is not such a one.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".csv", ".toml"):
+        raise CableError(f"{path} is neither .csv nor .toml.")
+    read = _from_toml if path.suffix.lower() == ".toml" else _from_csv
+    designs = read(path)
+    if not designs:
+        raise CableError(f"{path} has no designs.")
+    names = list(designs[0])
+    for number, design in enumerate(designs, 1):
+        if set(design) != set(names):
+            raise CableError(
+                f"{path}: design {number} sets {', '.join(design) or 'nothing'}, but "
+                f"the first sets {', '.join(names)}; all must set the same."
+            )
+    return [{name: design[name] for name in names} for design in designs]
+
+
+def _from_toml(path: Path) -> list[dict[str, object]]:
+    try:
+        found = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read the designs {path}: {reason}.") from None
+    except UnicodeDecodeError:
+        raise CableError(f"{path} is not text in UTF-8.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CableError(f"{path} is not TOML: {error}.") from None
+    if unknown := [name for name in found if name != "design"]:
+        raise CableError(
+            f"{path} has {unknown[0]!r}; it must have tables [[design]] and nothing "
+            "else."
+        )
+    designs = found.get("design", [])
+    if not isinstance(designs, list) or not all(isinstance(d, dict) for d in designs):
+        raise CableError(f"{path}: `design` must be tables, [[design]].")
+    return designs
+
+
+def _from_csv(path: Path) -> list[dict[str, object]]:
+    sheet = read_sheet(path, "the designs", lambda lines: require_count(max(1, lines)))
+    names = sheet.names
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise CableError(f"{path} names {twice[0]!r} twice; name every variable once.")
+    designs: list[dict[str, object]] = []
+    for line, values in sheet.rows:
+        if len(values) != len(names):
+            raise CableError(
+                f"{path}, line {line}: it must have as many values as the first line "
+                "has names."
+            )
+        designs.append(dict(zip(names, values, strict=True)))
+    return designs
+
+
+def _read_ends(name: str, text: str) -> Range:
+    low_text, high_text, *rest = text.split(":")
+    form = f"{name}={text} is no range; write low:high:count or low:high:count:log."
+    try:
+        low, high = float(low_text), float(high_text)
+        log = rest[-1:] == ["log"]
+        counts = rest[:-1] if log else rest
+        count = int(counts[0]) if counts else 0
+    except ValueError:
+        raise CableError(form) from None
+    if len(counts) > 1:
+        raise CableError(form)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise CableError(
+            f"the range {name}={text} must rise from its low to its high end."
+        )
+    if counts and not 2 <= count <= MAX_DESIGNS:
+        raise CableError(
+            f"the range {name}={text} must have 2 to {MAX_DESIGNS:,} values."
+        )
+    if log and low <= 0.0:
+        raise CableError(f"the range {name}={text} must be above 0 to be logarithmic.")
+    shares = np.linspace(0.0, 1.0, count)
+    levels = [float(value) for value in _between((low, high), log, shares)]
+    return Range(tuple(levels), (low, high), log)
+
+
+def _between(
+    ends: tuple[float, float], log: bool, share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    low, high = ends
+    if log:
+        inside = low * (high / low) ** share
+    else:
+        inside = low + (high - low) * share
+    found: NDArray[np.float64] = np.where(share == 1.0, high, inside)
+    return found
+
+
+def require_count(count: int) -> None:
+    """Refuse a number of designs that no study can have, before they are made.
+
+    Raises:
+        CableError: Says how many there would be and how many there may be.
+    """
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool):
+        raise CableError(f"a number of designs must be whole, not {count!r}.")
+    if not 1 <= count <= MAX_DESIGNS:
+        fewer = "; a Latin hypercube covers many variables with few designs"
+        raise CableError(
+            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}"
+            f"{fewer if count > 1 else ''}."
+        )

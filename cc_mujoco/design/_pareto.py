@@ -1,0 +1,214 @@
+"""Choice of the best designs: objectives, limits, the Pareto set, an order of all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco._validation import require_list
+from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX
+from cc_mujoco.design._study_metrics import metric_of_designs
+from cc_mujoco.errors import CableError
+from cc_mujoco.metrics import METRICS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A metric that should be high, or low."""
+
+    name: str
+    high: bool
+
+    @property
+    def text(self) -> str:
+        """For a reader."""
+        return f"{self.name} ({'high' if self.high else 'low'})"
+
+    def cost(self, metrics: Mapping[str, float]) -> float:
+        """Return the number to minimise."""
+        return -metrics[self.name] if self.high else metrics[self.name]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A metric that must not be above a number, or not below it."""
+
+    name: str
+    bound: float
+    least: bool
+    """True if the number is the least."""
+    across: bool = False
+    """True if it must hold in every case of a design."""
+
+    @property
+    def column(self) -> str:
+        """Column of the number that must keep the limit."""
+        if not self.across:
+            return self.name
+        return f"{self.name}@{LEAST_SUFFIX if self.least else MOST_SUFFIX}"
+
+    @property
+    def text(self) -> str:
+        """Text of the limit as it is written."""
+        return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
+
+    def beyond(self, metrics: Mapping[str, float]) -> float:
+        """Return a design's excess, as a share of the limit unless that is 0."""
+        over = metrics[self.column] - self.bound
+        return (-over if self.least else over) / (abs(self.bound) or 1.0)
+
+
+def read_limits(
+    texts: Iterable[str],
+    measured: Sequence[str] | None = None,
+    across: bool = False,
+) -> tuple[Limit, ...]:
+    """Parse `METRIC>=NUMBER` and `METRIC<=NUMBER`.
+
+    Args:
+        texts: the limits.
+        measured: metrics that the study measures; None if it measures any that is
+            requested.
+        across: whether designs have several cases, in all of which they must hold.
+
+    Raises:
+        CableError: not of that form, no such metric, or not measured.
+    """
+    found = []
+    for text in require_list("subject_to", texts):
+        name, sign, number = (part.strip() for part in _split(text))
+        try:
+            bound = float(number)
+        except ValueError:
+            bound = math.nan
+        if not math.isfinite(bound):
+            raise CableError(
+                f"limit {text!r} must be METRIC>=NUMBER or METRIC<=NUMBER."
+            )
+        name = metric_of_designs(name).name
+        if measured is not None and name not in measured:
+            raise CableError(
+                f"limit {text!r} is on what is not among the metrics measured; add "
+                f"--metric {name}."
+            )
+        found.append(Limit(name, bound, sign == ">=", across))
+    return tuple(found)
+
+
+def _split(text: str) -> tuple[str, str, str]:
+    for sign in (">=", "<="):
+        if sign in text:
+            return text.partition(sign)
+    return text, "", ""
+
+
+def read_objectives(
+    texts: Iterable[str], measured: Sequence[str] | None = None
+) -> tuple[Objective, ...]:
+    """Parse `METRIC`, `min:METRIC` and `max:METRIC`.
+
+    A metric of the user is `MODULE:NAME`, or its name once it was found.
+
+    Args:
+        texts: the objectives.
+        measured: metrics that the study measures; None if it measures any that is
+            requested.
+
+    Raises:
+        CableError: no such metric, not measured, or given twice.
+    """
+    found: list[Objective] = []
+    for text in require_list("objectives", texts):
+        way, _, given = text.partition(":")
+        if way not in ("min", "max"):
+            if given in METRICS:
+                raise CableError(
+                    f"objective {text!r} must be NAME, min:NAME or max:NAME."
+                )
+            way, given = "", text
+        metric = metric_of_designs(given)
+        name = metric.name
+        if not (way or metric.better):
+            raise CableError(
+                f"objective {text!r} is better neither high nor low; write min:{text} "
+                f"or max:{text}."
+            )
+        if measured is not None and name not in measured:
+            raise CableError(
+                f"objective {name!r} is not among the metrics that are measured; add "
+                f"--metric {given}."
+            )
+        if any(other.name == name for other in found):
+            raise CableError(f"objective {name!r} is given twice.")
+        found.append(Objective(name, way == "max" if way else metric.high))
+    return tuple(found)
+
+
+def objective_costs(
+    table: pa.Table, objectives: Sequence[Objective], limits: Sequence[Limit] = ()
+) -> Array:
+    """Return the numbers to minimise, (designs, objectives).
+
+    NaN where there is no number, and all along the row of a design beyond a limit.
+    """
+    columns = [(-1.0 if o.high else 1.0) * column(table, o.name) for o in objectives]
+    found = np.stack(columns, axis=-1)
+    found[~within_limits(table, limits)] = np.nan
+    return found
+
+
+def within_limits(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
+    """Mark designs that keep all limits, (designs,); without a number none does."""
+    kept = np.ones(len(table), dtype=np.bool_)
+    for limit in limits:
+        values = column(table, limit.column)
+        kept &= values >= limit.bound if limit.least else values <= limit.bound
+    return kept
+
+
+def column(table: pa.Table, name: str) -> Array:
+    """Return a column of a table as numbers, NaN where it has none."""
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def pareto_rows(cost: Array) -> NDArray[np.bool_]:
+    """Return the rows that no other row beats: as good in all columns, better in one.
+
+    Args:
+        cost: to be made small, (designs, objectives); rows with NaN are never in.
+    """
+    from scipy.stats import rankdata
+
+    best = np.zeros(len(cost), dtype=np.bool_)
+    left = np.flatnonzero(~np.isnan(cost).any(axis=1))
+    # Whatever beats a row has a smaller sum of ranks, so the first of the rest is in.
+    ranks = np.sum(
+        [rankdata(column, method="dense") for column in cost[left].T], axis=0
+    )
+    left = left[np.argsort(ranks, kind="stable")]
+    while left.size:
+        first, left = left[0], left[1:]
+        best[first] = True
+        worse = (cost[left] >= cost[first]).all(axis=1)
+        worse &= (cost[left] > cost[first]).any(axis=1)
+        left = left[~worse]
+    return best
+
+
+def rank_designs(cost: Array) -> NDArray[np.intp]:
+    """Return the rows from best to worst: the Pareto set first, each part by mean rank.
+
+    The rank of a design in an objective is its place among all; no number is last.
+    """
+    from scipy.stats import rankdata
+
+    ranks = np.mean([rankdata(column) for column in np.nan_to_num(cost, nan=np.inf).T],
+                    axis=0)  # fmt: skip
+    return np.lexsort((ranks, ~pareto_rows(cost)))

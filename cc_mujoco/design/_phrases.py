@@ -1,0 +1,80 @@
+"""Names and numbers of a study, written for a reader."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
+from cc_mujoco.device._variables import VALUES, split
+from cc_mujoco.metrics import METRICS
+
+UNKNOWN_REASON = (
+    "no variation, too few designs, or designs left out are not foretold by the others"
+)
+"""Why it may be unknown what a metric depends on."""
+
+
+SLOPES_NOTE = (
+    "How much each number changes at the best design for a tenth of a variable's range "
+    "more, or over the neighbouring values where only some are allowed: by designs a "
+    "fiftieth of the range to either side (column “tried”). Behind ± stands half the "
+    "difference between the two sides; where it is as large as the change itself, the "
+    "number bends there and the slope says little."
+)
+"""Explanation of the table of slopes."""
+PRICES_NOTE = (
+    "What moving by up to a tenth of every range should bring by these slopes (a "
+    "linear program), the other objectives no worse, and what it brought when it was "
+    "simulated: with the limits as they are, and with each relaxed by a tenth of its "
+    "size. A shadow price is what one unit of a limit is worth; a limit that does not "
+    "bind is worth nothing here. Where the simulated number is not better than now, "
+    "the slopes promise too much; where it is better with the limits as they are, and "
+    "keeps the rest, the best design was not yet the optimum. “Keeps the rest” allows "
+    "another objective to be 1 % worse."
+)
+"""Explanation of the table of prices."""
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a metric or a variable; empty where it has none."""
+    name, _, of = name.partition("@")
+    if of == WORST_CASE_SUFFIX:
+        return ""
+    thing = METRICS.get(name) or VALUES.get(split(name)[1])
+    return "" if thing is None or thing.unit == "1" else thing.unit
+
+
+def column_title(name: str) -> str:
+    """Return the title of a column."""
+    unit = unit_of(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def format_cell(value: object) -> str:
+    """Return a value as it is written in a table, `-` if there is none."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def plain_name(name: str) -> str:
+    """Return a name as it is written in a sentence."""
+    return name.replace("_", " ")
+
+
+def format_quantity(name: str, value: object) -> str:
+    """Return a value with its unit, as it is written in a sentence."""
+    unit = unit_of(name)
+    return (
+        f"{format_cell(value)} {unit}"
+        if unit and value is not None
+        else format_cell(value)
+    )
+
+
+def describe_controllers(controllers: Sequence[str]) -> str:
+    """Name the controllers of a study."""
+    if len(controllers) == 1:
+        return f"controller {controllers[0]}"
+    names = ", ".join(controllers)
+    return f"for each design the best by tracking of controllers {names}"

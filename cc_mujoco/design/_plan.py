@@ -1,0 +1,513 @@
+"""Plan of a study: its protocol, designs and batches.
+
+Every error in the specification of a study is found here, before anything runs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco._validation import (
+    MAX_DURATION,
+    require_dictionary,
+    require_list,
+    require_number,
+)
+from cc_mujoco.design import _walking_designs as walking_designs
+from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
+from cc_mujoco.design._designs import (
+    Range,
+    from_file,
+    grid,
+    latin_hypercube,
+    read_range,
+    require_count,
+)
+from cc_mujoco.design._evaluation import Design, rehearse
+from cc_mujoco.design._pareto import Limit, Objective, read_limits, read_objectives
+from cc_mujoco.design._protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
+from cc_mujoco.design._scenarios import Across, read_across
+from cc_mujoco.design._study_metrics import (
+    CONTROLLER_METRIC,
+    COST_METRIC,
+    DEFAULT_METRICS,
+    is_stride_metric,
+    metric_of_designs,
+    missing_variables,
+)
+from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
+from cc_mujoco.device import Scene
+from cc_mujoco.device._variables import split
+from cc_mujoco.device._wearer_scaling import WALK, WALKER
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import Trajectory
+from cc_mujoco.human._csv_motion import resolve_trajectory
+from cc_mujoco.metrics import METRICS, Metric, find_metric, metric_key, user_metrics
+
+MAX_BATCH = 256
+"""Most designs that are simulated together: enough that Python's share is small."""
+
+MAX_BATCH_BYTES, BYTES_PER_STEP = 250e6, 150.0
+"""Most that a batch may keep, and size of a design's control step [byte]."""
+
+_SMALL_BATCH = 8
+"""Designs per batch of a small study."""
+
+_LONGEST_TEXT = 200
+"""Characters of a trajectory's `repr` that stand in a description as they are."""
+
+SAMPLINGS = ("grid", "lhs")
+
+VALUES_KEY = "values"
+"""Key of a study's description: a digest of each variable's values."""
+
+GENERATION = 32
+"""Designs per generation of a search."""
+PIECE = 8
+"""Designs of a generation per batch of simulations."""
+MOST_OBJECTIVES = 4
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Executable plan of a study."""
+
+    protocol: EpisodeProtocol
+    designs: tuple[Design, ...]
+    ranges: Mapping[str, Range]
+    """Range of each variable; of a list of designs, the values that occur."""
+    full: bool
+    """True if the designs are every combination of the levels of the ranges."""
+    batches: tuple[tuple[int, ...], ...]
+    """Indices of designs that are simulated together."""
+    source: str
+    """Name of the trajectory, path of its CSV file, or description of the object."""
+    search: Mapping[str, Any] | None = None
+    """Settings of the search for designs, as plain JSON; None without a search."""
+    objectives: tuple[Objective, ...] = ()
+    """Metrics to minimise or maximise."""
+    limits: tuple[Limit, ...] = ()
+    """Bounds on metrics that a feasible design satisfies."""
+    evaluations: int = 0
+    """Number of designs that a search evaluates."""
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Variables that take more than one value."""
+        return tuple(
+            name
+            for name in self.ranges
+            if any(d[name] != self.designs[0][name] for d in self.designs)
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Describe the study as plain JSON, equal for equal studies."""
+        protocol = {
+            field.name: getattr(self.protocol, field.name)
+            for field in dataclasses.fields(self.protocol)
+        }
+        protocol |= {
+            "trajectory": self.source,
+            "controllers": list(self.protocol.controllers),
+            "metrics": list(self.protocol.metrics),
+            "across": {name: list(v) for name, v in self.protocol.across.levels},
+            "rank": self.protocol.across.rank,
+            "turned": list(self.protocol.across.turned),
+        }
+        own = self.protocol.own
+        protocol["own"] = {find_metric(one).name: metric_key(one) for one in own}
+        if self.protocol.costs:
+            protocol["costs"] = dict(self.protocol.costs)
+        else:
+            del protocol["costs"]
+        about: dict[str, Any] = {
+            "protocol": protocol,
+            "variables": list(self.ranges),
+        }
+        if self.search is not None:
+            return about | {"search": json.loads(json.dumps(self.search))}
+        values = {n: dict.fromkeys(d[n] for d in self.designs) for n in self.ranges}
+        return about | {
+            VALUES_KEY: {name: _digest(list(each)) for name, each in values.items()},
+            "designs": len(self.designs),
+            "batches": len(self.batches),
+            "digest": _digest(self.designs),
+        }
+
+    def made_by(self) -> dict[str, Any]:
+        """Return the provenance of the table besides its settings."""
+        names = *self.protocol.controllers, *self.protocol.metric_files
+        return code_provenance(*names, trajectory=self.source)
+
+
+def _digest(listed: Sequence[object]) -> str:
+    return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
+
+
+def make_plan(
+    scene: str | StudySpec,
+    vary: Assignments = None,
+    designs: str | Path | Sequence[Mapping[str, object]] | None = None,
+    **fields: Any,
+) -> Plan:
+    """Plan a study; the arguments are those of `study`.
+
+    The plan of a search has no designs yet.
+
+    Raises:
+        CableError: the specification is invalid.
+        TypeError: `fields` holds an unknown field of `StudySpec`.
+    """
+    spec = specified(scene, vary, designs, fields)
+    if spec.evaluations is not None:
+        return _plan_search(spec, spec.evaluations)
+    goals = read_objectives(spec.objectives)
+    vary = _assigned("vary", "VARIABLE", spec.vary)
+    if (not vary) == (spec.designs is None):
+        raise CableError("give what to vary, or a list of designs, and not both.")
+    rows: Sequence[Mapping[str, object]] = []
+    if isinstance(spec.designs, (str, Path)):
+        rows = from_file(spec.designs)
+    elif spec.designs is not None:
+        if isinstance(spec.designs, Mapping) or not isinstance(spec.designs, Iterable):
+            raise CableError(f"designs must be a file or a list, not {spec.designs!r}.")
+        rows = [
+            require_dictionary(f"design {i}", row) for i, row in enumerate(spec.designs)
+        ]
+    variables_given = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
+    protocol, builder, source = _make_protocol(spec, goals, variables_given)
+    look_up("sampling", spec.sampling, dict.fromkeys(SAMPLINGS))
+    if (spec.sampling == "lhs") != (spec.samples is not None):
+        raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
+    ranges: dict[str, Range] = {}
+    if spec.designs is None:
+        ranges = {
+            name: read_range(name, given, builder.cables)
+            for name, given in vary.items()
+        }
+        if spec.samples is not None:
+            rows = latin_hypercube(ranges, spec.samples, spec.seed)
+        else:
+            rows = grid(ranges)
+    cases = protocol.across
+    cases.require_apart(dict.fromkeys(name for row in rows for name in row))
+    require_count(len(rows) * len(cases.cases))
+    checked = _check(cases, builder, rows)
+    walking_designs.require_strides(protocol, checked)
+    if spec.designs is not None:
+        _require_distinct(checked)
+        names = list(checked[0])
+        ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
+    measured = protocol.metrics
+    return Plan(
+        protocol,
+        tuple(checked),
+        ranges,
+        spec.designs is None and spec.samples is None,
+        _batches(cases, builder, checked, max(spec.duration, CHIRP_TIME)),
+        source,
+        objectives=read_objectives(spec.objectives, measured),
+        limits=read_limits(spec.subject_to, measured, cases.several),
+    )
+
+
+def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
+    """Plan a search for the best designs.
+
+    Raises:
+        CableError: the specification is invalid.
+    """
+    if spec.designs is not None or spec.sampling != "grid" or spec.samples:
+        raise CableError(
+            "--optimise chooses the designs itself: give --vary, and neither "
+            "--designs nor --sampling nor --samples."
+        )
+    sampler = f"TPE of optuna {require_optuna().__version__}"
+    vary = _assigned("vary", "VARIABLE", spec.vary)
+    chosen = metrics_of(spec.metrics)
+    limits = read_limits(spec.subject_to, across=bool(spec.across))
+    goals = read_objectives(spec.objectives)
+    if not 1 <= len(goals) <= MOST_OBJECTIVES:
+        raise CableError(
+            f"a search has 1 to {MOST_OBJECTIVES} objectives, not {len(goals)}; what "
+            "need not be best but good enough is a limit (--subject-to)."
+        )
+    measured: tuple[Objective | Limit | Metric, ...] = (*goals, *limits, *chosen)
+    names = tuple(dict.fromkeys(each.name for each in measured))
+    protocol, builder, source = _make_protocol(
+        replace(spec, metrics=names), goals, vary
+    )
+    if not vary:
+        raise CableError("a search needs something to vary.")
+    protocol.across.require_apart(vary)
+    ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
+    ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
+            if n in WALKER}  # fmt: skip
+    walking_designs.require_strides(
+        protocol,
+        [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
+    )
+    if isinstance(evaluations, int) and evaluations < 1:
+        raise CableError(f"a search must try at least 1 design, not {evaluations}.")
+    require_count(evaluations)
+    asked = {
+        "objectives": [goal.text for goal in goals],
+        "subject_to": [limit.text for limit in limits],
+        "ranges": {
+            name: [list(values.levels), values.ends, values.log]
+            for name, values in ranges.items()
+        },
+        "generation": [GENERATION, PIECE],
+        "sampler": sampler,
+    }
+    return Plan(
+        protocol, (), ranges, False, (), source, asked, goals, limits, evaluations
+    )
+
+
+def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
+    """Return the values of each name, which may be given as `NAME=VALUES`."""
+    if not isinstance(given, (list, tuple)) or not all(
+        isinstance(text, str) for text in given
+    ):
+        return require_dictionary(field, given)
+    found: dict[str, Given] = {}
+    for text in given:
+        name, equals, values = text.partition("=")
+        if not equals or not name or not values:
+            raise CableError(f"--{field} {text!r} must be {what}=VALUES.")
+        if name in found:
+            raise CableError(f"--{field} gives {name!r} twice.")
+        found[name] = values
+    return found
+
+
+def require_optuna() -> Any:
+    """Return the module of Optuna.
+
+    Raises:
+        CableError: it is not installed.
+    """
+    try:
+        import optuna
+    except ImportError:
+        raise CableError(
+            "a search needs Optuna: pip install 'cc_mujoco[search]'."
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the controllers, checked to be unique.
+
+    Raises:
+        CableError: there is none, or one is given twice.
+    """
+    found = require_list("controllers", names)
+    if not found:
+        raise CableError("a study needs a controller.")
+    for name in found:
+        if found.count(name) > 1:
+            raise CableError(f"controller {name!r} is given twice.")
+    return found
+
+
+def _make_protocol(
+    spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
+) -> tuple[EpisodeProtocol, Scene, str]:
+    """Return the protocol of designs, the scene and the trajectory.
+
+    Args:
+        spec: the study.
+        goals: objectives, which determine the worst case.
+        named: names of the variables of designs.
+    """
+    builder = Scene(spec.scene, spec.timestep)
+    step = float(builder.spec.option.timestep)
+    skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
+    if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
+        raise CableError(
+            f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
+            f"calls of the controller, which {1e3 * step:g} ms does not."
+        )
+    chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(spec.metrics)))
+    laws = _read_controllers(spec.controllers)
+    require_number("duration", spec.duration, 0.05, MAX_DURATION, "s")
+    if not (isinstance(spec.seed, int) and spec.seed >= 0):
+        raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
+    turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
+    across = _assigned("across", "NAME", spec.across)
+    cases = read_across(across, spec.rank, builder.cables, turned)
+    home = builder.setup
+    given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
+    motion, source = resolve_trajectory(given_motion), _trajectory_source(given_motion)
+    variables_named = {split(name)[1] for name in (*named, *cases.names)}
+    task = home.task if spec.task is None else spec.task
+    walking_designs.require_played(home, variables_named, source, task)
+    for name in chosen:
+        if is_stride_metric(name) and (home.joint, source) != ("ankle", WALK):
+            raise CableError(
+                f"metric {name!r} is of the strides of an ankle; it needs the scene "
+                f"'ankle' and the trajectory {WALK!r}."
+            )
+        if variables := missing_variables(METRICS[name], variables_named):
+            ways = " or ".join(map(repr, variables))
+            raise CableError(
+                f"metric {name!r} needs what no scene says: give every design "
+                f"{ways} (--vary, one value is enough)."
+            )
+    if chosen and len(laws) > 1 and CONTROLLER_METRIC not in chosen:
+        chosen = (*chosen, CONTROLLER_METRIC)
+    measured = chosen or _default_metrics_of(variables_named, spec.costs is not None)
+    priced = read_costs(EXAMPLE if spec.costs is None else spec.costs)
+    if spec.costs is not None and COST_METRIC not in measured:
+        raise CableError(
+            f"costs are for the metric {COST_METRIC!r}, which is not among those "
+            "measured."
+        )
+    protocol = EpisodeProtocol(
+        spec.scene,
+        motion,
+        task,
+        laws,
+        spec.duration,
+        spec.seed,
+        step,
+        measured,
+        cases,
+        tuple(priced.items()) if COST_METRIC in measured else (),
+        user_metrics(measured),
+    )
+    rehearse(protocol, builder)
+    return protocol, builder, source
+
+
+def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
+    """Return the metrics that are chosen for a study.
+
+    Raises:
+        CableError: They are no list, or there is no such metric.
+    """
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise CableError(f"metrics must be a list of texts, not {given!r}.")
+    return [metric_of_designs(one) for one in given]
+
+
+def _trajectory_source(trajectory: str | Path | Trajectory) -> str:
+    """Return the text by which a trajectory is known again in a description."""
+    if isinstance(trajectory, (str, Path)):
+        return str(trajectory)
+    text = repr(trajectory)
+    if len(text) <= _LONGEST_TEXT:
+        return text
+    return f"{type(trajectory).__name__} {hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
+    """Return the default metrics of designs with these variables."""
+    return tuple(
+        name
+        for name in (*DEFAULT_METRICS, COST_METRIC)
+        if not missing_variables(METRICS[name], names)
+        and (costs or name != COST_METRIC)
+    )
+
+
+def _check(
+    across: Across, builder: Scene, rows: Sequence[Mapping[str, object]]
+) -> list[Design]:
+    """Return every design as it is used.
+
+    Raises:
+        CableError: designs are impossible; it names the first, its reason and a count.
+    """
+    checked: list[Design] = []
+    wrong: list[tuple[int, str]] = []
+    for index, row in enumerate(rows):
+        try:
+            checked.append(across.check(builder, row))
+        except CableError as error:
+            wrong.append((index, str(error).rstrip(".")))
+    if wrong:
+        index, why = wrong[0]
+        text = ", ".join(
+            f"{name}={_format_short(v)}" for name, v in rows[index].items()
+        )
+        many = (
+            f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
+        )
+        raise CableError(f"design {index} ({text}) is impossible: {why}{many}.")
+    if not checked:
+        raise CableError("there are no designs.")
+    return checked
+
+
+def _require_distinct(designs: Sequence[Design]) -> None:
+    """Reject duplicate designs, which would count twice in all ranks.
+
+    Raises:
+        CableError: two designs are equal.
+    """
+    seen: dict[tuple[object, ...], int] = {}
+    for index, design in enumerate(designs):
+        first = seen.setdefault(tuple(design.items()), index)
+        if first != index:
+            text = ", ".join(f"{name}={_format_short(v)}" for name, v in design.items())
+            raise CableError(
+                f"designs {first} and {index} (counted from 0) are the same, {text}; "
+                "give each once."
+            )
+
+
+def _format_short(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _batches(
+    across: Across, builder: Scene, designs: Sequence[Design], longest: float
+) -> tuple[tuple[int, ...], ...]:
+    """Group designs of equal layout into at least eight batches for the threads.
+
+    The batches do not depend on the machine, so that any other can resume the study.
+    """
+    capacity = int(MAX_BATCH_BYTES / BYTES_PER_STEP * CONTROL_PERIOD / longest)
+    size = max(1, min(MAX_BATCH, capacity, math.ceil(len(designs) / 8)))
+    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
+    return batches_of(layouts, size)
+
+
+def batches_of(
+    layout: Mapping[int, tuple[object, ...]], size: int
+) -> tuple[tuple[int, ...], ...]:
+    """Return the designs of equal layout together, `size` of them at most."""
+    layouts: dict[tuple[object, ...], list[int]] = {}
+    for index, one in layout.items():
+        layouts.setdefault(one, []).append(index)
+    return tuple(
+        tuple(members[i : i + size])
+        for members in layouts.values()
+        for i in range(0, len(members), size)
+    )
+
+
+def with_few_designs(plan: Plan, builder: Scene, designs: Sequence[Design]) -> Plan:
+    """Return the study with a few other designs, in small batches."""
+    across = plan.protocol.across
+    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
+    return replace(
+        plan,
+        designs=tuple(designs),
+        full=False,
+        batches=batches_of(layouts, _SMALL_BATCH),
+        search=None,
+    )

@@ -1,0 +1,718 @@
+"""Text of the page of a study, section by section; nothing here draws."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco.cable._parameters import PARAMETERS
+from cc_mujoco.design._designs import Range
+from cc_mujoco.design._local_sensitivity import (
+    OBJECTIVE_TOLERANCE,
+    Around,
+    Price,
+    Slope,
+)
+from cc_mujoco.design._pareto import (
+    Limit,
+    Objective,
+    objective_costs,
+    pareto_rows,
+    rank_designs,
+    within_limits,
+)
+from cc_mujoco.design._phrases import (
+    PRICES_NOTE,
+    SLOPES_NOTE,
+    UNKNOWN_REASON,
+    column_title,
+    describe_controllers,
+    format_cell,
+    format_quantity,
+    plain_name,
+    unit_of,
+)
+from cc_mujoco.design._plan import Plan
+from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
+from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
+from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._timestep_check import Halved
+from cc_mujoco.device._plant import RADII, Scene
+from cc_mujoco.device._registry import DEVICES
+from cc_mujoco.device._variables import SETS, describe
+from cc_mujoco.metrics import METRICS
+from cc_mujoco.report._html import (
+    Html,
+    bullet_list,
+    element,
+    join_pieces,
+    list_words,
+    paragraph,
+    share_bar,
+    table,
+)
+
+Array = NDArray[np.float64]
+Row = Mapping[str, object]
+
+LISTED_DESIGNS = 10
+"""Designs in the table of the best."""
+NEAR_BEST_SHARE = 0.05
+"""Part of an objective's range within which designs are as good as the best."""
+ALWAYS_LISTED = ("axial_stiffness", "pretension", "friction")
+"""Parameters of a cable that are listed even if they have their default."""
+EDGE_SHARE = 0.02
+"""Part of a range within which a value lies at its end."""
+LATE_SEARCH_SHARE = 0.8
+"""Part of a search after which a new best design means that it has not converged."""
+
+
+@dataclass(frozen=True)
+class RankedStudy:
+    """A finished study and what its designs are ranked by.
+
+    Attributes:
+        plan: the study.
+        rows: its table, a mapping per design.
+        goals: what makes a design good.
+        limits: that a good design keeps.
+        cost: see `objective_costs`.
+        kept: whether designs keep the limits.
+        order: designs from best to worst.
+        front: which are in the Pareto set.
+        chosen: whether objectives were given; otherwise every metric is one.
+    """
+
+    plan: Plan
+    rows: tuple[Row, ...]
+    goals: tuple[Objective, ...]
+    limits: tuple[Limit, ...]
+    cost: Array
+    kept: NDArray[np.bool_]
+    order: NDArray[np.intp]
+    front: NDArray[np.bool_]
+    chosen: bool
+
+    @classmethod
+    def of(cls, plan: Plan, found: pa.Table) -> RankedStudy:
+        """Rank the designs of a table by the objectives and limits of its plan."""
+        goals, limits = goals_of(plan, found), plan.limits
+        cost = objective_costs(found, goals, limits)
+        return cls(
+            plan,
+            tuple(found.to_pylist()),
+            goals,
+            limits,
+            cost,
+            within_limits(found, limits),
+            rank_designs(cost),
+            pareto_rows(cost),
+            bool(plan.objectives),
+        )
+
+    @property
+    def best(self) -> Row | None:
+        """The first design; None where none has all numbers and keeps the limits."""
+        first = int(self.order[0])
+        return None if np.isnan(self.cost[first]).any() else self.rows[first]
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Variables that take several values."""
+        return self.plan.varied
+
+
+def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
+    """Return the objectives that rank designs, or all metrics that have numbers."""
+    if plan.objectives:
+        return plan.objectives
+    measured = plan.protocol.metrics
+    had = [name for name in measured if table[name].null_count < len(table)]
+    names = had or measured
+    directed = [name for name in names if METRICS[name].better]
+    return tuple(Objective(name, METRICS[name].high) for name in directed or names)
+
+
+def header(found: RankedStudy) -> Html:
+    """State the question and the answer."""
+    device = DEVICES[found.plan.protocol.scene]
+    title = element("h1", f"What if? {device.meaning[:1].upper()}{device.meaning[1:]}")
+    goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
+                    for g in found.goals])  # fmt: skip
+    if not found.chosen:
+        goals = "the best in all that was measured, as no objective was given"
+    many = f"{len(found.rows)} designs were simulated, looking for {goals}"
+    if found.limits:
+        limits = list_words([limit.text for limit in found.limits])
+        many += f" with {limits}, which {int(found.kept.sum())} keep"
+    request = [paragraph(f"{many}.")]
+    if found.plan.protocol.across.several:
+        request.append(paragraph(cases_sentence(found.plan)))
+    best = found.best
+    if best is None:
+        return element(
+            "header",
+            title,
+            paragraph("No design is good enough.", kind="lead"),
+            *_least_violating(found),
+            *request,
+        )
+    first = "The best design"
+    if len(found.goals) > 1:
+        first = "The best compromise"
+        if int(found.front.sum()) == 1:
+            first = "Best in all objectives of those tried"
+    lead = f"{first} is design {best['design']}: {_setting_text(found, best)}."
+    gives = list_words([f"{plain_name(g.name)} {format_quantity(g.name, best[g.name])}"
+                    for g in found.goals])  # fmt: skip
+    return element(
+        "header",
+        title,
+        paragraph(lead, kind="lead"),
+        paragraph(f"It gives {gives}.", kind="lead"),
+        _summary_answer(found),
+        *request,
+    )
+
+
+def _summary_answer(found: RankedStudy) -> Html:
+    """State the certainty and the next step, for readers who stop here."""
+    row, edges = found.best, variables_at_ends(found)
+    assert row is not None
+    show = element("code", f"cc-mujoco whatif-show STUDY {row['design']}")
+    following = ["see it at work with ", show]
+    if edges:
+        names = list_words([plain_name(name) for name, _ in edges])
+        following = [
+            f"vary {names} further, as the best lies at an end; and ",
+            *following,
+        ]
+    return element(
+        "ul",
+        element("li", element("b", "How sure: "), near_best_sentence(found), "."),
+        element("li", element("b", "What next: "), *following, "."),
+    )
+
+
+def near_best_sentence(found: RankedStudy) -> str:
+    """State how many other designs are about as good as the best, if there is one."""
+    first = int(found.order[0])
+    good = ~np.isnan(found.cost).any(axis=1)
+    span = np.ptp(found.cost[good], axis=0)
+    near = good & (found.cost <= found.cost[first] + NEAR_BEST_SHARE * span).all(axis=1)
+    others = int(near.sum()) - 1
+    many = f"{others} other designs are" if others != 1 else "1 other design is"
+    meaning = (
+        "what they have in common matters, not the last digit of the best"
+        if others
+        else "it stands alone, so small differences from it cost something"
+    )
+    within = f"within {NEAR_BEST_SHARE:.0%} of the range of every objective"
+    return f"{many} as good to {within}: {meaning}"
+
+
+def variables_at_ends(found: RankedStudy) -> list[tuple[str, str]]:
+    """Return the variables that are at an end of their range in the best design."""
+    row = found.best
+    if row is None:
+        return []
+    return [
+        (name, end)
+        for name in found.varied
+        if (end := _range_end(found.plan.ranges[name], row[name]))
+    ]
+
+
+def cases_sentence(plan: Plan) -> str:
+    """State over which cases designs are ranked."""
+    return (
+        f"Every number of a design is {plan.protocol.across.told()}. A design that "
+        "fails in one of them has failed, one without a number in one of them has "
+        "none, and limits hold in all of them."
+    )
+
+
+def _least_violating(found: RankedStudy) -> list[Html]:
+    """Return the design that violates the limits least, if any can be compared."""
+    beyond = {}
+    for number, row in enumerate(found.rows):
+        if found.limits and all(
+            row[limit.column] is not None for limit in found.limits
+        ):
+            metrics = {n.column: float(str(row[n.column])) for n in found.limits}
+            beyond[number] = max(limit.beyond(metrics) for limit in found.limits)
+    if not beyond:
+        return []
+    row = found.rows[min(beyond, key=lambda number: beyond[number])]
+    gives = list_words([f"{plain_name(n.name)} {format_quantity(n.name, row[n.column])}"
+                    for n in found.limits])  # fmt: skip
+    lead = (
+        f"The nearest is design {row['design']}, {_setting_text(found, row)}: {gives}."
+    )
+    return [paragraph(lead, kind="lead")]
+
+
+def best_designs(found: RankedStudy) -> Html | None:
+    """Return a table of the best designs."""
+    if found.best is None:
+        return None
+    names = [goal.name for goal in found.goals]
+    names += [n.column for n in found.limits if n.column not in names]
+    if len(found.plan.protocol.controllers) > 1:
+        names.append(CONTROLLER_COLUMN)
+    if found.plan.protocol.across.several:
+        names += [f"{goal.name}@{WORST_CASE_SUFFIX}" for goal in found.goals]
+    columns = ["design", *found.varied, *names]
+    rows = []
+    for place in found.order[:LISTED_DESIGNS]:
+        if np.isnan(found.cost[place]).any():
+            break
+        row = found.rows[int(place)]
+        cells = [format_cell(row[name]) for name in columns]
+        rows.append([cells[0] + ("*" if found.front[place] else ""), *cells[1:]])
+    words = (
+        "The order is by mean rank in the objectives, after the designs that no other "
+        "beats in all of them (marked *)."
+        if len(found.goals) > 1
+        else "The order is by the objective."
+    )
+    return join_pieces(
+        [paragraph(words), table([column_title(n) for n in columns], rows)]
+    )
+
+
+def confidence(
+    found: RankedStudy, nearby: Around | None = None, half: Halved | None = None
+) -> Html | None:
+    """State how sure it is that the best is the best."""
+    row = found.best
+    if row is None:
+        return None
+    sentences = []
+    first = int(found.order[0])
+    sentences.append(f"{near_best_sentence(found)}.")
+    edges = [
+        f"{plain_name(name)} at the {end} end" for name, end in variables_at_ends(found)
+    ]
+    if edges:
+        sentences.append(
+            f"It has {list_words(edges)} of what was tried; a wider range may hold "
+            "something better."
+        )
+    if nearby is not None:
+        sentences += [
+            text for price in nearby.prices if (text := _better_neighbour(found, price))
+        ]
+    if half is not None:
+        sentences.append(timestep_sentence(half))
+    if found.plan.search is not None:
+        share = (first + 1) / len(found.rows)
+        sentences.append(
+            f"The search found it as design {first} of {len(found.rows)}"
+            + (
+                "; so late, more designs may well find a better one."
+                if share > LATE_SEARCH_SHARE
+                else "; the rest of the search brought nothing better."
+            )
+        )
+    if len(found.plan.protocol.controllers) == 1:
+        sentences.append(
+            "Tracking, torque, power and tension are the controller's as well as the "
+            "design's; --controllers with several names shows by how much."
+        )
+    sentences.append(
+        "All numbers are of a simulation with perfect sensors and one wearer's motion, "
+        f"{describe_controllers(found.plan.protocol.controllers)}; parts, wearers and "
+        "liners that differ from the model give other numbers."
+    )
+    return bullet_list(sentences)
+
+
+def timestep_sentence(half: Halved) -> str:
+    """State how half the time step changes the numbers."""
+    step = f"half the time step, {1e3 * half.timestep:g} ms"
+    if not half.unsettled:
+        many = f"{len(half.designs)} designs from the best to the worst"
+        one = f"design {half.designs[0]} gives"
+        what = f"{many} give" if len(half.designs) > 1 else one
+        most = half.changes[0]
+        return (
+            f"At {step}, {what} the same numbers to within {most.share:.1%} "
+            f"({plain_name(most.metric)})."
+        )
+    largest = [
+        f"{plain_name(one.metric)} of design {one.design} is "
+        + (
+            f"{format_quantity(one.metric, one.half_step_value)} instead of "
+            f"{format_cell(one.value)}"
+            if math.isfinite(one.half_step_value)
+            else f"none instead of {format_quantity(one.metric, one.value)}"
+        )
+        for one in half.unsettled
+    ]
+    return (
+        f"At {step}, {list_words(largest)}: such numbers say more of the step than of "
+        f"the design. --timestep {half.timestep:g} repeats the study there; where that "
+        "does not settle them, the controller swings against the cable."
+    )
+
+
+def _better_neighbour(found: RankedStudy, price: Price) -> str:
+    """State that a design near the best was better, and which one."""
+    (goal,) = (goal for goal in found.goals if goal.name == price.objective)
+    gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
+    if (
+        price.limit is not None
+        or not price.kept
+        or not gain > OBJECTIVE_TOLERANCE * abs(price.now)
+    ):
+        return ""
+    return (
+        f"It is not the optimum: beside it, {_setting_text(found, price.design)} gives "
+        f"{plain_name(goal.name)} {format_quantity(goal.name, price.found)} instead of "
+        f"{format_cell(price.now)} and keeps the limits; more designs are worth trying."
+    )
+
+
+def controllers(found: RankedStudy) -> Html | None:
+    """State how far the findings depend on the controller; None where there is one."""
+    laws = found.plan.protocol.controllers
+    goals = [goal for goal in found.goals if METRICS[goal.name].driven]
+    if len(laws) == 1 or not goals:
+        return None
+    from scipy.stats import spearmanr
+
+    rows = []
+    for law in laws:
+        chosen = sum(row[CONTROLLER_COLUMN] == law for row in found.rows)
+        cells = [law, f"{chosen} of {len(found.rows)}"]
+        for goal in goals:
+            column = f"{goal.name}@{law}"
+            pairs = np.array(
+                [
+                    (float(str(row[column])), float(str(row[goal.name])))
+                    for row in found.rows
+                    if row[column] is not None and row[goal.name] is not None
+                ]
+            ).reshape(-1, 2)
+            varies = len(pairs) > 2 and np.ptp(pairs, axis=0).all()
+            rank_correlation = f"{spearmanr(*pairs.T).statistic:.2f}" if varies else "-"
+            own = [] if found.best is None else [format_cell(found.best[column])]
+            cells += [*own, rank_correlation]
+        rows.append(cells)
+    head = ["controller", "tracks best in"]
+    for goal in goals:
+        own = [] if found.best is None else [f"design {found.best['design']}"]
+        head += [f"{column_title(goal.name)}, {text}" for text in (*own, "ranks alike")]
+    words = (
+        "A design is ranked with the controller that tracks best with it. Ranks alike "
+        "(Spearman's correlation, 1 is the same order) says whether another controller "
+        "alone would have ordered the designs as they are ordered here; where it is "
+        "far from 1, the number is as much the controller's as the design's."
+    )
+    return join_pieces([paragraph(words), table(head, rows)])
+
+
+def trade_offs(found: RankedStudy) -> Html | None:
+    """State the trade-off of objectives along the Pareto set."""
+    members = np.flatnonzero(found.front)
+    if len(found.goals) < 2 or members.size < 2:
+        return None
+    sentences: list[str | Html] = []
+    for column, goal in enumerate(found.goals):
+        row = found.rows[int(members[np.argmin(found.cost[members, column])])]
+        rest = list_words(
+            [
+                f"{plain_name(other.name)} "
+                f"{format_quantity(other.name, row[other.name])}"
+                for other in found.goals
+                if other is not goal
+            ]
+        )
+        word = "most" if goal.high else "least"
+        sentences.append(
+            f"The {word} {plain_name(goal.name)}, "
+            f"{format_quantity(goal.name, row[goal.name])}, has design {row['design']} "
+            f"({_setting_text(found, row)}), with {rest}."
+        )
+    opening = (
+        f"{members.size} designs are such that nothing beats them in all objectives: "
+        "to gain in one, another has to give."
+    )
+    return join_pieces([paragraph(opening), bullet_list(sentences)])
+
+
+def deciding_variables(
+    found: Sequence[Sensitivity], goals: Sequence[Objective]
+) -> Html:
+    """State which variables decide each objective."""
+    known = [one for goal in goals for one in found if one.metric == goal.name]
+    unknown = [g.name for g in goals if g.name not in {one.metric for one in known}]
+    parts: list[Html] = []
+    if unknown:
+        lost = list_words([plain_name(name) for name in unknown])
+        parts.append(paragraph(f"Nothing can be said of {lost}: {UNKNOWN_REASON}."))
+    if not known:
+        return parts[0]
+    for one in known:
+        names = sorted(one.total, key=lambda name: -one.total[name])
+        rows = []
+        for name in names:
+            values, means = one.effects[name]
+            text = one.levels.get(name) or [f"{value:.4g}" for value in values]
+            low, high = int(np.argmin(means)), int(np.argmax(means))
+            ends = [f"{means[k]:.4g} at {text[k]}" for k in (low, high)]
+            if means[low] == means[high]:  # the surface does without it
+                ends = ["-", "-"]
+            share = one.total[name]
+            share_text = _share(share, one.errors[1].get(name))
+            rows.append(
+                [plain_name(name), join_pieces([share_text, share_bar(share)]), *ends]
+            )
+        unit = METRICS[one.metric].unit
+        head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
+        how = paragraph(f"{one.how[:1].upper()}{one.how[1:]}.", kind="small")
+        parts += [element("h3", plain_name(one.metric)), table(head, rows), how]
+    words = (
+        "The share of the differences between designs that goes when a variable is "
+        "held (Sobol's total index; shares overlap where variables act together). "
+        "Means are over all values of the other variables; a share below its error is "
+        "not told from none."
+    )
+    return join_pieces([paragraph(words), *parts])
+
+
+def _share(share: float, error: float | None) -> str:
+    if error is None:
+        return f"{share:.0%}"
+    return f"{share:.0%} ± {error:.0%}" if share else f"- ± {error:.0%}"
+
+
+def limit_slack(found: RankedStudy) -> Html | None:
+    """State the slack of the limits, and which of them are active."""
+    if not found.limits:
+        return None
+    row = found.best
+    rows = []
+    for limit in found.limits:
+        alone = [_limit_margin(other, limit) for other in found.rows]
+        rest = [
+            all(
+                _limit_margin(other, each) for each in found.limits if each is not limit
+            )
+            for other in found.rows
+        ]
+        only = sum(r and not a for r, a in zip(rest, alone, strict=True))
+        cells = [limit.text, f"{sum(alone)} of {len(alone)}", str(only)]
+        if row is not None:
+            value = float(str(row[limit.column]))
+            left = value - limit.bound if limit.least else limit.bound - value
+            cells += [
+                format_quantity(limit.name, value),
+                format_quantity(limit.name, left),
+            ]
+        rows.append(cells)
+    head = ["limit", "designs that keep it", "that only this one excludes"]
+    if row is not None:
+        head += [f"design {row['design']}", "left over"]
+    return table(head, rows)
+
+
+def local_values(found: Around | None) -> Html | None:
+    """State the worth of each variable and each limit at the best design."""
+    if found is None:
+        return None
+    return join_pieces(
+        [
+            paragraph(SLOPES_NOTE),
+            table(*slope_table(found)),
+            *(
+                [paragraph(PRICES_NOTE), table(*price_table(found))]
+                if found.prices
+                else ()
+            ),
+        ]
+    )
+
+
+def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows, a variable per row and a metric per column."""
+    metrics = list(dict.fromkeys(slope.metric for slope in found.slopes))
+    rows = []
+    for name in dict.fromkeys(slope.variable for slope in found.slopes):
+        mine = [slope for slope in found.slopes if slope.variable == name]
+        span = f"{format_cell(mine[0].low)} to {format_quantity(name, mine[0].high)}"
+        rows.append([plain_name(name), span, *(_slope(slope) for slope in mine)])
+    return ["variable", "tried", *map(column_title, metrics)], rows
+
+
+def price_table(found: Around) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows, an objective and a limit per row."""
+    rows = []
+    for price in found.prices:
+        name = price.objective
+        worth = "-"
+        if price.limit is not None:
+            worth = "does not bind"
+            if price.price > 0.0:
+                own, other = unit_of(name) or "1", unit_of(price.limit.name) or "1"
+                worth = f"{price.price:.3g} {own} per {other}"
+        rows.append(
+            [
+                plain_name(name),
+                "as they are" if price.limit is None else price.limit.text,
+                worth,
+                format_cell(price.now),
+                format_cell(price.promised),
+                "fails" if np.isnan(price.found) else format_cell(price.found),
+                "yes" if price.kept else "no",
+            ]
+        )
+    head = ["objective", "limits", "shadow price", "now", "promised", "simulated",
+            "keeps the rest"]  # fmt: skip
+    return head, rows
+
+
+def _slope(slope: Slope) -> str:
+    if np.isnan(slope.change):
+        return "-"
+    error = "" if np.isnan(slope.error) else f" ± {slope.error:.2g}"
+    return f"{slope.change:+.3g}{error}"
+
+
+def controllers_out(plan: Plan, rows: Sequence[Mapping[str, object]]) -> list[str]:
+    """Return a sentence for each controller that fails in some designs."""
+    sentences = []
+    for column, law in failure_columns(plan.protocol).items():
+        reasons = [str(row[column]) for row in rows if row[column]]
+        if reasons:
+            sentences.append(
+                f"Controller {law} is out in {len(reasons)} of {len(rows)} designs; "
+                f"the first: {reasons[0].rstrip('.')}."
+            )
+    return sentences
+
+
+def failures(found: RankedStudy) -> Html | None:
+    """List the designs without numbers, by reason."""
+    reasons = Counter(
+        re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]))
+        for row in found.rows
+        if row["failed"]
+    )
+    sentences = [f"{many} designs: {why}." for why, many in reasons.most_common()]
+    sentences += controllers_out(found.plan, found.rows)
+    for name in found.plan.protocol.metrics:
+        lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
+        if lacking:
+            sentences.append(f"{lacking} designs ran, but have no {plain_name(name)}.")
+    return bullet_list(sentences) if sentences else None
+
+
+def common_values(found: RankedStudy) -> Html:
+    """List the values that all designs have in common."""
+    plan, device = found.plan, Scene(found.plan.protocol.scene)
+    protocol = plan.protocol
+    rows: list[Sequence[str]] = [
+        ("motion of the wearer", plan.source),
+        ("task of the device", protocol.task),
+        ("controllers", ", ".join(protocol.controllers)),
+        ("length of the episode", f"{protocol.duration:g} s"),
+        ("seed of all that is random", str(protocol.seed)),
+        ("time step of the physics", f"{1e3 * protocol.timestep:g} ms"),
+    ]
+    for name in plan.ranges:
+        if name not in found.varied:
+            rows.append(
+                (plain_name(name), format_quantity(name, plan.designs[0][name]))
+            )
+    for name, values in protocol.across.levels:
+        each = ", ".join(format_cell(value) for value in values)
+        rows.append(
+            (f"{plain_name(name)}, from case to case", f"{each} {unit_of(name)}")
+        )
+    mentioned = {*plan.ranges, *protocol.across.names}
+    mentioned |= {one for name in mentioned for one in SETS.get(name, ())}
+    for cable, key, value in _of_scene(device):
+        if key not in mentioned and f"{cable}.{key}" not in mentioned:
+            owner = f"{cable}: " if cable else ""
+            text = format_quantity(key, value)
+            if key == "static_friction" and mentioned & {
+                "friction",
+                f"{cable}.friction",
+            }:
+                text = "in the scene's proportion to friction"
+            rows.append((owner + plain_name(key), text))
+    return join_pieces(
+        [
+            paragraph(
+                "Everything that was not varied is as in the scene; effects of cables "
+                "that are off are left out. A conduit is lengths and bend radii in "
+                "metres; loops, wrap or length, where varied, bend it otherwise, and a "
+                "diameter makes the cable stiffer."
+            ),
+            table(("what", "value"), rows),
+        ]
+    )
+
+
+def _of_scene(device: Scene) -> Iterator[tuple[str, str, object]]:
+    """Yield the cable, variable and its value in the scene."""
+    for name, cable in device.cables.items():
+        for p in PARAMETERS:
+            value = getattr(cable, p.name)
+            if p.name in ALWAYS_LISTED or value != p.default:
+                yield name, p.name, value
+        yield name, "conduit", cable.to_config()["conduit"]
+        for key, radius in zip(RADII, device.radii[name], strict=True):
+            yield name, key, radius
+    motor, joint = device.spec.actuator("motor"), device.spec.joint("motor")
+    yield "", "motor_torque", float(motor.ctrlrange[1] * motor.gear[0])
+    yield "", "rotor_inertia", float(joint.armature)
+    yield "", "motor_damping", float(np.ravel(joint.damping)[0])
+    yield "", "strength", device.setup.strength
+    yield "", "diameter", device.setup.diameter
+
+
+def variable_meanings(found: RankedStudy) -> Html:
+    """List the meanings of the names."""
+    crossed = found.plan.protocol.across.names
+    names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
+    rows = []
+    for name in names:
+        thing = METRICS.get(name) or describe(name)
+        rows.append((name, thing.unit, thing.meaning))
+    return table(("name", "unit", "meaning"), rows)
+
+
+def _setting_text(found: RankedStudy, row: Row) -> str:
+    return list_words(
+        [f"{plain_name(n)} {format_quantity(n, row[n])}" for n in found.varied]
+    )
+
+
+def _limit_margin(row: Row, limit: Limit) -> bool:
+    value = row[limit.column]
+    if value is None:
+        return False
+    number = float(str(value))
+    return number >= limit.bound if limit.least else number <= limit.bound
+
+
+def _range_end(values: Range, value: object) -> str:
+    """Return the end of the range at which a value lies, or "" inside the range."""
+    levels = [level for level in values.levels if not isinstance(level, str)]
+    ends = values.ends or ((min(levels), max(levels)) if levels else None)
+    if ends is None or isinstance(value, str) or ends[0] == ends[1]:
+        return ""
+    scale = np.log if values.log else np.asarray
+    low, high, here = scale([*ends, float(str(value))])
+    share = (here - low) / (high - low)
+    return "low" if share <= EDGE_SHARE else "high" if share >= 1.0 - EDGE_SHARE else ""

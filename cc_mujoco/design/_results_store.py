@@ -1,0 +1,399 @@
+"""The folder of a study: finished batches while it runs, its table at the end.
+
+`study.json` says what the study is; `parts` holds a file for every finished batch,
+whole or not at all, so that an interrupted study goes on where it was; `table.parquet`
+is the table of all, and takes the place of the parts. Tables and parts carry what made
+them (`identity`): what other code made is never taken for this study's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.provenance import (
+    provenance_differences,
+    read_provenance,
+    with_provenance,
+)
+from cc_mujoco.design._evaluation import DesignResult
+from cc_mujoco.design._plan import VALUES_KEY, Plan
+from cc_mujoco.design._protocol import EpisodeProtocol
+from cc_mujoco.design._scenarios import (
+    LEAST_SUFFIX,
+    MOST_SUFFIX,
+    RANK_NAMES,
+    WORST_CASE_SUFFIX,
+)
+from cc_mujoco.design._study_metrics import by_controller, number_columns
+from cc_mujoco.device._variables import describe
+from cc_mujoco.errors import CableError
+from cc_mujoco.metrics import METRICS
+
+STUDY_FILE, PARTS_FOLDER, TABLE_FILE = "study.json", "parts", "table.parquet"
+_DESIGN_COLUMN = "design_json"
+"""Column of a part: the variables of its designs."""
+_KEY_NAMES = {
+    VALUES_KEY: "designs",
+    "batches": "designs",
+    "digest": "designs",
+    "turned": "objectives",
+    "own": "metrics of the user",
+}
+"""Words for entries of a description whose names mean nothing outside."""
+FAILED_COLUMN = "failed"
+"""Column of why a design failed; behind `failed@` why it did with a controller."""
+CONTROLLER_COLUMN = "controller"
+"""Column of the controller that metrics are of, where several were tried."""
+
+
+class Store:
+    """Finished designs of a study, kept in a folder or, without one, in memory."""
+
+    def __init__(self, plan: Plan, folder: Path | None, again: bool = False) -> None:
+        """Open the folder and find the finished batches.
+
+        Args:
+            plan: the study.
+            folder: where its table lies; made if need be.
+            again: whether to begin anew; a table that is there stays until the new one
+                takes its place.
+
+        Raises:
+            CableError: the folder holds another study, or what other code made, or
+                cannot be written.
+        """
+        self.plan, self._folder = plan, folder
+        """The study; that of a search grows."""
+        self._code_provenance = plan.made_by()
+        self._done: dict[int, tuple[int, bytes]] = {}
+        self._tables: dict[int, pa.Table] = {}
+        """Without a folder."""
+        self.whole: pa.Table | None = None
+        """The table of an earlier run that finished."""
+        self.finished = 0
+        """Designs of a search that an earlier run finished."""
+        if folder is None:
+            return
+        require_ours(folder)
+        about = plan.describe()
+        parts = _parts(folder)
+        if parts or (folder / TABLE_FILE).exists():
+            _require_same(folder, about)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            with replacing(folder / STUDY_FILE) as partial:
+                partial.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        if again:
+            _remove_parts(folder)
+            return
+        changed: list[str] = []
+        for path in parts:
+            # A part that cannot be read is done again.
+            with contextlib.suppress(pa.ArrowException, OSError):
+                part = pq.read_table(path)
+                if other := provenance_differences(
+                    read_provenance(part), self._code_provenance
+                ):
+                    changed = other
+                else:
+                    written = part.column(_DESIGN_COLUMN).to_pylist()
+                    self._done[int(path.stem)] = _design_digest(written)
+        if (folder / TABLE_FILE).exists() and (plan.search or not self._done):
+            table = read_table(folder)
+            other = provenance_differences(
+                read_provenance(table), self._code_provenance
+            )
+            # Parts of this code next to a table of other code: a rerun was requested.
+            if not self._done:
+                changed = changed or other
+            if plan.search is None:
+                self.whole = table
+            elif not other:
+                self.finished = len(table)
+        if changed:
+            raise CableError(
+                f"{folder} holds results of other code or files: it differs in "
+                f"{', '.join(changed)}; --again replaces them, another --out keeps "
+                "them."
+            )
+
+    @property
+    def kept(self) -> int:
+        """Designs that are done."""
+        if self.whole is not None:
+            return len(self.whole)
+        return sum(count for count, _ in self._done.values())
+
+    def missing(self) -> list[int]:
+        """Return the batches that are still to be done."""
+        if self.whole is not None:
+            return []
+        # A search that goes on beyond an incomplete generation has other batches.
+        return [
+            n
+            for n in range(len(self.plan.batches))
+            if self._done.get(n) != _design_digest(self._written(n))
+        ]
+
+    def _written(self, batch: int) -> list[str]:
+        designs = self.plan.designs
+        return [json.dumps(designs[i]) for i in self.plan.batches[batch]]
+
+    def keep(self, batch: int, results: Sequence[DesignResult]) -> None:
+        """Keep the results of a batch."""
+        written = self._written(batch)
+        columns = _columns(results, self.plan.protocol)
+        columns[_DESIGN_COLUMN] = pa.array(written, pa.string())
+        self._done[batch] = _design_digest(written)
+        if self._folder is None:
+            self._tables[batch] = pa.table(columns)
+            return
+        place = _part(self._folder, batch)
+        place.parent.mkdir(exist_ok=True)
+        with replacing(place) as partial:
+            pq.write_table(
+                with_provenance(pa.table(columns), self._code_provenance), partial
+            )
+
+    def _kept(self, batch: int) -> pa.Table:
+        """Return the results of a batch from the folder, to save memory."""
+        if self._folder is None:
+            return self._tables[batch]
+        part = _part(self._folder, batch)
+        try:
+            return pq.read_table(part)
+        except FileNotFoundError:
+            raise CableError(
+                f"{part} is gone: another run writes to {self._folder} as well, or "
+                "somebody deleted it; wait for that one, and run this one again."
+            ) from None
+
+    def table(self) -> pa.Table:
+        """Return the table of all designs in order; `missing` must be empty."""
+        if self.whole is None:
+            self.whole = self._join()
+            if self._folder is not None:
+                with replacing(self._folder / TABLE_FILE) as partial:
+                    table = with_provenance(self.whole, self._code_provenance)
+                    pq.write_table(table, partial, compression="zstd")
+                if self.plan.search is None:  # a search may be gone on with
+                    _remove_parts(self._folder)
+        return self.whole
+
+    def results(self, first: int = 0) -> list[DesignResult]:
+        """Return the results of designs from this one on; `missing` must be empty."""
+        rows: dict[int, DesignResult] = {}
+        for number, members in enumerate(self.plan.batches):
+            if any(index >= first for index in members):
+                found = _read_part(self._kept(number), self.plan.protocol)
+                rows.update(zip(members, found, strict=True))
+        return [rows[i] for i in range(first, len(self.plan.designs)) if i in rows]
+
+    def _join(self) -> pa.Table:
+        plan, batches = self.plan, self.plan.batches
+        parts = [
+            self._kept(number)
+            .drop_columns([_DESIGN_COLUMN])
+            .replace_schema_metadata(None)
+            for number in range(len(batches))
+        ]
+        order = np.argsort([index for members in batches for index in members])
+        found = pa.concat_tables(parts).take(pa.array(order))
+        columns: dict[str, Any] = {"design": pa.array(range(len(found)))}
+        for name in plan.ranges:
+            columns[name] = pa.array([design[name] for design in plan.designs])
+        columns |= {name: found.column(name) for name in found.column_names}
+        fields = [_field(name, a.type, plan.protocol) for name, a in columns.items()]
+        return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
+
+
+def _design_digest(written: Sequence[str]) -> tuple[int, bytes]:
+    """Return the number of designs, and a digest of them."""
+    digest = hashlib.sha256("\n".join(written).encode())
+    return len(written), digest.digest()
+
+
+def require_ours(folder: Path, names: Iterable[str] = ()) -> None:
+    """Find out, before long work, whether a study may be kept in a folder.
+
+    Args:
+        folder: Where.
+        names: Of what else is to be written there.
+
+    Raises:
+        CableError: If not; see `_utils.atomic_io.require_ours`.
+    """
+    atomic_io.require_ours(
+        folder, (STUDY_FILE, PARTS_FOLDER, TABLE_FILE, *names), _has_study
+    )
+
+
+def _has_study(folder: Path) -> bool:
+    try:
+        found = json.loads((folder / STUDY_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.keys() >= {"protocol", "variables"}
+
+
+def _part(folder: Path, batch: int) -> Path:
+    return folder / PARTS_FOLDER / f"{batch:06d}.parquet"
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / PARTS_FOLDER).glob("[0-9]*.parquet"))
+
+
+def _remove_parts(folder: Path) -> None:
+    for part in _parts(folder):
+        part.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # it holds something else, or is not there
+        (folder / PARTS_FOLDER).rmdir()
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """Read the description of the study in a folder.
+
+    Raises:
+        CableError: there is none.
+    """
+    try:
+        found = dict(json.loads((folder / STUDY_FILE).read_text(encoding="utf-8")))
+        _ = found["variables"], found["protocol"]["duration"]
+    except (OSError, ValueError, TypeError, KeyError):
+        raise CableError(
+            f"{folder} holds no study; give the folder of `cc-mujoco whatif --out`."
+        ) from None
+    return found
+
+
+def read_table(folder: Path) -> pa.Table:
+    """Return the table of the finished study in a folder.
+
+    Raises:
+        CableError: there is none.
+    """
+    path = folder / TABLE_FILE
+    if not path.exists():
+        raise CableError(f"the study in {folder} is not finished; run it again.")
+    try:
+        return pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).split(". ")[0].rstrip(".")
+        raise CableError(
+            f"{path} cannot be read: {reason}; delete it and run the study again."
+        ) from None
+
+
+def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
+    there = read_study(folder)
+    # Earlier code stored no values; the digest behind them is of all designs.
+    keys = [key for key in about if key in there or key != VALUES_KEY]
+    if other := next((key for key in keys if there.get(key) != about[key]), None):
+        differing = _describe_difference(other, there.get(other), about[other])
+        raise CableError(
+            f"{folder} holds a study that differs in {differing}; choose another "
+            "folder, or delete that one."
+        )
+
+
+def _describe_difference(key: str, found: object, value: object) -> str:
+    """Describe the difference of an entry between two descriptions of studies."""
+    if isinstance(value, dict) and isinstance(found, dict):
+        inside = [k for k in {**found, **value} if found.get(k) != value.get(k)]
+        if key == VALUES_KEY:
+            return f"the values of {', '.join(inside)}"
+        if inside[0] == "ranges":
+            return _describe_difference(VALUES_KEY, found["ranges"], value["ranges"])
+        key = inside[0]
+    return f"its {_KEY_NAMES.get(key, key)}"
+
+
+def _columns(
+    results: Sequence[DesignResult], protocol: EpisodeProtocol
+) -> dict[str, pa.Array]:
+    """Return the columns of metrics (null without a number), controllers and failures.
+
+    The controller is named if there are several.
+    """
+    each = by_controller(protocol)
+    columns = {
+        name: pa.array(
+            [row.metrics[name] for row in results], pa.float64(), from_pandas=True
+        )
+        for name in number_columns(protocol)
+    }
+    texts = {
+        column: [row.worst[place] if row.worst else None for row in results]
+        for place, column in enumerate(_worst_cases(protocol))
+    }
+    texts[FAILED_COLUMN] = [row.failed or None for row in results]
+    texts |= {
+        column: [row.out.get(law) for row in results]
+        for column, law in failure_columns(protocol).items()
+    }
+    if each:
+        texts = {CONTROLLER_COLUMN: [row.controller or None for row in results]} | texts
+    return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
+
+
+def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[DesignResult]:
+    names, worst = number_columns(protocol), _worst_cases(protocol)
+    outs = failure_columns(protocol)
+    return [
+        DesignResult(
+            {n: float("nan") if row[n] is None else row[n] for n in names},
+            row["failed"] or "",
+            row.get(CONTROLLER_COLUMN) or "",
+            () if row["failed"] else tuple(row[name] for name in worst),
+            {law: row[column] for column, law in outs.items() if row[column]},
+        )
+        for row in part.to_pylist()
+    ]
+
+
+def failure_columns(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Return the columns of failures of controllers, empty for a single controller."""
+    laws = protocol.controllers if len(protocol.controllers) > 1 else ()
+    return {f"{FAILED_COLUMN}@{law}": law for law in laws}
+
+
+def _worst_cases(protocol: EpisodeProtocol) -> list[str]:
+    """Return the columns of the worst case of every metric, empty without cases."""
+    names = protocol.metrics if protocol.across.several else ()
+    return [f"{name}@{WORST_CASE_SUFFIX}" for name in names]
+
+
+def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Field:
+    name, _, law = column.partition("@")
+    if name == "design":
+        metadata = {"unit": "1", "meaning": "number of the design"}
+    elif name == CONTROLLER_COLUMN:
+        metadata = {"unit": "1", "meaning": "controller that the metrics are of"}
+    elif name == FAILED_COLUMN:
+        by = f" with controller {law}" if law else ""
+        metadata = {"unit": "1", "meaning": f"why the simulation failed{by}, if it did"}
+    elif law == WORST_CASE_SUFFIX:
+        meaning = "case in which it is worst, or the first in which it has no number: "
+        metadata = {"unit": "1", "meaning": meaning + METRICS[name].meaning}
+    else:
+        thing = METRICS.get(name) or describe(name)
+        of = f"{RANK_NAMES[protocol.across.rank]} over the cases: "
+        if law in (LEAST_SUFFIX, MOST_SUFFIX):
+            of = f"{'least' if law == LEAST_SUFFIX else 'greatest'} over the cases: "
+        elif name not in METRICS or not protocol.across.several:
+            of = ""
+        by = f"with controller {law}: " if law in protocol.controllers else ""
+        metadata = {"unit": thing.unit, "meaning": of + by + thing.meaning}
+    return pa.field(column, kind, metadata=metadata)

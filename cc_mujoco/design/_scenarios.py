@@ -1,0 +1,201 @@
+"""Cases over which a design is judged: a liner that ages, wearers that differ.
+
+    across = read_across({"wearer": "0.5,2", "friction": "0.08,0.16"}, "worst", cables)
+    across.cases                        # 4 of them
+    across.of([3.0, 5.0, 4.0, 1.0], high=False)  # 5.0
+
+A case changes the plant beneath a design: variables of the scene, and how stiff the
+wearer is. Controllers are made for what they drive, in every case anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cc_mujoco._validation import require_dictionary
+from cc_mujoco.design._designs import Range, grid, read_range, require_count
+from cc_mujoco.design._study_spec import Given
+from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device._variables import CONFLICTS, VARIABLES, WEARER, Value, find, split
+from cc_mujoco.errors import CableError, look_up
+
+Case = dict[str, Value]
+
+RANK_NAMES = {"worst": "worst", "p90": "90th percentile", "mean": "mean"}
+"""Choices of a design's number among those of its cases, for a reader."""
+
+LEAST_SUFFIX, MOST_SUFFIX, WORST_CASE_SUFFIX = "least", "most", "worst_case"
+"""Behind `METRIC@`: the least and the greatest number, and the name of the worst case,
+which is the first without a number where there is one."""
+
+_P90 = 0.9
+
+
+@dataclass(frozen=True)
+class Across:
+    """Cases of every design, and the aggregation of its metrics over them."""
+
+    levels: tuple[tuple[str, tuple[Value, ...]], ...] = ()
+    """Names and their values; the cases are every combination, the last fastest."""
+    rank: str = "worst"
+    """Key of `RANK_NAMES`."""
+    turned: tuple[str, ...] = ()
+    """Metrics of which an objective asks for the other way than is usual."""
+
+    @property
+    def several(self) -> bool:
+        """Return whether variables are crossed to cases."""
+        return bool(self.levels)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables that are crossed."""
+        return tuple(name for name, _ in self.levels)
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """Every case; one that changes nothing where there are none."""
+        return tuple(grid({name: Range(values) for name, values in self.levels}))
+
+    def of(self, values: Sequence[float], high: bool) -> float:
+        """Return the metric of a design from its values in the cases, NaN if one is.
+
+        The percentile is interpolated linearly, from the bad end: of a metric that
+        should be high, it is the 10th.
+        """
+        if self.rank == "mean":
+            return float(np.mean(values))
+        if self.rank == "p90":
+            return float(np.quantile(values, 1.0 - _P90 if high else _P90))
+        return float(np.min(values) if high else np.max(values))
+
+    def worst(self, values: Sequence[float], high: bool) -> str:
+        """Return the name of the worst case: the first NaN, else the extreme value."""
+        place = np.argmin(values) if high else np.argmax(values)
+        return self.label(self.cases[int(place)])
+
+    def label(self, case: Mapping[str, Value]) -> str:
+        """Return the name of a case."""
+        return ", ".join(
+            f"{name}={_format_short(value)}" for name, value in case.items()
+        )
+
+    def told(self) -> str:
+        """Describe how a number of a design is aggregated, and over which cases."""
+        values = "; ".join(
+            f"{name} {', '.join(map(_format_short, values))}"
+            for name, values in self.levels
+        )
+        many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
+        return f"the {RANK_NAMES[self.rank]} over {many} ({values})"
+
+    def check(self, device: Scene, design: Mapping[str, object]) -> dict[str, Value]:
+        """Return the design as it is used; see `Plant.check`.
+
+        Raises:
+            CableError: it is impossible, in one of the cases at least.
+        """
+        for name in design:  # a plant has more that may change
+            find(name, device.cables)
+        for case in self.cases:
+            try:
+                plant = Plant(device, {**design, **case})
+                plant.check()
+            except CableError as error:
+                if not self.several:
+                    raise
+                raise CableError(f"in case {self.label(case)}, {error}") from None
+        return {name: plant.values[name] for name in design}
+
+    def layout(self, device: Scene, design: Mapping[str, Value]) -> tuple[object, ...]:
+        """Return a key that is equal for designs of one batch in all cases."""
+        return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
+
+    def require_apart(self, varied: Iterable[str]) -> None:
+        """Refuse variables that are both varied and crossed.
+
+        Raises:
+            CableError: a name is both varied and crossed, or sets the same thing.
+        """
+        for name in varied:
+            for crossed in self.names:
+                if name == crossed:
+                    raise CableError(
+                        f"variable {name!r} is both varied and crossed; a design sets "
+                        "it, or a case does."
+                    )
+                if _set_same_parameter(name, crossed):
+                    raise CableError(
+                        f"variables {name!r}, which is varied, and {crossed!r}, which "
+                        "is crossed, set the same thing; choose one of them."
+                    )
+
+
+def read_across(
+    given: Mapping[str, Given] | None,
+    rank: str | None,
+    cables: Iterable[str],
+    turned: Iterable[str] = (),
+) -> Across:
+    """Parse the cases over which designs are judged.
+
+    Args:
+        given: values of each name, see `_designs.read_range`; `wearer` besides.
+        rank: key of `RANK_NAMES`; the worst by default.
+        cables: the cables of the scene.
+        turned: see `Across`.
+
+    Raises:
+        CableError: an unknown name or rank, values that cannot be, a range without a
+            count, or a rank without cases.
+    """
+    if rank is not None:
+        look_up("rank", rank, RANK_NAMES)
+    given = require_dictionary("across", given)
+    if not given:
+        if rank is not None:
+            raise CableError(
+                f"a rank, {rank!r}, needs cases to rank over, --across NAME=VALUES."
+            )
+        return Across()
+    cables = tuple(cables)
+    ranges = {name: _read_case(name, values, cables) for name, values in given.items()}
+    for name, values in ranges.items():
+        if not values.levels:
+            raise CableError(
+                f"cases need to know how many values {name!r} takes; write "
+                "low:high:count or a,b,c."
+            )
+    require_count(math.prod(len(values.levels) for values in ranges.values()))
+    names = list(ranges)
+    for place, name in enumerate(names):
+        for other in names[:place]:
+            if _set_same_parameter(name, other):
+                raise CableError(
+                    f"variables {other!r} and {name!r} set the same thing; cross one "
+                    "of them."
+                )
+    levels = tuple((name, values.levels) for name, values in ranges.items())
+    return Across(levels, rank or "worst", tuple(turned))
+
+
+def _read_case(name: str, values: Given, cables: Sequence[str]) -> Range:
+    variables = VARIABLES | {WEARER.name: WEARER}
+    return read_range(name, values, cables, variables, "case")
+
+
+def _set_same_parameter(name: str, other: str) -> bool:
+    """Return whether two names of variables set the same of one cable."""
+    (cable, own), (another, its) = split(name), split(other)
+    if cable and another and cable != another:
+        return False
+    return own == its or any(own in group and its in group for group in CONFLICTS)
+
+
+def _format_short(value: Value) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

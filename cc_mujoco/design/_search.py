@@ -1,0 +1,253 @@
+"""A search for the best designs instead of trying them all.
+
+    plan, table = optimise("wrist", {"friction": "0.05:0.2", "loops": [1, 2, 3]},
+                           ["reflected_torque"], ["slack_margin>=2"], evaluations=200)
+
+Designs are sampled in generations of a size that does not depend on the machine, and
+simulated as in a study. So the same seed gives the same designs on any number of
+threads, and an interrupted search continues by sampling them again. The sampler is
+Optuna's multi-objective tree-structured Parzen estimator (Y. Ozaki et al.,
+"Multiobjective tree-structured Parzen estimator", Journal of Artificial Intelligence
+Research 73, 2022).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from cc_mujoco._utils.provenance import earlier_results_message
+from cc_mujoco._workers import Progress, run_here, run_on_cluster
+from cc_mujoco.design import _walking_designs as walking_designs
+from cc_mujoco.design._designs import Range
+from cc_mujoco.design._evaluation import Design, DesignJob, DesignResult
+from cc_mujoco.design._pareto import Objective
+from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_optuna
+from cc_mujoco.design._results_store import Store
+from cc_mujoco.design._study_metrics import number_columns
+from cc_mujoco.design._study_spec import HERE, Execution
+from cc_mujoco.device import Scene
+from cc_mujoco.errors import CableError
+
+MAX_REPEATED_TRIALS = 20
+"""Most times in a row that the sampler may ask for what was tried before."""
+_IMPOSSIBLE_EXCESS = 1e6
+"""Excess over its limits of a design that gives no numbers."""
+
+
+def search(
+    plan: Plan,
+    folder: Path | None = None,
+    execution: Execution = HERE,
+    progress: Progress = lambda done: None,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> tuple[Plan, pa.Table]:
+    """Carry a search out; see `optimise`.
+
+    Returns:
+        The plan with its designs, and their table.
+    """
+    goals, limits, evaluations = plan.objectives, plan.limits, plan.evaluations
+    store = Store(plan, folder, execution.again)
+    if store.finished > evaluations:
+        say(
+            f"All {store.finished} designs kept of a search that has finished, more "
+            f"than the {evaluations} asked for; --again runs {evaluations} anew."
+        )
+        evaluations = store.finished
+    elif store.kept:
+        say(
+            earlier_results_message(
+                min(store.kept, evaluations), evaluations, "designs"
+            )
+        )
+    if (all_of_them := _design_count(plan)) < evaluations:
+        say(f"The ranges have {all_of_them} designs, so all of them are tried.")
+        evaluations = int(all_of_them)
+    builder = Scene(plan.protocol.scene, plan.protocol.timestep)
+    optuna = require_optuna()
+    study = optuna.create_study(
+        directions=["minimize"] * len(goals),
+        sampler=optuna.samplers.TPESampler(
+            seed=plan.protocol.seed,
+            multivariate=True,
+            constant_liar=True,
+            n_startup_trials=GENERATION,
+        ),
+    )
+    space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
+    worst = [0.0] * len(goals)
+    tried: set[tuple[Any, ...]] = set()
+    random = np.random.default_rng(plan.protocol.seed)
+    while len(plan.designs) < evaluations:
+        done = len(plan.designs)
+        count = min(GENERATION, evaluations - done)
+        trials = [_new_trial(study, space, tried, random) for _ in range(count)]
+        designs = [_design_of_trial(plan, one.params) for one in trials]
+        plan, refused = _with_designs(plan, builder, designs)
+        store.plan = plan
+        for number, result in refused.items():
+            store.keep(number, [result])
+        missing = store.missing()
+        left = sum(len(plan.batches[n]) for n in missing)
+        tell = _offset_progress(progress, done + count - left)
+        run_batches(store, missing, execution, tell)
+        results = store.results(done)
+        if not done:
+            for sentence in _missing_objectives(goals, results):
+                say(sentence)
+        for one, result in zip(trials, results, strict=True):
+            costs = [goal.cost(result.metrics) for goal in goals]
+            beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
+            none = any(math.isnan(number) for number in (*costs, *beyond.values()))
+            if none:
+                costs, beyond = list(worst), dict.fromkeys(beyond, _IMPOSSIBLE_EXCESS)
+            worst = [max(pair) for pair in zip(worst, costs, strict=True)]
+            for name, size in {**beyond, "numbers": float(none)}.items():
+                one.set_constraint(name, size)
+            study.tell(one, costs)
+        progress(len(plan.designs))
+    return plan, store.table()
+
+
+def run_batches(
+    store: Store, batches: Sequence[int], execution: Execution, progress: Progress
+) -> None:
+    """Simulate batches of a plan and keep their results."""
+    if not batches:
+        return
+    plan = store.plan
+    trial = DesignJob(plan.protocol)
+    pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in batches}
+    if execution.scheduler is None:
+        found = run_here(trial, pieces, progress, count=execution.threads)
+    else:
+        found = run_on_cluster(
+            trial, pieces, execution.scheduler, progress, execution.worker_timeout
+        )
+    # Closed at once if it is interrupted here, so that what is under way ends too.
+    with contextlib.closing(found):
+        for number, results in found:
+            store.keep(number, results)
+
+
+def _design_count(plan: Plan) -> float:
+    """Return the number of designs within the ranges."""
+    levels = [values.levels for values in plan.ranges.values()]
+    return math.prod(len(each) for each in levels) if all(levels) else math.inf
+
+
+def _new_trial(
+    study: Any, space: Mapping[str, Any], tried: set[tuple[Any, ...]], random: Any
+) -> Any:
+    """Return a trial of a design that was not tried before; one must exist.
+
+    A sampler that has found the best of a few values asks for it again and again.
+    """
+    out = require_optuna().trial.TrialState.FAIL
+    for _ in range(MAX_REPEATED_TRIALS):
+        trial = study.ask(space)
+        if (place := tuple(trial.params.values())) not in tried:
+            tried.add(place)
+            return trial
+        study.tell(trial, state=out)
+    while True:
+        params = {
+            name: _random_choice(values, random) for name, values in space.items()
+        }
+        if (place := tuple(params.values())) not in tried:
+            tried.add(place)
+            study.enqueue_trial(params)
+            return study.ask(space)
+
+
+def _random_choice(values: Any, random: Any) -> Any:
+    """Return one of the values of a distribution, any as likely as another."""
+    if hasattr(values, "choices"):
+        return values.choices[random.integers(len(values.choices))]
+    if isinstance(values.low, int):
+        return int(random.integers(values.low, values.high + 1))
+    return float(random.uniform(values.low, values.high))
+
+
+def _missing_objectives(
+    goals: Sequence[Objective], results: Sequence[DesignResult]
+) -> list[str]:
+    """Return a sentence for each objective that no design has a number of."""
+    many = len(results)
+    reasons = [result.failed for result in results if result.failed]
+    first = f"; {len(reasons)} failed, the first: {reasons[0]}" if reasons else ""
+    return [
+        f"None of the first {many} designs has a number for {goal.name}, by which the "
+        f"search goes{first.rstrip('.')}; Ctrl-C keeps what there is."
+        for goal in goals
+        if all(math.isnan(goal.cost(result.metrics)) for result in results)
+    ]
+
+
+def _distribution(optuna: Any, values: Range) -> Any:
+    kinds = optuna.distributions
+    if values.ends is not None and not values.levels:
+        return kinds.FloatDistribution(*values.ends, log=values.log)
+    if any(isinstance(level, str) for level in values.levels):
+        return kinds.CategoricalDistribution(values.levels)
+    # Levels are in an order, which the place of a level keeps.
+    return kinds.IntDistribution(0, len(values.levels) - 1)
+
+
+def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
+    """Return the design of a sampler's trial.
+
+    What decides before any simulation whether a design can be is no concern of the
+    sampler's: see `_wearer_scaling.fit_profile`.
+    """
+    found: Design = {}
+    between: dict[str, tuple[float, float, bool]] = {}
+    for name, values in plan.ranges.items():
+        one = parameters[name]
+        found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
+        if values.ends is not None and not values.levels:
+            between[name] = (*values.ends, values.log)
+    return walking_designs.fit_profile(found, between, plan.protocol.across.cases)
+
+
+def _with_designs(
+    plan: Plan, builder: Scene, designs: Sequence[Design]
+) -> tuple[Plan, dict[int, DesignResult]]:
+    """Return the plan with more designs, and the results of impossible ones."""
+    first, batch = len(plan.designs), len(plan.batches)
+    checked: list[Design] = []
+    refused: dict[int, str] = {}
+    for place, design in enumerate(designs):
+        try:
+            checked.append(plan.protocol.across.check(builder, design))
+        except CableError as error:
+            checked.append(design)
+            refused[first + place] = f"impossible: {str(error).rstrip('.')}"
+    possible = [i for i in range(first, first + len(designs)) if i not in refused]
+    across = plan.protocol.across
+    layouts = {i: across.layout(builder, checked[i - first]) for i in possible}
+    batches = [*batches_of(layouts, PIECE), *((index,) for index in refused)]
+    none = dict.fromkeys(number_columns(plan.protocol), math.nan)
+    return (
+        dataclasses.replace(
+            plan,
+            designs=(*plan.designs, *checked),
+            batches=(*plan.batches, *batches),
+        ),
+        {
+            batch + len(batches) - len(refused) + place: DesignResult(none, why)
+            for place, why in enumerate(refused.values())
+        },
+    )
+
+
+def _offset_progress(progress: Progress, before: int) -> Progress:
+    return lambda done: progress(before + done)

@@ -1,0 +1,267 @@
+"""Sensitivity: main effects, and the share of a metric's variance of each variable.
+
+Sobol's indices split the variance of a metric among variables and pairs of them. Where
+the designs are a full grid and all have the number, the split is exact over that grid.
+Otherwise a surface is fitted (`surface`) and the indices are those of the surface over
+the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
+What the surface does not foretell of the variance belongs to no variable. The error
+of an index is how far those of surfaces through random halves of the designs lie off,
+which is the sampling error and what more designs would still change, together with that
+part that is not foretold. An index below its error is 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco.design._plan import Plan
+from cc_mujoco.design._surface import DesignAxis, Surface, axes_of, fit
+from cc_mujoco.device._variables import Value
+
+Array = NDArray[np.float64]
+Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
+"""First order, total, pairs."""
+
+LOG2_POINTS = 11
+"""The estimates use 2 to this many points, those of errors a quarter of them."""
+HALF_SURFACES = 6
+"""Surfaces through random halves of the designs, by which errors are found."""
+CURVE_POINTS = 9
+"""Points of a main effect of a fitted surface."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Dependence of one metric on the variables.
+
+    Attributes:
+        metric: its name.
+        how: where the numbers come from, for a reader.
+        first: part of the variance that each variable makes alone.
+        total: the same with all its interactions.
+        pairs: what two variables make only together.
+        effects: values of each variable and mean of the metric there.
+        levels: texts of the values of variables that are no numbers.
+        surface: what the numbers are of, where they are not exact.
+    """
+
+    metric: str
+    how: str
+    first: dict[str, float]
+    total: dict[str, float]
+    pairs: dict[tuple[str, str], float]
+    effects: dict[str, tuple[Array, Array]]
+    levels: dict[str, tuple[str, ...]]
+    """Texts of the values where they are no numbers."""
+    surface: Surface | None = None
+    errors: Indices = ({}, {}, {})
+    """Errors of `first`, `total` and `pairs`, where they are not exact."""
+
+
+def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
+    """Return the sensitivity of a metric, or None if it cannot be determined.
+
+    It cannot where the metric does not vary, or too few designs have it.
+    """
+    y = np.asarray(table[metric].to_numpy(zero_copy_only=False), dtype=np.float64)
+    varied = plan.varied
+    good = np.isfinite(y)
+    if (
+        not varied
+        or good.sum() < 2
+        or not np.ptp(y[good]) > 1e-12 * np.abs(y[good]).max()
+    ):
+        return None
+    if plan.full and good.all():
+        return _exact_indices(plan, metric, y)
+    axes = axes_of(plan.ranges, varied)
+    x = _code_designs(plan, axes)
+    surface = fit(x[good], y[good])
+    if surface is None:
+        return None
+    found = _surface_indices(plan, metric, axes, surface)
+    if lacking := int((~good).sum()):
+        how = (
+            f"{found.how}; {lacking} designs have no number, and it says nothing there"
+        )
+        found = dataclasses.replace(found, how=how)
+    return found
+
+
+def _code_designs(plan: Plan, axes: Sequence[DesignAxis]) -> Array:
+    columns = [
+        axis.code([design[name] for design in plan.designs])
+        for name, axis in zip(plan.varied, axes, strict=True)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
+    """Return the means over the other variables of a full grid."""
+    names = plan.varied
+    shape = [len(plan.ranges[name].levels) for name in plan.ranges]
+    keep = [i for i, name in enumerate(plan.ranges) if name in names]
+    cube = y.reshape(shape).reshape([shape[i] for i in keep])
+    every = set(range(len(names)))
+    variance = float(cube.var())
+
+    def closed(*own: int) -> float:
+        mean = cube.mean(axis=tuple(every - set(own)))
+        return float(mean.var()) / variance
+
+    first = {name: closed(i) for i, name in enumerate(names)}
+    total = {name: 1.0 - closed(*(every - {i})) for i, name in enumerate(names)}
+    if len(names) == 1:
+        total = {names[0]: 1.0}
+    pairs = {
+        (names[i], names[j]): closed(i, j) - first[names[i]] - first[names[j]]
+        for i, j in itertools.combinations(range(len(names)), 2)
+    }
+    effects, levels = {}, {}
+    for i, name in enumerate(names):
+        mean = cube.mean(axis=tuple(every - {i}))
+        effects[name], texts = _main_effect(plan.ranges[name].levels, mean)
+        if texts:
+            levels[name] = texts
+    how = f"exact over the grid of {len(y)} designs"
+    return Sensitivity(metric, how, first, total, pairs, effects, levels)
+
+
+def _surface_indices(
+    plan: Plan, metric: str, axes: Sequence[DesignAxis], surface: Surface
+) -> Sensitivity:
+    """Return the Sobol's indices of the surface over the ranges."""
+    from scipy.stats import qmc
+
+    names, count = plan.varied, len(plan.varied)
+    estimate = _indices(surface, axes, LOG2_POINTS, 0)
+    spread = [
+        _indices(half, axes, LOG2_POINTS - 2, seed) - estimate
+        for seed, half in enumerate(surface.halves(HALF_SURFACES), 1)
+    ]
+    moved = np.sqrt(np.mean(np.square(spread), axis=0)) if spread else 1.0
+    # What the surface does not explain may belong to any variable.
+    errors = np.hypot(moved, 1.0 - surface.r_squared) + 0.0 * estimate
+    estimate = estimate * surface.r_squared
+    estimate = np.where(np.abs(estimate) > errors, estimate, 0.0)
+    keys = list(itertools.combinations(names, 2))
+
+    def at(unit: Array) -> Array:
+        return surface(_scale_points(axes, unit))
+
+    effects, levels = {}, {}
+    points_in = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
+    for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
+        shares = axis.shares(CURVE_POINTS)
+        means = np.empty(shares.size)
+        for k, share in enumerate(shares):
+            points = points_in.copy()
+            points[:, i] = share
+            means[k] = at(points).mean()
+        effects[name], texts = _main_effect(axis.values.at(shares), means)
+        if texts:
+            levels[name] = texts
+    how = (
+        f"Saltelli's estimate on a thin-plate spline fitted to {surface.designs} "
+        f"designs, R^2 = {surface.r_squared:.3f} at designs left out; what is below "
+        "its error is -"
+    )
+    return Sensitivity(
+        metric,
+        how,
+        *_named_indices(names, keys, estimate),
+        effects,
+        levels,
+        surface,
+        _named_indices(names, keys, errors),
+    )
+
+
+def _main_effect(
+    values: Sequence[Value], means: Array
+) -> tuple[tuple[Array, Array], tuple[str, ...]]:
+    """Return a main effect, with texts numbered 0, 1, 2, ... and returned as labels."""
+    if any(isinstance(value, str) for value in values):
+        places = np.arange(len(values), dtype=np.float64)
+        return (places, means), tuple(str(value) for value in values)
+    return (np.array(values, dtype=np.float64), means), ()
+
+
+def _named_indices(
+    names: Sequence[str], keys: Sequence[tuple[str, str]], found: Array
+) -> Indices:
+    """Return the first orders, totals and pairs, by name."""
+    count, values = len(names), found.tolist()
+    return (
+        dict(zip(names, values[:count], strict=True)),
+        dict(zip(names, values[count : 2 * count], strict=True)),
+        dict(zip(keys, values[2 * count :], strict=True)),
+    )
+
+
+def _scale_points(axes: Sequence[DesignAxis], unit: Array) -> Array:
+    """Return points of the unit cube on the scales of the variables (n, variables)."""
+    columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
+    return np.stack(columns, axis=-1)
+
+
+def _indices(
+    surface: Surface, axes: Sequence[DesignAxis], power: int, seed: int
+) -> Array:
+    """Return first-order, total and pairwise Sobol indices of a surface."""
+    from scipy.stats import sobol_indices, uniform
+
+    count, active = len(axes), surface.active
+    first, total = np.zeros(count), np.zeros(count)
+    pairs = np.zeros((count, count))
+
+    def at(unit: Array) -> Array:
+        whole = np.full((len(unit), count), 0.5)
+        whole[:, active] = unit
+        return surface(_scale_points(axes, whole))
+
+    if len(active) == 1:
+        first[active], total[active] = 1.0, 1.0
+    else:
+        found = sobol_indices(
+            func=lambda unit: at(unit.T),
+            n=2**power,
+            dists=[uniform()] * len(active),
+            rng=np.random.default_rng(seed),
+        )
+        first[list(active)] = np.ravel(found.first_order)
+        total[list(active)] = np.ravel(found.total_order)
+        pairs[np.ix_(active, active)] = _pair_effects(at, len(active), power, seed)
+    places = list(itertools.combinations(range(count), 2))
+    return np.array([*first, *total, *(pairs[place] for place in places)])
+
+
+def _pair_effects(
+    at: Callable[[Array], Array], count: int, power: int, seed: int
+) -> Array:
+    """Return effects of pairs alone: closed indices from points that share columns."""
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng([2, seed])
+    points = qmc.Sobol(2 * count, rng=rng).random_base2(power)
+    one, other = points[:, :count], points[:, count:]
+    base = at(one)
+    variance, mean = float(base.var()), float(base.mean())
+
+    def closed(*own: int) -> float:
+        mixed = other.copy()
+        mixed[:, own] = one[:, own]
+        return float(np.mean((base - mean) * (at(mixed) - mean))) / variance
+
+    alone = [closed(i) for i in range(count)]
+    found = np.zeros((count, count))
+    for i, j in itertools.combinations(range(count), 2):
+        found[i, j] = closed(i, j) - alone[i] - alone[j]
+    return found

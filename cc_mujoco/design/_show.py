@@ -1,0 +1,321 @@
+"""Designs of a finished study, played again: one, or two beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import mujoco
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.provenance import (
+    code_provenance,
+    is_user_controller,
+    provenance_differences,
+    read_provenance,
+)
+from cc_mujoco.control import controller
+from cc_mujoco.design import _walking_designs as walking_designs
+from cc_mujoco.design._evaluation import Design
+from cc_mujoco.design._phrases import column_title, format_cell
+from cc_mujoco.design._protocol import CONTROL_PERIOD
+from cc_mujoco.design._results_store import CONTROLLER_COLUMN, read_study, read_table
+from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX, Across, Case
+from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device._sensors import PERFECT_SENSING
+from cc_mujoco.device._wearer_scaling import trajectory_of
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import TRAJECTORIES
+from cc_mujoco.metrics import find_metric
+from cc_mujoco.report import _figures as figures
+from cc_mujoco.report import _markdown as markdown
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.simulation._log_columns import MODEL_XML
+from cc_mujoco.simulation._simulate import play
+
+TABLE, PICTURE, RECORDING = "comparison.md", "comparison.png", "comparison.rrd"
+FILES = (TABLE, PICTURE, RECORDING)
+"""Files that `write_comparison` leaves in its folder."""
+
+
+def show(
+    folder: str | Path,
+    row: int,
+    progress: Callable[[float], object] | None = None,
+    case: int | None = None,
+) -> tuple[EpisodeLog, mujoco.MjModel]:
+    """Play a design of a study in the whole scene.
+
+    Args:
+        folder: of the study.
+        row: number of the design, column `design` of its table.
+        progress: called with the simulated time [s].
+        case: of a study over several, which, counted from 0; by default that in which
+            the first metric is worst, or the first where the design failed.
+
+    Returns:
+        The log of its episode, bit for bit the one that the study measured, and the
+        model it was played on.
+
+    Raises:
+        CableError: there is no finished study or no such row, its code or files have
+            changed, or the design fails.
+    """
+    folder = Path(folder)
+    about = read_study(folder)
+    design = _design(folder, row, about["variables"])
+    protocol = about["protocol"]
+    motion = protocol["trajectory"]
+    if motion not in TRAJECTORIES and not motion.lower().endswith(".csv"):
+        raise CableError(
+            f"the study in {folder} plays a trajectory that was given as a Python "
+            f"object, {motion}; its designs can be shown only where it plays a name or "
+            "a CSV file."
+        )
+    find_user_metrics(folder)
+    device = Scene(protocol["scene"], protocol["timestep"])
+    played = case_of(folder, row, case)
+    plant = Plant(device, {**design, **played})
+    model = plant.model(whole=True)
+    env: Any = gymnasium.make(
+        plant.setup.environment,
+        disable_env_checker=True,
+        model=model,
+        trajectory=trajectory_of(plant.values, protocol["trajectory"]),
+        task=walking_designs.task_of(plant.values, protocol["task"]),
+        duration=protocol["duration"],
+        frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
+    )
+    drive = PERFECT_SENSING.equip(env.unwrapped.drive)
+    laws = {name: controller(name, drive) for name in protocol["controllers"]}
+    chosen = read_row(folder, row).get(CONTROLLER_COLUMN) or protocol["controllers"][0]
+    law = laws[chosen]
+    names = {key: protocol[key] for key in ("trajectory", "task")}
+    makers = code_provenance(
+        *laws, *protocol["own"].values(), trajectory=protocol["trajectory"]
+    )
+    if changed := provenance_differences(read_provenance(read_table(folder)), makers):
+        raise CableError(
+            f"design {row} would not be the one in the table of {folder}, which was "
+            f"made otherwise: it differs in {', '.join(changed)}; `cc-mujoco whatif` "
+            "with --again makes it anew."
+        )
+    log = play(
+        env,
+        law,
+        sensing=PERFECT_SENSING,
+        seed=protocol["seed"],
+        about={
+            **names,
+            "controller": chosen,
+            "design": row,
+            "variables": plant.values,
+        },
+        progress=progress,
+    )
+    facts = {**plant.facts, MODEL_XML: plant.xml()}
+    log = EpisodeLog(log.columns, {**log.metadata, **facts})
+    return log, model
+
+
+def find_user_metrics(folder: str | Path) -> None:
+    """Find the metrics of the user that a study measures.
+
+    Raises:
+        CableError: There is no such study or metric, or it was given as an object.
+    """
+    for name, known in read_study(Path(folder))["protocol"]["own"].items():
+        if not is_user_controller(known):
+            raise CableError(
+                f"the study in {folder} measures metric {name!r}, which was given as a "
+                "Python object; its designs can be shown only where metrics are "
+                "MODULE:NAME."
+            )
+        find_metric(known)
+
+
+def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:
+    """Return the case in which `show` plays a design; empty if the study has no cases.
+
+    Raises:
+        CableError: there is no such study, row or case.
+    """
+    protocol = read_study(Path(folder))["protocol"]
+    levels = protocol.get("across", {})
+    across = Across(tuple((name, tuple(values)) for name, values in levels.items()))
+    if case is None:
+        worst = read_row(folder, row).get(
+            f"{protocol['metrics'][0]}@{WORST_CASE_SUFFIX}"
+        )
+        found = [one for one in across.cases if across.label(one) == worst]
+        return (found or across.cases)[0]
+    if not across.several:
+        raise CableError(f"the study in {folder} has no cases, so none can be chosen.")
+    if not 0 <= case < len(across.cases):
+        raise CableError(
+            f"the study in {folder} has cases 0 to {len(across.cases) - 1}, not {case}."
+        )
+    return across.cases[case]
+
+
+def _design(folder: Path, row: int, names: list[str]) -> Design:
+    found = read_row(folder, row)
+    return {name: found[name] for name in names}
+
+
+def read_row(folder: str | Path, row: int) -> dict[str, Any]:
+    """Return a row of the table of a study, by column.
+
+    Raises:
+        CableError: there is no finished study or no such row.
+    """
+    table = read_table(Path(folder))
+    if not 0 <= row < len(table):
+        raise CableError(
+            f"the study in {folder} has designs 0 to {len(table) - 1}, not {row}."
+        )
+    found: dict[str, Any] = table.slice(row, 1).to_pylist()[0]
+    return found
+
+
+class Pair(NamedTuple):
+    """A variable or a metric of two designs."""
+
+    name: str
+    """With its unit, if it has one."""
+    one: object
+    other: object
+
+    @property
+    def difference(self) -> float | None:
+        """The one less the other; None where they are no numbers."""
+        both = self.one, self.other
+        if not all(isinstance(v, int | float) and type(v) is not bool for v in both):
+            return None
+        return float(self.one) - float(self.other)  # type: ignore[arg-type]
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """Both values and their difference, in words."""
+        return (
+            format_cell(self.one),
+            format_cell(self.other),
+            format_cell(self.difference),
+        )
+
+
+def compare(
+    folder: str | Path, row: int, against: int, case: int | None = None
+) -> list[Pair]:
+    """Variables, cases and metrics of two designs, as the table of the study has them.
+
+    Args:
+        folder: of the study.
+        row: number of the one design, column `design` of its table.
+        against: number of the other.
+        case: in which they are shown, see `show.show`.
+
+    Raises:
+        CableError: there is no finished study, no such row or case, or both designs
+            are the same.
+    """
+    if row == against:
+        raise CableError(f"design {row} is compared with itself; name another one.")
+    find_user_metrics(folder)
+    about = read_study(Path(folder))
+    protocol = about["protocol"]
+    rows = [read_row(folder, number) for number in (row, against)]
+    cases = [case_of(folder, number, case) for number in (row, against)]
+    names = [*about["variables"]]
+    if len(protocol["controllers"]) > 1:
+        names.append(CONTROLLER_COLUMN)
+    pairs = [Pair(column_title(name), *(each[name] for each in rows)) for name in names]
+    pairs += [
+        Pair(f"case: {column_title(name)}", *(each[name] for each in cases))
+        for name in cases[0]
+    ]
+    metrics = protocol["metrics"]
+    return pairs + [Pair(column_title(n), *(each[n] for each in rows)) for n in metrics]
+
+
+def require_ours(out: str | Path) -> None:
+    """Find out, before designs are played, whether `FILES` may be written there.
+
+    Raises:
+        CableError: If not; see `_utils.atomic_io.require_ours`.
+    """
+    atomic_io.require_ours(out, FILES, lambda place: figures.is_ours(place / PICTURE))
+
+
+def write_comparison(
+    out: str | Path,
+    folder: str | Path,
+    row: int,
+    against: int,
+    case: int | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> list[Pair]:
+    """Play two designs of a study and write table, figure and recording of both.
+
+    Args:
+        out: folder for `FILES`; made if need be.
+        folder: of the study.
+        row: number of the one design.
+        against: number of the other, which differences are taken from.
+        case: of a study over several, see `show.show`.
+        progress: called with the simulated time [s] of both together.
+
+    Returns:
+        What the table holds.
+
+    Raises:
+        CableError: see `compare`, `show.show` and `require_ours`.
+    """
+    from cc_mujoco.viz._comparison import (
+        LabelledEpisode,
+        draw_side_by_side,
+        write_side_by_side,
+    )
+
+    pairs = compare(folder, row, against, case)
+    require_ours(out)
+    duration = float(read_study(Path(folder))["protocol"]["duration"])
+    episodes = []
+    for number, design in enumerate((row, against)):
+
+        def passed(time: float, before: float = number * duration) -> None:
+            if progress is not None:
+                progress(before + time)
+
+        log, model = show(folder, design, passed, case)
+        episodes.append(LabelledEpisode(f"design {design}", log, model))
+    text = _text(folder, row, against, pairs)
+    with atomic_io.replacing_folder(out) as partial:
+        figures.save(partial / PICTURE, draw_side_by_side(episodes))
+        write_side_by_side(partial / RECORDING, episodes, text)
+        picture = f"![Torque-angle loops, and tension at both ends]({PICTURE})"
+        page = f"{text}\n\n{picture}\n"
+        (partial / TABLE).write_text(page, encoding="utf-8")
+    return pairs
+
+
+def head(row: int, against: int) -> tuple[str, str, str]:
+    """Titles of `Pair.cells`."""
+    return f"design {row}", f"design {against}", "difference"
+
+
+def _text(folder: str | Path, row: int, against: int, pairs: list[Pair]) -> str:
+    protocol = read_study(Path(folder))["protocol"]
+    scene, trajectory, task = (protocol[k] for k in ("scene", "trajectory", "task"))
+    body = markdown.table(
+        ("", *head(row, against)),
+        [(pair.name, *pair.cells) for pair in pairs],
+        numbers=(1, 2, 3),
+    )
+    return (
+        f"# Design {row} against design {against}\n\n"
+        f"Scene {scene}, trajectory {trajectory}, task {task}, "
+        f"{protocol['duration']:g} s.\n\n{body}"
+    )

@@ -1,0 +1,159 @@
+"""Specification of a study: its fields, with their defaults and meanings, once.
+
+    StudySpec("wrist", {"friction": "0.05:0.3:10"}, metrics=["slack_margin"])
+
+The command line fills it from its options, Python from the keywords of `study`,
+`optimise` and `make_plan`; `make_plan` checks it. In Python `vary` and `across` are
+dictionaries whose values are texts, numbers or sequences of values; `designs` may be a
+list of dictionaries, `trajectory` a `human.Trajectory`, `metrics` objects. The help of
+the command needs this module, so it loads nothing that takes long.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cc_mujoco._workers import WORKER_TIMEOUT
+
+if TYPE_CHECKING:
+    from cc_mujoco.human import Trajectory
+    from cc_mujoco.metrics import Metric
+else:  # tyro evaluates the annotations below, for which nothing need be loaded
+    Metric = Trajectory = Any
+
+Given = str | float | Sequence[object]
+"""A range or values as text, one value, or several."""
+
+Assignments = Mapping[str, Given] | Sequence[str] | None
+"""Values by name, or as texts `NAME=VALUES`."""
+
+Texts = tuple[str, ...]
+DEFAULT_CONTROLLERS = ("model",)
+"""Controllers of a study by default: `model`, which adapts to each design's cables."""
+
+
+def _option(metavar: str, read: Any, name: str | None = None) -> Any:
+    """Return how the command line reads a field; its help shows no default None."""
+    return tyro.conf.arg(
+        name=name, metavar=metavar, help_behavior_hint="", constructor=read
+    )
+
+
+def _repeated(metavar: str, name: str | None = None) -> Any:
+    """Return an option that is given once for each of its values."""
+    read = tyro.conf.UseAppendAction[Texts]
+    return tyro.conf.arg(name=name, metavar=metavar, constructor=read)
+
+
+@dataclass(frozen=True)
+class StudySpec:
+    """Everything that decides the results of a study."""
+
+    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "wrist"
+    """A device; `cc-mujoco list` shows every name that can be given."""
+    vary: Annotated[Assignments, _repeated("VARIABLE=VALUES")] = ()
+    """VALUES are low:high:count, low:high:count:log or a,b,c; once per variable."""
+    designs: Annotated[
+        str | Path | Sequence[Mapping[str, object]] | None,
+        _option("FILE", Path | None),
+    ] = None
+    """CSV or TOML file of designs, instead of --vary."""
+    sampling: Annotated[str, tyro.conf.arg(metavar="NAME")] = "grid"
+    """Sampling: grid, or lhs for a Latin hypercube of --samples designs."""
+    samples: Annotated[int | None, _option("INT", int | None)] = None
+    """Number of designs of the Latin hypercube."""
+    trajectory: Annotated[
+        str | Path | Trajectory | None, _option("NAME", str | None)
+    ] = None
+    """Motion of the wearer: a name or FILE.csv; the default depends on the scene."""
+    task: Annotated[str | None, _option("NAME", str | None)] = None
+    """Feel that the device should give the wearer; the default depends on the scene."""
+    controllers: Annotated[Sequence[str], _option("NAME [NAME ...]", Texts)] = (
+        DEFAULT_CONTROLLERS
+    )
+    """Controllers of the motor: names, MODULE:FUNCTION or POLICY.safetensors; of
+    several, each design is judged with the one that tracks best."""
+    duration: float = 10.0
+    """Length of an episode in seconds."""
+    seed: int = 0
+    """Seed of everything random, sampling included."""
+    timestep: Annotated[float | None, _option("FLOAT", float | None)] = None
+    """Time step in seconds, a divisor of 0.001; that of the scene unless given."""
+    metrics: Annotated[Sequence[str | Metric], _repeated("NAME", name="metric")] = ()
+    """Metrics to measure, once each; all that designs have unless given."""
+    objectives: Annotated[Sequence[str], _repeated("METRIC", name="objective")] = ()
+    """Metrics that make a design good, once each, also min:METRIC or max:METRIC."""
+    subject_to: Annotated[Sequence[str], _repeated("METRIC>=NUMBER")] = ()
+    """A limit that a good design keeps, also METRIC<=NUMBER; once each."""
+    across: Annotated[Assignments, _repeated("NAME=VALUES")] = ()
+    """Judge designs over cases: values of a variable, or of wearer, the wearer's
+    impedance times the scene's; once per name, every combination is a case."""
+    rank: Annotated[str | None, _option("NAME", str | None)] = None
+    """Statistic of a metric over the cases: worst, p90 or mean; worst unless given.
+    Limits hold in every case."""
+    costs: Annotated[str | Path | None, _option("FILE", Path | None)] = None
+    """CSV file part,per,cost of what parts cost; round figures as an example if not
+    given."""
+    evaluations: Annotated[int | None, _option("INT", int | None, name="optimise")] = (
+        None
+    )
+    """Search for the best with so many designs; VALUES may then be low:high[:log]."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Machine and workers on which a study runs; its results do not depend on them."""
+
+    threads: Annotated[int, tyro.conf.arg(help_behavior_hint="")] = 0
+    """Threads that simulate; one per processor unless given."""
+    scheduler: Annotated[str | None, _option("ADDRESS", str | None)] = None
+    """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""
+    worker_timeout: float = WORKER_TIMEOUT
+    """Seconds after which that is given up if the scheduler has no workers."""
+    again: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help_behavior_hint="")
+    ] = False
+    """Simulate also what an earlier run has finished, and replace its table."""
+
+
+HERE = Execution()
+"""Execution on every processor of this machine."""
+
+
+def specified(
+    scene: str | StudySpec,
+    vary: Assignments,
+    designs: str | Path | Sequence[Mapping[str, object]] | None,
+    fields: Mapping[str, Any],
+) -> StudySpec:
+    """Return the specification that the arguments of a study make.
+
+    Args:
+        scene: name of the device, or a specification of which the others change fields.
+        vary: see `StudySpec`.
+        designs: see `StudySpec`.
+        fields: other fields of `StudySpec` by name.
+
+    Raises:
+        TypeError: there is no such field.
+    """
+    spec = scene if isinstance(scene, StudySpec) else StudySpec(scene)
+    changes = dict(fields)
+    if vary is not None:
+        changes["vary"] = vary
+    if designs is not None:
+        changes["designs"] = designs
+    return dataclasses.replace(spec, **changes)
+
+
+def divided(fields: Mapping[str, Any]) -> tuple[Execution, dict[str, Any]]:
+    """Return the execution among the fields of a study, and the other fields."""
+    how = {field.name for field in dataclasses.fields(Execution)} & set(fields)
+    rest = {name: value for name, value in fields.items() if name not in how}
+    return Execution(**{name: fields[name] for name in how}), rest

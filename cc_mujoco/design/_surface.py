@@ -1,0 +1,184 @@
+"""A metric as a smooth function of the variables, fitted to the designs of a study."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.design._designs import Range
+from cc_mujoco.device._variables import Value
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RBFInterpolator
+
+Array = NDArray[np.float64]
+
+MAX_FITTED_DESIGNS = 1000
+"""Designs that a surface is fitted to; more are only used to test it."""
+SELECTION_DESIGNS = 300
+"""Designs by which its variables are chosen."""
+MIN_IMPROVEMENT_SIGMAS = 2.0
+"""Standard errors by which a variable must lessen the squared error to be one."""
+FOLDS = 5
+SMOOTHING_FACTORS = (0.0, 1e-4, 1e-2, 1.0)
+
+
+@dataclass(frozen=True)
+class DesignAxis:
+    """A variable on a scale from 0 to 1; logarithmic ranges on that of ratios."""
+
+    values: Range
+
+    def code(self, given: Sequence[Value]) -> Array:
+        """Return values on the scale (n,), texts by their place among the levels."""
+        if self.values.ends is not None:
+            low, high = self.values.ends
+            found = np.array(given, dtype=np.float64)
+            if self.values.log:
+                low, high, found = np.log(low), np.log(high), np.log(found)
+        elif any(isinstance(level, str) for level in self.values.levels):
+            place = {level: i for i, level in enumerate(self.values.levels)}
+            found = np.array([place[value] for value in given], dtype=np.float64)
+            low, high = 0.0, float(len(place) - 1)
+        else:
+            found = np.array(given, dtype=np.float64)
+            levels = np.array(self.values.levels, dtype=np.float64)
+            low, high = float(levels.min()), float(levels.max())
+        return np.asarray((found - low) / (high - low))
+
+    def shares(self, count: int) -> Array:
+        """Return the fractions of the levels, or `count` fractions of the range."""
+        if self.values.ends is not None:
+            return np.linspace(0.0, 1.0, count)
+        levels = len(self.values.levels)
+        return (np.arange(levels) + 0.5) / levels
+
+    def sample(self, share: Array) -> Array:
+        """Return the places on the scale for fractions in [0, 1)."""
+        return self.code(self.values.at(share))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A thin-plate spline through the designs, smoothed as cross-validation wants it.
+
+    It has only the variables without which it would foretell designs left out worse:
+    each other one would add ripples, which look like effects of all.
+
+    Attributes:
+        x: variables of the designs that it is fitted to, each on its scale (n, all).
+        y: the metric there (n,).
+        active: columns of the variables that it has.
+        smoothing: of the spline.
+        r_squared: part of the variance that it foretells at designs left out.
+    """
+
+    x: Array
+    y: Array
+    active: tuple[int, ...]
+    smoothing: float
+    r_squared: float
+
+    @cached_property
+    def _fitted(self) -> RBFInterpolator:
+        return _spline(self.x[:, self.active], self.y, self.smoothing)
+
+    def __call__(self, x: Array) -> Array:
+        """Return the metric at the points `x` (n, variables)."""
+        return np.asarray(self._fitted(x[:, self.active]))
+
+    @property
+    def designs(self) -> int:
+        """Number of designs that it is fitted to."""
+        return len(self.y)
+
+    def halves(self, count: int) -> Iterator[Surface]:
+        """Yield surfaces through random halves of the designs, if they exist."""
+        rng = np.random.default_rng(1)
+        for _ in range(count):
+            half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
+            one = dataclasses.replace(self, x=self.x[half], y=self.y[half])
+            with contextlib.suppress(np.linalg.LinAlgError, ValueError):
+                _ = one._fitted
+                yield one
+
+
+def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAxis]:
+    """Return the axis of each varied variable."""
+    return [DesignAxis(ranges[name]) for name in varied]
+
+
+def fit(x: Array, y: Array) -> Surface | None:
+    """Fit a surface, or None where there are too few designs or nothing foretells them.
+
+    Args:
+        x: variables on their scales, (designs, variables).
+        y: a metric, (designs,), all numbers.
+    """
+    rng = np.random.default_rng(0)
+    shuffled = rng.permutation(len(y))[:MAX_FITTED_DESIGNS]
+    x, y = x[shuffled], y[shuffled]
+    least = 3 * (x.shape[1] + 1)
+    if len(y) < max(least, 10) or not np.ptp(y) > 0.0:
+        return None
+    active = _active_columns(x[:SELECTION_DESIGNS], y[:SELECTION_DESIGNS])
+    if not active:
+        return None
+    smoothing, error = _best_smoothing(x[:, active], y)
+    r_squared = 1.0 - float(np.mean(error) / np.var(y))
+    if not r_squared > 0.0:
+        return None
+    return Surface(x, y, active, smoothing, r_squared)
+
+
+def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
+    """Return the columns that improve the prediction of held-out designs."""
+    active = tuple(range(x.shape[1]))
+    while active:
+        smoothing, error = _best_smoothing(x[:, active], y)
+        help_of = {}
+        for column in active:
+            rest = tuple(other for other in active if other != column)
+            gain = _left_out_errors(x[:, rest], y, smoothing) - error
+            deviation = float(np.std(gain)) / np.sqrt(len(y))
+            help_of[column] = float(np.mean(gain)) / max(deviation, 1e-300)
+        least = min(active, key=lambda column: help_of[column])
+        if help_of[least] > MIN_IMPROVEMENT_SIGMAS:
+            break
+        active = tuple(other for other in active if other != least)
+    return active
+
+
+def _best_smoothing(x: Array, y: Array) -> tuple[float, Array]:
+    """Return the best smoothing and its squared errors at held-out designs."""
+    errors = {
+        smoothing: _left_out_errors(x, y, smoothing) for smoothing in SMOOTHING_FACTORS
+    }
+    best = min(errors, key=lambda smoothing: float(np.mean(errors[smoothing])))
+    return best, errors[best]
+
+
+def _left_out_errors(x: Array, y: Array, smoothing: float) -> Array:
+    """Return the squared error at every design of a spline without its fold."""
+    error = np.zeros_like(y)
+    for fold in range(FOLDS):
+        out = np.arange(len(y)) % FOLDS == fold
+        predicted: Any = np.mean(y[~out])  # all there is without variables, or a spline
+        if x.shape[1]:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                predicted = _spline(x[~out], y[~out], smoothing)(x[out])
+        error[out] = predicted - y[out]
+    return error**2
+
+
+def _spline(x: Array, y: Array, smoothing: float) -> RBFInterpolator:
+    from scipy.interpolate import RBFInterpolator
+
+    return RBFInterpolator(x, y, smoothing=smoothing, kernel="thin_plate_spline")

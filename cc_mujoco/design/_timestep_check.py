@@ -1,0 +1,155 @@
+"""Check of a study's dependence on its time step: some designs at half of it.
+
+found = halved(plan, table, goals, limits, carry_out)
+
+A cable that the step resolves can still be driven into a limit cycle, by a controller
+that meets a stiffer cable than it is made for, and then a number says more of the step
+than of the design. That is no error of any one step, so it is looked for in the end.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+
+from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
+from cc_mujoco.design._plan import Plan, with_few_designs
+from cc_mujoco.design._study_metrics import CONTROLLER_METRIC
+from cc_mujoco.device import Scene
+
+MIN_DESIGNS, MAX_CHECKED_DESIGNS, DESIGNS_PER_CHECK = 3, 6, 4
+"""Designs that are tried at least and at most, and of how many one is."""
+TOLERATED_CHANGE = 0.05
+"""Change of a number that is not worth a word."""
+MIN_RANGE_SHARE = 0.05
+"""Part of the range of all designs; the change of a smaller number is over this."""
+
+
+@dataclass(frozen=True)
+class TimestepChange:
+    """Change of a number of a design.
+
+    Attributes:
+        metric: its name.
+        design: number of the design.
+        value: in the study.
+        at_half: at half the time step; NaN where there is no such number.
+        share: the difference, over the number or `MIN_RANGE_SHARE` of the range; inf
+            without one.
+    """
+
+    metric: str
+    design: int
+    value: float
+    half_step_value: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Halved:
+    """Designs at half the time step.
+
+    Attributes:
+        timestep: that half [s].
+        designs: numbers of the designs, the best first.
+        changes: the largest of every metric, the largest of all first.
+    """
+
+    timestep: float
+    designs: tuple[int, ...]
+    changes: tuple[TimestepChange, ...]
+
+    @property
+    def unsettled(self) -> tuple[TimestepChange, ...]:
+        """Changes that are worth a word."""
+        return tuple(one for one in self.changes if one.share > TOLERATED_CHANGE)
+
+
+def check_timestep(
+    plan: Plan,
+    table: pa.Table,
+    goals: Sequence[Objective],
+    limits: Sequence[Limit],
+    run: Callable[[Plan], pa.Table],
+) -> Halved | None:
+    """Try designs of a study again at half its time step.
+
+    They are spread over the ranking, with the best and the worst among them.
+
+    Args:
+        plan: the study.
+        table: its table.
+        goals: what it is ranked by; these numbers are compared, and those of limits.
+        limits: that a good design keeps.
+        run: carries a plan out; see `carry_out`.
+
+    Returns:
+        What became of the numbers; None where no design has all of them.
+    """
+    cost = objective_costs(
+        table, goals, ()
+    )  # a number may break a limit by the step alone
+    ranked = [int(i) for i in rank_designs(cost) if not np.isnan(cost[i]).any()]
+    if not ranked:
+        return None
+    count = min(
+        MAX_CHECKED_DESIGNS,
+        max(MIN_DESIGNS, math.ceil(len(ranked) / DESIGNS_PER_CHECK)),
+        len(ranked),
+    )
+    places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
+    best = int(rank_designs(objective_costs(table, goals, limits))[0])
+    tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))
+    columns = list(
+        dict.fromkeys([*(g.name for g in goals), *(x.column for x in limits)])
+    )
+    measured = {name.partition("@")[0] for name in columns}
+    if len(plan.protocol.controllers) > 1:
+        measured.add(CONTROLLER_METRIC)
+    protocol = dataclasses.replace(
+        plan.protocol,
+        timestep=0.5 * plan.protocol.timestep,
+        metrics=tuple(name for name in plan.protocol.metrics if name in measured),
+    )
+    again = with_few_designs(
+        dataclasses.replace(plan, protocol=protocol),
+        Scene(protocol.scene, protocol.timestep),
+        [plan.designs[i] for i in tried],
+    )
+    rows = run(again).to_pylist()
+    ranges = {name: _range(table, name) for name in columns}
+    changes = [
+        max(
+            (
+                _metric_change(name, i, table[name][i].as_py(), row, ranges[name])
+                for i, row in zip(tried, rows, strict=True)
+            ),
+            key=lambda one: one.share,
+        )
+        for name in columns
+    ]
+    changes.sort(key=lambda one: -one.share)
+    return Halved(protocol.timestep, tried, tuple(changes))
+
+
+def _range(table: pa.Table, name: str) -> float:
+    values = np.array([v for v in table[name].to_pylist() if v is not None])
+    return float(np.ptp(values)) if values.size else 0.0
+
+
+def _metric_change(
+    name: str, design: int, value: object, row: Mapping[str, object], span: float
+) -> TimestepChange:
+    if not isinstance(value, float):  # a limit that is not a goal may have no number
+        return TimestepChange(name, design, math.nan, math.nan, 0.0)
+    again = row[name]
+    if not isinstance(again, float):
+        return TimestepChange(name, design, value, math.nan, math.inf)
+    size = max(abs(value), MIN_RANGE_SHARE * span)
+    share = abs(again - value) / size if again != value else 0.0
+    return TimestepChange(name, design, value, again, share)

@@ -1,0 +1,142 @@
+"""Prior knowledge of a controller about its device: motor, ratio, cables, sensors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.device._observation import Observed
+from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class CableDrive:
+    """One cable between the motor's pulley and the joint's, as its data sheet has it.
+
+    A cable's displacement is positive from the motor to the joint, so a cable that
+    winding the motor draws in has a negative `proximal`.
+    """
+
+    cable: Cable
+    proximal: float
+    """Displacement of the proximal end per motor angle [m/rad], signed."""
+    distal: float
+    """Displacement of the distal end per joint angle [m/rad], signed."""
+
+    def __post_init__(self) -> None:
+        """Refuse an arm that transmits nothing."""
+        for name in ("proximal", "distal"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value != 0.0):
+                raise CableError(
+                    f"CableDrive.{name} must be a finite length other than 0, "
+                    f"not {value!r} m."
+                )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Prior knowledge of a controller about its device."""
+
+    ratio: float
+    """Joint torque per motor torque without friction, signed [-]."""
+    low: float
+    """Least torque of the motor [N m]."""
+    high: float
+    """Greatest torque of the motor [N m]."""
+    period: float
+    """Time between two calls of a controller [s]."""
+    one_way: bool = False
+    """True if the cables only transmit positive motor torque: one cable pulls, none
+    pulls back."""
+    cable_drives: tuple[tuple[CableDrive, ...], ...] = ()
+    """The cables, as far as they are known: once for all environments, or once for
+    each. Controllers with a model need them."""
+    sensors: tuple[Sensors, ...] = ()
+    """Tension sensors along every cable, where the device has them."""
+    inertia: float = 0.0
+    """Inertia of the motor with its pulley [kg m^2], as its data sheet has it."""
+    damping: float = 0.0
+    """Damping of the motor's bearings [N m s/rad]."""
+    joint_inertia: float = 0.0
+    """Inertia of the joint with its limb in the neutral pose [kg m^2]; 0: unknown."""
+    delay: int = 0
+    """Control steps by which what is measured comes late."""
+    torque_noise: float = 0.0
+    """Standard deviation of the joint torque sensor [N m]."""
+    motor_lag: float = 0.0
+    """Time constant of the motor's torque behind its command, first order [s]."""
+    torque_rate: float = math.inf
+    """Fastest change of the commanded torque that the host lets through [N m/s]."""
+    safe_torque: float = math.inf
+    """Most that the cables may put into the joint [N m]; of a lever, in the neutral
+    pose. Long before it is reached, controllers that measure a torque let the joint go,
+    see `guard`."""
+    crossed: tuple[str, ...] = ()
+    """Joints besides the driven one whose motion winds the cables. Then controllers
+    with a model need `device._sensors.WINDING_COLUMNS`."""
+    lever: bool = False
+    """True if the cables pull a lever, whose arm changes with its angle; `distal` is
+    that of the neutral pose. Then, too, controllers with a model need
+    `device._sensors.WINDING_COLUMNS`."""
+    observed: Observed | None = None
+    """Observation of the device's environment; saved policies need it."""
+
+    def __post_init__(self) -> None:
+        """Refuse a drive that cannot be controlled."""
+        if not (math.isfinite(self.ratio) and self.ratio != 0.0):
+            raise CableError(
+                f"Drive.ratio must be a finite number other than 0, not {self.ratio!r}."
+            )
+        if not self.low < self.high:
+            raise CableError(
+                f"Drive.low must be below Drive.high = {self.high!r} N m, "
+                f"not {self.low!r} N m."
+            )
+        if not (math.isfinite(self.period) and self.period > 0.0):
+            raise CableError(
+                f"Drive.period must be a positive number of seconds, "
+                f"not {self.period!r}."
+            )
+        if not 0.0 <= self.motor_lag <= 1.0:
+            raise CableError(
+                "Drive.motor_lag must be a time constant of 0 to 1 s, not "
+                f"{self.motor_lag!r}; 3 ms are 0.003."
+            )
+        if not self.torque_rate > 0.0:
+            raise CableError(
+                "Drive.torque_rate must be above 0 N m/s, or math.inf for no limit, "
+                f"not {self.torque_rate!r}."
+            )
+        if not self.safe_torque > 0.0:
+            raise CableError(
+                f"Drive.safe_torque must be above 0 N m, not {self.safe_torque!r}."
+            )
+        shapes = {
+            tuple((s.proximal, s.distal, s.cable.segments) for s in row)
+            for row in self.cable_drives
+        }
+        if len(shapes) > 1 or () in shapes:
+            raise CableError(
+                "Drive.cable_drives must have the same cables in every environment, at "
+                "least one, with equal arms and segments; only their other parameters "
+                "may differ."
+            )
+        if self.sensors and len(self.sensors) != len(self.cables):
+            raise CableError(
+                f"Drive.sensors must be given for each of the {len(self.cables)} "
+                f"cables, not for {len(self.sensors)}."
+            )
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and greatest torque at the joint, were there no friction [N m]."""
+        ends = self.ratio * (0.0 if self.one_way else self.low), self.ratio * self.high
+        return min(ends), max(ends)
+
+    @property
+    def cables(self) -> tuple[CableDrive, ...]:
+        """The cables of the first environment; none if they are not known."""
+        return self.cable_drives[0] if self.cable_drives else ()

@@ -1,0 +1,121 @@
+r"""Angle that a cable's distal end has wound, where no round pulley defines it.
+
+A lever's arm changes with the angle, and a cable may pass more joints than one. What a
+cable feels is the length \(\ell\) that its distal end moved. Over the arm of the joint
+in the neutral pose \(f_0\) that is an angle,
+
+\[ \varphi = (\ell - \ell_0) / f_0, \qquad
+   f = \partial\ell / \partial\theta_j, \qquad \lambda = f / f_0 \]
+
+and a tension that makes the torque \(\tau\) at the joint would make \(\tau / \lambda\)
+on a round pulley. In these coordinates a device is one with a round pulley.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.device._sensors import WINDING_COLUMNS
+
+MIN_LEVERAGE = 0.1
+"""Least leverage that is reported; with less the cable hardly turns the joint."""
+POSE_SHARES = np.linspace(0.1, 0.9, 5)
+"""Shares of the ranges of all joints at which is looked for what moves an end."""
+ARM_TOLERANCE = 1e-9
+"""Share of an arm that is rounding."""
+
+
+class Winding(NamedTuple):
+    """Indices of a distal end in the arrays of a simulation, and its neutral pose."""
+
+    end: int
+    """Index of the end in `actuator_length`."""
+    step: float
+    """Time step [s]."""
+    places: tuple[int, ...]
+    """Indices of the arms of the end in `actuator_moment`."""
+    dofs: tuple[int, ...]
+    """Indices of the velocities that they belong to."""
+    own: int
+    """Place of the joint's among these."""
+    length: Any
+    """Length in the neutral pose, one number or (n,) [m]."""
+    arm: Any
+    """Arm in the neutral pose, one number or (n,) [m/rad]."""
+
+    def read(self, physics: Any) -> dict[str, Any]:
+        """Return `WINDING_COLUMNS` after the last step, for one or more simulations.
+
+        Lengths and arms are from the begin of the step, so the angle is brought forward
+        by the velocity at its end.
+
+        Args:
+            physics: Arrays `actuator_length`, `actuator_moment` and `qvel`.
+        """
+        moment, qvel = physics.actuator_moment.T, physics.qvel.T
+        velocity = 0.0
+        for place, dof in zip(self.places, self.dofs, strict=True):
+            velocity = velocity + moment[place] * qvel[dof]
+        wound_length = physics.actuator_length.T[self.end] - self.length
+        leverage = np.maximum(moment[self.places[self.own]] / self.arm, MIN_LEVERAGE)
+        values = (wound_length + self.step * velocity) / self.arm, velocity / self.arm
+        return dict(zip(WINDING_COLUMNS, (*values, leverage), strict=True))
+
+    def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
+        """Return the names of the other joints that wind the cable."""
+        dofs = (dof for place, dof in enumerate(self.dofs) if place != self.own)
+        return tuple(model.joint(model.dof_jntid[dof]).name for dof in dofs)
+
+    @staticmethod
+    def over(windings: Sequence[Winding | None]) -> Winding | None:
+        """Return the winding of devices of one layout, simulated together."""
+        one = windings[0]
+        if one is None:
+            return None
+        pairs = [(each.length, each.arm) for each in windings if each is not None]
+        length, arm = np.array(pairs).T
+        return one._replace(length=length, arm=arm)
+
+
+def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
+    """Return the winding of a distal end.
+
+    Args:
+        model: The device.
+        end: Of a cable, in `actuator_length`.
+        joint: That the cable drives.
+
+    Returns:
+        None where a round pulley on the joint would do the same.
+    """
+    data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
+    mujoco.mj_fwdPosition(model, data)
+    start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])
+    dofs = data.moment_colind[start : start + count].copy()
+    own, length = dofs.tolist().index(dof), float(data.actuator_length[end])
+    arm = float(data.actuator_moment[start + own])
+    arms = np.empty((len(POSE_SHARES), count))
+    for row, share in zip(arms, POSE_SHARES, strict=True):
+        low, high = model.jnt_range.T
+        data.qpos[model.jnt_qposadr] = low + share * (high - low)
+        mujoco.mj_fwdPosition(model, data)
+        row[:] = data.actuator_moment[start : start + count]
+    moves = np.abs(arms).max(axis=0) > ARM_TOLERANCE * abs(arm)
+    if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < ARM_TOLERANCE * abs(
+        arm
+    ):
+        return None
+    places = start + np.flatnonzero(moves)
+    return Winding(
+        end,
+        float(model.opt.timestep),
+        tuple(places.tolist()),
+        tuple(dofs[moves].tolist()),
+        int(moves[:own].sum()),
+        length,
+        arm,
+    )

@@ -1,0 +1,590 @@
+"""A plant: a device with some of its values changed.
+
+    plant = Plant("wrist", {"friction": 0.1, "loops": 2, "wearer": 0.5})
+    plant.cables["flexor"].friction                 # 0.1
+    model = plant.model()
+
+Values change what the physics sees. The drawing keeps its pulleys and its route.
+Pulleys are solid discs of the scene's width: their inertia goes with radius^4, half of
+it to either of two cables. A lever keeps its inertia.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco import plugin as engine
+from cc_mujoco.assets import scene_path
+from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
+from cc_mujoco.device import _wearer_scaling as wearer_scaling
+from cc_mujoco.device._materials import ENDS, MATERIALS, Material
+from cc_mujoco.device._motors import MOTORS, Motor
+from cc_mujoco.device._registry import Setup, find_device
+from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
+from cc_mujoco.device._variables import (
+    DELAY,
+    NOISE,
+    WEARER,
+    Value,
+    of_cable,
+    read_values,
+    split,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Body, Wearer
+from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
+from cc_mujoco.metrics._metric import (
+    CONTINUOUS_TORQUE,
+    GEARING,
+    PULL_PULL,
+    SAFE_TORQUE,
+    STRENGTH,
+    TORQUE_CONSTANT,
+    WINDING_RESISTANCE,
+)
+
+RADII = ("motor_radius", "joint_radius")
+"""Variables of a cable's proximal and distal end."""
+
+DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
+"""Variables of what leads a cable, which of an open one the scene draws."""
+
+GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
+"""Variables of the motor before its gear."""
+
+FRICTION = "material_friction"
+"""Variable that says which of `ENDS` the friction of a material is."""
+
+UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
+"""Values of a cable that does nothing."""
+
+_ONE = threading.Lock()
+
+_TIGHT = ("pretension", "strength", "diameter", "material")
+"""Variables of which a cable's pretension may break it."""
+
+
+class Nominal:
+    """A device as it is, with no value changed."""
+
+    def __init__(
+        self, setup: Setup, cables: Mapping[str, Cable], wearer: Wearer
+    ) -> None:
+        """Take the description, all cables by name, and the wearer at the joint."""
+        self.setup, self.cables, self.wearer = setup, cables, wearer
+
+
+class Scene(Nominal):
+    """A device as its scene has it, from which models with other values are made."""
+
+    def __init__(self, name: str, timestep: float | None = None) -> None:
+        """Read the scene.
+
+        Args:
+            name: key of `device._registry.DEVICES`.
+            timestep: of the physics [s]; that of the scene by default.
+
+        Raises:
+            CableError: there is no such device.
+        """
+        setup = find_device(name)
+        self.name, self.timestep = name, timestep
+        self.spec = _scene(name, timestep)
+        mover = self.spec.actuator(setup.mover)
+        wearer = Wearer(float(mover.gainprm[0]), -float(mover.biasprm[2]))
+        super().__init__(setup, engine.from_mjcf(self.spec), wearer)
+        self.ends = {
+            name: tuple(a for a in self.spec.actuators if a.plugin.name == name)
+            for name in self.cables
+        }
+        """Actuators of each cable, that of the proximal end first."""
+        self.radii = {
+            name: tuple(abs(float(end.gear[0])) for end in ends)
+            for name, ends in self.ends.items()
+        }
+        """Pulley radii by cable, proximal and distal [m]; of a lever the gear of its
+        tendon."""
+        self.discs = (
+            ("motor", setup.motor_pulley),
+            (setup.joint, setup.joint_pulley),
+        )
+        """Joint and inertia [kg m^2] of the pulleys, at the motor first."""
+
+
+class Plant:
+    """A device with some of its values changed.
+
+    It has the names and bounds of the table; `check` finds out, too, whether the scene
+    can have the values.
+
+    Attributes:
+        device: the device without the changes.
+        values: the changes, checked, in the order given.
+        cables: all cables of the device, by name.
+    """
+
+    def __init__(
+        self, device: str | Nominal, values: Mapping[str, object] | None = None
+    ) -> None:
+        """Change the values of a device.
+
+        Args:
+            device: key of `device._registry.DEVICES`, or the device.
+            values: by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
+
+        Raises:
+            CableError: names, values or their combination are impossible.
+        """
+        self.device = Scene(device) if isinstance(device, str) else device
+        cables = self.device.cables
+        self.values: dict[str, Value] = read_values(values or {}, cables)
+        if FRICTION in self.values and "material" not in self.values:
+            raise CableError(
+                f"variable {FRICTION!r} says where in the range of a material, and "
+                "needs a `material`."
+            )
+        self.cables: Mapping[str, Cable] = cables
+        if self.values:
+            self.cables = {name: self._cable(name) for name in cables}
+        if any(split(name)[1] in _TIGHT for name in self.values):
+            self._require_strength()
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another plant is the same device with the same values."""
+        if not isinstance(other, Plant):
+            return NotImplemented
+        mine, its = (
+            (p.setup.scene, p.values, dict(p.cables), p.wearer) for p in (self, other)
+        )
+        return mine == its
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def setup(self) -> Setup:
+        """Description of the device."""
+        return self.device.setup
+
+    @property
+    def wearer(self) -> Wearer:
+        """Wearer at the joint that the cables drive."""
+        factor, wearer = float(self.values.get(WEARER.name, 1.0)), self.device.wearer
+        return Wearer(factor * wearer.stiffness, factor * wearer.damping)
+
+    @property
+    def delay(self) -> int:
+        """Samples by which measurements are late; those of the device by default."""
+        return int(self.values.get(DELAY.name, self.setup.sensing.delay))
+
+    @property
+    def noise(self) -> float:
+        """Noise of the sensors over that of the device; 1 by default."""
+        return float(self.values.get(NOISE.name, 1.0))
+
+    @property
+    def material(self) -> Material | None:
+        """The pair of materials that the values name; None where they name none."""
+        name = self.values.get("material")
+        return None if name is None else MATERIALS[str(name)]
+
+    @property
+    def strength(self) -> dict[str, float]:
+        """Breaking load of each cable [N]."""
+        thick = self.diameters
+        if (material := self.material) is not None:
+            return {name: material.breaking_load(d) for name, d in thick.items()}
+        given = float(self.values.get("strength", self.setup.strength))
+        return {n: given * (d / self.setup.diameter) ** 2 for n, d in thick.items()}
+
+    @property
+    def diameters(self) -> dict[str, float]:
+        """Diameter of each cable [m]."""
+        return {
+            name: float(self._own(name).get("diameter", self.setup.diameter))
+            for name in self.cables
+        }
+
+    @property
+    def motor(self) -> Motor:
+        """The motor as far as the values say what it is."""
+        values = self.values
+        if "motor" in values:
+            return MOTORS[str(values["motor"])]
+        return Motor(
+            resistance=float(values.get("winding_resistance", math.nan)),
+            torque_constant=float(values.get("torque_constant", math.nan)),
+            continuous_torque=float(values.get("continuous_torque", math.nan)),
+            mass=float(values.get("motor_mass", math.nan)),
+        )
+
+    @property
+    def gearing(self) -> float:
+        """Turns of the rotor per turn of its pulley; NaN where nobody says."""
+        scene = self.setup.gearing
+        return float(self.values.get("gearing", math.nan if scene is None else scene))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Constants that metrics need, as far as known."""
+        motor = self.motor
+        found = {
+            GEARING: self.gearing,
+            WINDING_RESISTANCE: motor.resistance,
+            TORQUE_CONSTANT: motor.torque_constant,
+            CONTINUOUS_TORQUE: motor.continuous_torque,
+        }
+        return {
+            STRENGTH: self.strength,
+            SAFE_TORQUE: self.setup.safe_torque,
+            PULL_PULL: self.setup.pull_pull,
+            **{key: value for key, value in found.items() if not math.isnan(value)},
+        }
+
+    @property
+    def pulleys(self) -> dict[str, tuple[float, ...]]:
+        """Radii of the pulleys that each cable winds on [m]; a lever is none."""
+        scene = self._scene
+        return {
+            name: tuple(
+                float(self._own(name).get(key, radius))
+                for key, radius, end in zip(
+                    RADII, nominal, scene.ends[name], strict=True
+                )
+                if end.trntype == mujoco.mjtTrn.mjTRN_JOINT
+            )
+            for name, nominal in scene.radii.items()
+        }
+
+    @property
+    def discs(self) -> list[float]:
+        """Mass of every pulley [kg], that of a solid disc of its inertia."""
+        return [
+            sum(
+                2.0 * disc / len(radii) * radius**2 / nominal**4
+                for nominal, radius in radii
+            )
+            for _, disc, radii in self._pulley_inertias()
+            if disc and radii
+        ]
+
+    @property
+    def layout(self) -> tuple[object, ...]:
+        """Equal for plants that can be in one batch: their models, and their walk."""
+        cables = self.cables.values()
+        walks = (self.values.get(name) for name in wearer_scaling.WALKER)
+        return (*(cable.segments for cable in cables), *route_tendons(cables), *walks)
+
+    def check(self) -> None:
+        """Find out whether the plant can be simulated.
+
+        Raises:
+            CableError: its scene does not have what is varied, or the time step is too
+                long for so stiff a cable.
+        """
+        scene, values = self._scene, self.values
+        wearer_scaling.require_possible(self.setup, values)
+        if wearer_scaling.LEG_LENGTH in values and route_tendons(self.cables.values()):
+            raise CableError(
+                f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
+                "but a cable bends as the scene draws its route along a leg; leave "
+                "`bend` as it is."
+            )
+        geared = [name for name in GEARED if name in values]
+        if geared and math.isnan(self.gearing):
+            raise CableError(
+                f"variable {geared[0]!r} needs a `gearing`, since the scene "
+                f"{self.setup.scene!r} does not say how its motor is geared."
+            )
+        for name, (_, distal) in scene.ends.items():
+            joint = distal.trntype == mujoco.mjtTrn.mjTRN_JOINT
+            if RADII[1] in self._own(name) and not (joint or self.setup.lever):
+                raise CableError(
+                    f"variable {RADII[1]!r} cannot be varied for cable {name!r}, whose "
+                    "tendon has no lever that moves; the scene draws its path."
+                )
+        for name, cable in self.cables.items():
+            if cable.route and scene.spec.tendon(cable.route) is None:
+                raise CableError(
+                    f"the route of cable {name!r} must be a tendon of the scene, not "
+                    f"{cable.route!r}."
+                )
+        self._require_strength()
+        if any(cable.path != PATHS[0] for cable in self.device.cables.values()):
+            # The ends of a cable are implicit where they need it, its pieces are not.
+            limits = engine.step_limits(self.model()).values()
+            step = float(scene.spec.option.timestep)
+            limit = min(found.pieces for found in limits)
+            if step >= limit:
+                raise CableError(
+                    f"the time step is {1e3 * step:.3g} ms, but the pieces of its "
+                    "cables are so stiff that it must be below "
+                    f"{1e3 * limit:.3g} ms."
+                )
+
+    def model(self, whole: bool = False) -> mujoco.MjModel:
+        """Compile the model, bare (see `strip`) unless it is to be whole.
+
+        Raises:
+            CableError: the plant cannot be compiled.
+        """
+        return self.spec(whole).compile()
+
+    def spec(self, whole: bool = False) -> mujoco.MjSpec:
+        """Return the scene with the values, bare unless it is to be whole.
+
+        Raises:
+            CableError: it is the plant of an environment, which has no scene.
+        """
+        scene = self._scene
+        if whole:
+            spec = scene.spec.copy()
+        else:
+            kept = route_tendons(self.cables.values())
+            with _ONE:  # two threads would make two, and what one stands on would go
+                bare, _ = _stripped(scene.name, scene.timestep, kept)
+            spec = bare.copy()
+        self._apply(spec, whole)
+        return spec
+
+    def xml(self) -> str:
+        """Return the MJCF of the scene with the values, whole."""
+        spec = self.spec(whole=True)
+        spec.compile()
+        return str(spec.to_xml())
+
+    @property
+    def _scene(self) -> Scene:
+        if not isinstance(self.device, Scene):
+            raise CableError(
+                f"a plant of {self.setup.scene!r} has no scene to change: make it of a "
+                "`Scene` or its name."
+            )
+        return self.device
+
+    def _own(self, cable: str) -> dict[str, Value]:
+        return of_cable(self.values, cable)
+
+    def _cable(self, name: str) -> Cable:
+        """Return a cable with its values.
+
+        Raises:
+            CableError: it cannot have them.
+        """
+        cable, own = self.device.cables[name], self._own(name)
+        changes: dict[str, object] = {
+            key: own[key] for key in KEYS if key in own and key != "friction"
+        }
+        _require_guided(name, cable, own)
+        where = f"cable {name!r}"
+        if "conduit" in own:
+            config = {"conduit": str(own["conduit"])}
+            changes["conduit"] = Cable.from_config(config, where).conduit
+        diameter = float(own.get("diameter", self.setup.diameter))
+        stiffness = (diameter / self.setup.diameter) ** 2 * cable.axial_stiffness
+        friction = own.get("friction")
+        if (material := self.material) is not None:
+            # Sources do not tell the two frictions apart; the scene does.
+            friction = material.friction.at(str(self.values.get(FRICTION, ENDS[1])))
+            stiffness = material.axial_stiffness(diameter)
+        changes.setdefault("axial_stiffness", stiffness)
+        kinetic = cable.friction if friction is None else float(friction)
+        if "break_away" in own:
+            changes["static_friction"] = float(own["break_away"]) * kinetic
+        try:
+            cable = _conduit(cable, own)
+            if "static_friction" in changes:
+                changes["friction"] = kinetic
+            elif friction is not None:
+                cable = cable.with_friction(kinetic)
+            return cable.replace(**changes)
+        except CableError as error:
+            raise CableError(f"{where}: {error}.") from None
+
+    def _require_strength(self) -> None:
+        """Refuse a cable that its pretension breaks.
+
+        Raises:
+            CableError: there is one.
+        """
+        loads = self.strength
+        for name, cable in self.cables.items():
+            if cable.pretension >= loads[name]:
+                raise CableError(
+                    f"the pretension of cable {name!r} is {cable.pretension:g} N; it "
+                    f"must be below the breaking load of {loads[name]:g} N, which "
+                    "`strength` sets."
+                )
+
+    def _pulley_inertias(self) -> list[tuple[str, float, list[tuple[float, float]]]]:
+        """Return joint, inertia [kg m^2] and radii of the scene's pulleys, [m].
+
+        The radii are that of the scene and that of the plant, for each cable on it.
+        """
+        scene = self._scene
+        return [
+            (
+                joint,
+                disc,
+                [
+                    (
+                        nominal[place],
+                        float(self._own(n).get(RADII[place], nominal[place])),
+                    )
+                    for n, nominal in scene.radii.items()
+                    if scene.ends[n][place].target == joint
+                ],
+            )
+            for place, (joint, disc) in enumerate(scene.discs)
+        ]
+
+    def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
+        """Write the values into a scene, whole or bare."""
+        values = self.values
+        for name, cable in self.cables.items():
+            engine.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
+            own = self._own(name)
+            ends = (a for a in spec.actuators if a.plugin.name == name)
+            for end, key in zip(ends, RADII, strict=True):
+                if key in own:
+                    self._set_radius(spec, end, float(own[key]))
+        self._resize(spec, wearer_scaling.body_of(values))
+        if WEARER.name in values:
+            gains, mover = self.wearer.gains(), spec.actuator(self.setup.mover)
+            mover.gainprm[0] = gains.gain
+            mover.biasprm[:3] = gains.bias
+        motor, joint = spec.actuator("motor"), spec.joint("motor")
+        if "motor_torque" in values:
+            limit = float(values["motor_torque"]) / motor.gear[0]
+            motor.ctrlrange = [-limit, limit]
+        if "rotor_inertia" in values:
+            joint.armature = float(values["rotor_inertia"])
+        elif "motor" in values:
+            joint.armature = self.motor.rotor_inertia * self.gearing**2
+        for name, disc, radii in self._pulley_inertias():
+            more = sum((radius / nominal) ** 4 - 1.0 for nominal, radius in radii)
+            if disc and more:
+                turning = spec.joint(name)
+                # A disc has half of it about its diameters.
+                about = 0.5 * (1.0 + np.abs(turning.axis))
+                inertia = disc / len(radii) * more * about
+                turning.parent.inertia = turning.parent.inertia + inertia
+        if "motor_damping" in values:
+            joint.damping = [float(values["motor_damping"]), 0.0, 0.0]
+
+    def _resize(self, spec: mujoco.MjSpec, body: Body) -> None:
+        """Give a leg the inertia and the lengths of a wearer of another size.
+
+        What is worn on a segment stays as heavy, spread as the segment is, and the ends
+        of the free rope stay where they are about the ankle. All joints of a leg turn
+        about y, so that products of inertia are felt nowhere and are left out.
+        """
+        if body == SCENE_WEARER:
+            return
+        for name, share in SEGMENT_MASS_SHARES.items():
+            part = spec.body(name)
+            limb, place = share * WEARER_MASS, np.array(part.ipos)
+            worn, limb_now = part.mass - limb, body.heavier * limb
+            spread = np.array(part.inertia) / part.mass
+            apart = (body.longer - 1.0) * place
+            total = worn + limb_now
+            part.ipos = place + limb_now / total * apart
+            part.mass = total
+            part.inertia = (worn + limb_now * body.longer**2) * spread + (
+                worn * limb_now / total * (apart @ apart - apart**2)
+            )
+        for name in ("shank", "foot"):
+            part = spec.body(name)
+            down = (body.longer - 1.0) * np.array(part.pos)
+            part.pos = np.array(part.pos) + down
+        for name in self.setup.lever:
+            site = spec.site(name)
+            if site.parent.name == "shank":
+                site.pos = np.array(site.pos) + down
+
+    def _set_radius(self, spec: mujoco.MjSpec, end: object, radius: float) -> None:
+        """Give an end of a cable another pulley, or move its lever."""
+        actuator: mujoco.MjsActuator = end
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            gear = math.copysign(radius, actuator.gear[0])
+            actuator.gear = [gear, 0, 0, 0, 0, 0]
+            return
+        for name in self.setup.lever:
+            site = spec.site(name)
+            site.pos = [math.copysign(radius, site.pos[0]), *site.pos[1:]]
+
+
+def _scene(name: str, timestep: float | None) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_file(str(scene_path(name)))
+    if timestep is not None:
+        spec.option.timestep = timestep
+    return spec
+
+
+@cache
+def _stripped(
+    name: str, timestep: float | None, kept: tuple[str, ...]
+) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
+    """Return the scene stripped, to be copied; stripping it takes a tenth of a second.
+
+    Behind it stands the scene: MuJoCo's copies point into what they are copies of.
+    """
+    whole = _scene(name, timestep)
+    return strip(whole, kept), whole
+
+
+def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
+    """Refuse to vary what the drawing of a scene decides of an open cable.
+
+    Raises:
+        CableError: its path is varied, or what it runs in.
+    """
+    if cable.path == PATHS[0]:
+        return
+    wrong = [key for key in DRAWN if key in own]
+    if wrong:
+        raise CableError(
+            f"variable {wrong[0]!r} cannot be varied for cable {name!r}, which "
+            "leaves its conduit; the scene draws its path."
+        )
+    if "material" in own:
+        raise CableError(
+            f"variable 'material' is a rope in a conduit, which cable {name!r} "
+            "leaves; vary its friction, axial_stiffness and strength instead."
+        )
+
+
+def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
+    """Return a cable in the conduit that its values describe.
+
+    Raises:
+        CableError: there is no such conduit.
+    """
+    sections = cable.conduit
+    if "length" in own:
+        longer = float(own["length"]) / cable.length
+        sections = tuple(
+            Section(longer * s.length, longer * s.radius) for s in sections
+        )
+    total = sum(s.length for s in sections)
+    if "loops" in own:
+        radius = total / (2.0 * math.pi * float(own["loops"]))
+        sections = (Section(total, radius),)
+    elif "wrap" in own:
+        if not cable.wrap:
+            raise CableError("`wrap` cannot be varied, as its conduit has no bends")
+        tighter = float(own["wrap"]) / cable.wrap
+        sections = tuple(Section(s.length, s.radius / tighter) for s in sections)
+    elif "bend_radius" in own:
+        radius = float(own["bend_radius"])
+        sections = tuple(
+            Section(s.length, radius if s.radius < math.inf else s.radius)
+            for s in sections
+        )
+    return cable.replace(conduit=sections)

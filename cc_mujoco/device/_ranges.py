@@ -1,0 +1,113 @@
+"""Ranges from which the plants of episodes are drawn.
+
+    ranges = Ranges({"friction": (0.05, 0.2), "delay": (0, 3)}, device)
+    ranges.draw(rng, {"delay": 2})
+
+Controllers are not informed: `drive` stays that of the scene.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco._validation import require_dictionary
+from cc_mujoco.device import IN_EPISODES, Nominal, Plant
+from cc_mujoco.device._variables import DELAY, OF_CABLES, find
+from cc_mujoco.errors import CableError
+
+Range = tuple[float, float]
+
+
+class Ranges:
+    """Ranges from which plants are drawn.
+
+    Every cable has draws of its own. What is above 0 is drawn with a uniform logarithm,
+    whole numbers and what may be 0 uniformly.
+    """
+
+    def __init__(self, given: Mapping[str, Any] | None, device: Nominal) -> None:
+        """Check the ranges.
+
+        Args:
+            given: (least, most) by name of `device.IN_EPISODES`: of all cables
+                (`friction`) or of one (`flexor.friction`).
+            device: The device that the scene has.
+
+        Raises:
+            CableError: If a name is unknown, or a range or a plant out of it is
+                impossible.
+        """
+        self.nominal = Plant(device)
+        """The scene as it is."""
+        self._ranges: dict[str, Range] = {}
+        for name, ends in require_dictionary("randomise", given).items():
+            try:
+                low, high = ends
+            except (TypeError, ValueError):
+                raise CableError(
+                    f"randomise[{name!r}] must be (least, most), not {ends!r}."
+                ) from None
+            for end in (low, high):
+                self._check("randomise", name, end)
+            if low > high:
+                raise CableError(
+                    f"randomise[{name!r}] must be (least, most), the lower number "
+                    f"first, not {ends!r}."
+                )
+            for own in self._each(name):
+                self._ranges[own] = low, high
+        # Parameters may exclude each other: all corners of each cable must be possible.
+        for cable in device.cables:
+            mine = [n for n in self._ranges if n.startswith(f"{cable}.")]
+            for corner in itertools.product((0, 1), repeat=min(len(mine), 8)):
+                ends = zip(mine, corner, strict=False)
+                Plant(device, {name: self._ranges[name][end] for name, end in ends})
+
+    @property
+    def any(self) -> bool:
+        """True if anything is drawn."""
+        return bool(self._ranges)
+
+    def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
+        """Return the plant of an episode.
+
+        Args:
+            rng: Source of what is drawn; nothing is taken from it without ranges.
+            given: Values that are not drawn, by name.
+
+        Raises:
+            CableError: If one of them is unknown or impossible.
+        """
+        values: dict[str, float] = {}
+        for name, (low, high) in self._ranges.items():
+            if name == DELAY.name:
+                values[name] = int(rng.integers(int(low), int(high), endpoint=True))
+            elif low > 0.0:
+                values[name] = float(np.exp(rng.uniform(math.log(low), math.log(high))))
+                values[name] = min(max(values[name], low), high)
+            else:
+                values[name] = float(rng.uniform(low, high))
+        # A value for one cable takes precedence over one for all.
+        said = sorted(
+            require_dictionary("options", given).items(),
+            key=lambda item: "." in item[0],
+        )
+        for name, value in said:
+            self._check("options", name, value)
+            values |= dict.fromkeys(self._each(name), value)
+        return Plant(self.nominal.device, values) if values else self.nominal
+
+    def _each(self, name: str) -> tuple[str, ...]:
+        """Return the names of a variation, that of each cable where it is of all."""
+        if "." in name or name not in OF_CABLES:
+            return (name,)
+        return tuple(f"{cable}.{name}" for cable in self.nominal.cables)
+
+    def _check(self, where: str, name: str, value: Any) -> None:
+        variable = find(name, self.nominal.cables, IN_EPISODES, "variation")
+        variable.check(value, f"{where}[{name!r}]")

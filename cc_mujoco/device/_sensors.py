@@ -1,0 +1,419 @@
+"""Measurements of a device and their quality: steps, noise and delay.
+
+Encoders count in steps; velocities are differences of counts through a low-pass. The
+joint torque sensor and the tension sensors along the cables have white noise. All that
+is measured, the desired torque too, comes late by whole control steps.
+
+    drive = sensing.equip(env.unwrapped.drive)     # as good as these tension sensors
+    measuring = Measuring(sensing, drive, ("flexor", "extensor"), seed, steps)
+    torque = controller.torque(measuring.measure(info))
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError
+
+# Devices are known before MuJoCo and Numba are loaded.
+if TYPE_CHECKING:
+    from cc_mujoco.cable import Cable
+    from cc_mujoco.device._drive import Drive
+
+Array = NDArray[np.float64]
+
+MEASURED_COLUMNS = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+    "phase_sine",
+    "phase_cosine",
+)
+"""All that a controller may read: encoders, a joint torque sensor, the task, and the
+phase of the gait cycle.
+
+The names are those of the columns of an episode log, hence keys of `info`. Cable
+tensions, slip, slack and the wearer's intention are known to a simulation alone.
+"""
+
+WINDING_COLUMNS = ("winding_angle_rad", "winding_velocity_rad_s", "leverage_ratio")
+"""Further readings of a controller with a model: what the encoders of all joints on a
+cable's way say of its distal end, as if it were wound on a round pulley of the neutral
+arm, and the arm of the joint over that one.
+"""
+
+TENSION_COLUMN = "tension_sensors_n"
+"""Further measurement where `Drive.sensors` says so: (..., cables, sensors) [N].
+"""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Tension sensors along a cable.
+
+    Attributes:
+        nodes: node of every sensor, 0 is the proximal end.
+        deviation: standard deviation of the noise of each [N].
+
+    Raises:
+        CableError: not one positive deviation per sensor, or no sensor.
+    """
+
+    nodes: tuple[int, ...]
+    deviation: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.nodes or len(self.nodes) != len(self.deviation):
+            raise CableError(
+                f"sensors have {len(self.nodes)} nodes and {len(self.deviation)} "
+                "deviations; give one of each per sensor"
+            )
+        for node, deviation in zip(self.nodes, self.deviation, strict=True):
+            if not (np.isfinite(deviation) and deviation > 0.0):
+                raise CableError(
+                    f"the sensor at node {node} has deviation {deviation!r} N; "
+                    "it must be positive and finite"
+                )
+
+    @classmethod
+    def at(
+        cls, cable: Cable, positions: Sequence[float], deviation: ArrayLike
+    ) -> Sensors:
+        """Return sensors at the nodes nearest to places [m] from the proximal end.
+
+        Args:
+            cable: the cable.
+            positions: of the sensors along the conduit [m].
+            deviation: of each (m,), or one for all [N].
+
+        Raises:
+            CableError: a place off the cable.
+        """
+        for position in positions:
+            if not 0.0 <= position <= cable.length:
+                raise CableError(
+                    f"a sensor is at {position:g} m; the cable has {cable.length:g} m"
+                )
+        from cc_mujoco.cable._conduit import node_places
+
+        index = np.interp(positions, node_places(cable), np.arange(cable.segments + 1))
+        nodes = tuple(round(i) for i in index.tolist())
+        return cls(nodes, tuple(np.broadcast_to(deviation, len(nodes)).tolist()))
+
+    @classmethod
+    def everywhere(cls, cable: Cable, deviation: ArrayLike) -> Sensors:
+        """Return a sensor at every node, with deviations (n + 1,) or one [N]."""
+        nodes = range(cable.segments + 1)
+        return cls(tuple(nodes), tuple(np.broadcast_to(deviation, len(nodes)).tolist()))
+
+    def on(self, cable: Cable) -> NDArray[np.intp]:
+        """Return the nodes as an array, checked to be on the cable.
+
+        Raises:
+            CableError: a node that the cable does not have.
+        """
+        for node in self.nodes:
+            if not 0 <= node <= cable.segments:
+                raise CableError(
+                    f"a sensor is at node {node}; the cable has nodes 0 to "
+                    f"{cable.segments}"
+                )
+        return np.array(self.nodes)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """Quality of the measurements of a device."""
+
+    torque_noise: float
+    """Standard deviation of the joint torque sensor [N m]."""
+    tension_noise: float
+    """Standard deviation of every tension sensor [N]."""
+    motor_steps: float = 16384.0
+    """Steps of the motor's encoder in a turn; 0 is a perfect one, of velocity too."""
+    joint_steps: float = 131072.0
+    """Steps of the joint's encoder in a turn; 0 is a perfect one, of velocity too."""
+    cutoff: float = 100.0
+    """Cutoff of the low-pass of both velocities [Hz]; infinite for none."""
+    delay: int = 1
+    """Control steps by which measurements are late."""
+
+    def __post_init__(self) -> None:
+        """Refuse sensors that cannot be."""
+        for name in ("torque_noise", "tension_noise"):
+            require_parameter(self, name, 0.0, 1e6, "")
+        for name in ("motor_steps", "joint_steps"):
+            require_parameter(self, name, 0.0, 1e12, "steps")
+        require_parameter(self, "cutoff", 1e-3, math.inf, "Hz")
+        if not (isinstance(self.delay, int) and 0 <= self.delay <= 1000):
+            raise CableError(
+                f"Sensing.delay must be 0 to 1000 whole steps, not {self.delay!r}."
+            )
+
+    def equip(self, drive: Drive) -> Drive:
+        """Return a drive with these sensors.
+
+        It has tension sensors at both ends and the middle of every cable, the delay of
+        the measurements and the noise of the torque sensor.
+        """
+        deviation = max(self.tension_noise, 1e-6)
+        sensors = tuple(
+            Sensors((0, _middle_node(cable), cable.segments), (deviation,) * 3)
+            for cable in (cable_drive.cable for cable_drive in drive.cables)
+        )
+        return dataclasses.replace(
+            drive, sensors=sensors, delay=self.delay, torque_noise=self.torque_noise
+        )
+
+    def to_json(self) -> dict[str, float | None]:
+        """Return the fields as plain JSON; an infinite `cutoff` is null."""
+        fields = dataclasses.asdict(self)
+        return {n: v if math.isfinite(v) else None for n, v in fields.items()}
+
+
+def _middle_node(cable: Cable) -> int:
+    """Return the last node of the proximal half."""
+    from cc_mujoco.cable._conduit import node_places
+
+    half = 0.5 * cable.length * (1.0 + 1e-9)
+    return int(np.searchsorted(node_places(cable), half, side="right")) - 1
+
+
+BIAS = 2.0
+"""Standard deviation of the bias of a drawn sensor, as a multiple of its noise."""
+
+PERFECT_SENSING = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
+"""Sensors that tell the truth at once."""
+
+
+class Measuring:
+    """Sensors of one environment, or of n, during their episodes.
+
+    A reading is that of an exact sensor, in steps of its encoder or with the error of
+    this control step, and arrives late. A tension sensor reads no less than 0, nor does
+    a slack cable have less.
+    """
+
+    def __init__(
+        self,
+        sensing: Sensing,
+        drive: Drive,
+        cables: Sequence[str],
+        seeds: int | Sequence[int],
+        steps: int,
+        *,
+        delay: ArrayLike | None = None,
+        noise: ArrayLike = 1.0,
+        bias: ArrayLike = 0.0,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        """Draw the errors of the episode.
+
+        Args:
+            sensing: The sensors.
+            drive: Says where tension sensors are.
+            cables: Names of the cables, as in the columns; none where their tensions
+                are not read.
+            seeds: Of one environment, or one for each of n; each alone determines that
+                one's noise.
+            steps: Control steps of the episode.
+            delay: Control steps by which readings are late, in place of those of
+                `sensing`: one number, or one for each environment.
+            noise: Multiple of the noise of `sensing`, one number or one for each.
+            bias: Of the torque sensor, then of every tension sensor, as a multiple of
+                the standard deviation of `sensing`: one number, or (n, sensors).
+            names: Columns that are read; `MEASURED_COLUMNS`, and `WINDING_COLUMNS`
+                where it is there, by default.
+        """
+        self._sensing, self._names = sensing, names
+        sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
+        self._taps = [
+            (f"tension_{name}_nodes_n", _node_index(s.nodes))
+            for name, s in (sensors if cables else ())
+        ]
+        self._shape = len(self._taps), len(drive.sensors[0].nodes) if self._taps else 0
+        self._period = drive.period
+        self._share = -math.expm1(-2.0 * math.pi * sensing.cutoff * drive.period)
+        shape = np.shape(seeds)
+        self._row = np.arange(np.size(seeds)).reshape(shape)
+        self._errors: Array | None = None
+        if sensing.torque_noise or sensing.tension_noise:
+            width = 1 + math.prod(self._shape)
+            scale = np.full(width, sensing.tension_noise)
+            scale[0] = sensing.torque_noise
+            self._errors = np.empty((steps + 1, *shape, width))
+            factors = np.broadcast_to(noise, shape)
+            biases = np.broadcast_to(bias, (*shape, width))
+            for row in np.ndindex(shape):
+                random = np.random.default_rng([int(np.asarray(seeds)[row]), 1])
+                drawn = random.normal(size=(steps + 1, width))
+                self._errors[(slice(None), *row)] = scale * (
+                    factors[row] * drawn + biases[row]
+                )
+        late = sensing.delay if delay is None else delay
+        self._delays = np.array(np.broadcast_to(late, shape), dtype=np.intp)
+        self._size = int(self._delays.max(initial=0)) + 1
+        self._steps = np.zeros(shape, dtype=np.intp)
+        self._last: dict[str, Any] = {}
+        self._kept: dict[str, Array] = {}
+        self._fresh: NDArray[np.bool_] | None = np.ones(shape, dtype=np.bool_)
+
+    def begin(
+        self, delay: int = 0, errors: Array | None = None, row: Any = ...
+    ) -> None:
+        """Begin an episode anew: the next measurement is the first.
+
+        Args:
+            delay: Control steps by which readings are late.
+            errors: Of the sensors (steps + 1, sensors) [N m, N]; none by default. After
+                the last step they stay what they are.
+            row: Of n environments the one that begins.
+        """
+        for name, kept in self._kept.items() if delay >= self._size else ():
+            longer = np.zeros(((delay + 1) * self._steps.size, *kept.shape[1:]))
+            for age in range(self._size):
+                longer[self._at(age, delay + 1)] = kept[self._at(age, self._size)]
+            self._kept[name] = longer
+        self._size = max(self._size, delay + 1)
+        self._delays[row] = delay
+        if errors is not None and self._errors is None:
+            count, width = errors.shape
+            self._errors = np.zeros((count, *self._steps.shape, width))
+        if self._errors is not None:
+            self._errors[:, row] = 0.0 if errors is None else errors
+        if self._fresh is None:
+            self._fresh = np.zeros(self._steps.shape, dtype=np.bool_)
+        self._fresh[row] = True
+
+    def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
+        """Return the controller's readings of the columns of this step.
+
+        Args:
+            columns: `MEASURED_COLUMNS`, perhaps `WINDING_COLUMNS` and, where the drive
+                has tension sensors, the tensions of the nodes of every cable, which may
+                be below 0 where it is slack: numbers and (nodes,), or of n environments
+                (n,) and (n, nodes).
+            going: Mask (n,) of the environments in which time went on; the others are
+                read as before, but for those that begin. True is all of them.
+
+        Returns: `MEASURED_COLUMNS`, `WINDING_COLUMNS` if it was there and, where there
+            are such sensors, `TENSION_COLUMN`; nothing in it is shared with the
+            columns.
+        """
+        fresh = self._fresh
+        if fresh is None:
+            self._steps += going
+        else:
+            self._steps += going & ~fresh
+            self._steps[fresh] = 0
+        seen = self._read(columns)
+        # `np.all` takes several times as long for small arrays.
+        if self._last and not (going is True or going.all()):
+            still = ~np.broadcast_to(going, self._steps.shape)
+            if fresh is not None:
+                still &= ~fresh
+            for name, value in self._last.items():
+                seen[name][still] = value[still]
+        self._last, self._fresh = seen, None
+        return seen if self._size == 1 else self._delayed(seen, fresh)
+
+    def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the readings of this step, before they are late."""
+        sensing, errors = self._sensing, None
+        names = self._names
+        if names is None:
+            names = (
+                (*MEASURED_COLUMNS, *WINDING_COLUMNS)
+                if WINDING_COLUMNS[0] in columns
+                else MEASURED_COLUMNS
+            )
+        seen = {name: _copy_array(columns[name]) for name in names}
+        if self._errors is not None:
+            step = np.minimum(self._steps, len(self._errors) - 1)
+            errors = self._errors[(step, self._row) if self._row.ndim else step]
+            seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
+        self._encode("motor", sensing.motor_steps, seen)
+        self._encode("joint", sensing.joint_steps, seen)
+        if WINDING_COLUMNS[0] in seen:
+            self._encode("winding", sensing.joint_steps, seen)
+        if self._taps:
+            # `np.stack` takes several times as long for small arrays.
+            told = np.empty((*np.shape(seen["joint_angle_rad"]), *self._shape))
+            for place, (name, nodes) in enumerate(self._taps):
+                told[..., place, :] = columns[name][..., nodes]
+            np.maximum(told, 0.0, out=told)
+            if errors is not None:
+                told += errors[..., 1:].reshape(told.shape)
+                np.maximum(told, 0.0, out=told)
+            seen[TENSION_COLUMN] = told
+        return seen
+
+    def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:
+        """Round an angle to steps of an encoder, and take the velocity from it."""
+        if not steps and self._share == 1.0:
+            return
+        angle, rate = f"{side}_angle_rad", f"{side}_velocity_rad_s"
+        if steps:
+            unit = 2.0 * math.pi / steps
+            seen[angle] = unit * np.round(seen[angle] / unit)
+            before = self._before(angle, seen[angle])
+            seen[rate] = (seen[angle] - before) / self._period
+        if self._share < 1.0:
+            before = self._before(rate, seen[rate])
+            seen[rate] = before + self._share * (seen[rate] - before)
+
+    def _before(self, name: str, now: Any) -> Any:
+        """Return the reading of the step before; at the start it is this one."""
+        last = self._last.get(name, now)
+        return last if self._fresh is None else np.where(self._fresh, now, last)[()]
+
+    def _delayed(
+        self, seen: Mapping[str, Any], fresh: NDArray[np.bool_] | None
+    ) -> dict[str, Any]:
+        """Return the readings that arrive now, and store those of this step."""
+        shape, size = self._steps.shape, self._size
+        now, late = self._at(0, size), self._at(self._delays, size)
+        found = {}
+        for name, value in seen.items():
+            if fresh is not None:
+                # Before the first measurement arrives there is the one at rest.
+                first = np.asarray(value)
+                own = first.shape[len(shape) :]
+                if name not in self._kept:
+                    self._kept[name] = np.zeros((size * self._steps.size, *own))
+                past = self._kept[name].reshape(size, *shape, *own)
+                past[:, fresh] = first[fresh]
+            kept = self._kept[name]
+            kept[now] = value
+            found[name] = kept.take(late, axis=0)
+        return found
+
+    def _at(self, age: Any, size: int) -> Any:
+        """Return places of the readings of some steps ago among the kept steps."""
+        if not self._row.ndim:
+            return int(self._steps - age) % size
+        return (self._steps - age) % size * self._row.size + self._row
+
+
+def _copy_array(value: Any) -> Any:
+    """Return a copy of an array, or a number unchanged."""
+    return value.copy() if isinstance(value, np.ndarray) else value
+
+
+def _node_index(nodes: Sequence[int]) -> Any:
+    """Return the index of nodes in an array: a slice (faster) if equally spaced."""
+    spacings = set(np.diff(nodes).tolist())
+    if len(spacings) == 1 and (step := spacings.pop()) > 0:
+        return slice(nodes[0], nodes[-1] + 1, step)
+    return np.array(nodes)

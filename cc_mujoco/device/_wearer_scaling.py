@@ -1,0 +1,121 @@
+"""The walker of a plant, and the help that the ankle demands.
+
+    pace_of({"gait_speed": 1.4})
+    profile_of({"peak_time": 50.0, "fall": 9.0})
+
+Values that say nothing of either leave the walk of the scene as it is, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from cc_mujoco.device._registry import Setup
+from cc_mujoco.device._variables import Value
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Body, Pace, Profile, Trajectory, Walk
+from cc_mujoco.human._body import WEARER_LEG_LENGTH, WEARER_MASS
+
+SPEED = "gait_speed"
+BODY_MASS, LEG_LENGTH = "body_mass", "leg_length"
+WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
+"""Variables of who walks: designs that are simulated together have them in common."""
+PROFILE = ("onset", "peak_time", "peak_torque", "fall")
+"""Fields of `human.Profile`, and variables."""
+SHORTEST = 0.1
+"""Shortest rise and fall of a profile, see there [% of the stride]."""
+WALK, ASSIST = "walk", "assist"
+"""Trajectory whose speed is varied, and task whose profile is."""
+
+
+def body_of(design: Mapping[str, Value]) -> Body:
+    """Return the body of the wearer of a design."""
+    return Body(
+        float(design.get(BODY_MASS, WEARER_MASS)),
+        float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)),
+    )
+
+
+def pace_of(design: Mapping[str, Value]) -> Pace:
+    """Return the pace of the wearer of a design, see `Body.pace`.
+
+    Raises:
+        CableError: nothing is known of walking so fast with such legs.
+    """
+    return body_of(design).pace(speed_of(design))
+
+
+def speed_of(design: Mapping[str, Value]) -> float | None:
+    """Return the speed that a design sets [m/s]; None where it sets none."""
+    return float(design[SPEED]) if SPEED in design else None
+
+
+def profile_of(design: Mapping[str, Value]) -> Profile | None:
+    """Return the assistance that a design sets; None where it sets nothing of it.
+
+    A peak torque that is not said goes with the size and the pace of the wearer.
+
+    Raises:
+        CableError: its numbers are no profile, or outlast the stance at its speed.
+    """
+    said = {name: float(design[name]) for name in PROFILE if name in design}
+    if not said:
+        return None
+    toe_off = 100.0 * pace_of(design).toe_off
+    share = body_of(design).moment * pace_of(design).moment("ankle")
+    said.setdefault("peak_torque", share * Profile.peak_torque)
+    # A default must not refuse a walk whose stance is shorter.
+    rest = toe_off - said.get("peak_time", Profile.peak_time)
+    if "fall" not in said and 0.1 <= rest < Profile.fall:
+        said["fall"] = rest
+    return Profile(**said, toe_off=toe_off)
+
+
+def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
+    """Refuse walks and profiles that a scene cannot have.
+
+    Raises:
+        CableError: in one sentence, what is wrong and what would be right.
+    """
+    require_scene(device, design)
+    pace_of(design)
+    profile = profile_of(design)
+    if profile is not None and profile.peak_torque > device.safe_torque:
+        raise CableError(
+            f"`peak_torque` is {profile.peak_torque:g} N m; it must be at most the "
+            f"{device.safe_torque:g} N m that the cables may put into joint "
+            f"{device.joint!r}."
+        )
+
+
+def require_scene(device: Setup, names: Collection[str]) -> None:
+    """Refuse to vary a walk or a profile in a scene without.
+
+    Raises:
+        CableError: the variable, and the scenes that have it.
+    """
+    for name in (*WALKER, *PROFILE):
+        walks = device.trajectory == WALK
+        if name in names and not (walks if name in WALKER else device.task == ASSIST):
+            what = "walks" if name in WALKER else "is helped in push-off"
+            scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
+            raise CableError(
+                f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
+                f"the scene is {device.scene!r}."
+            )
+    if LEG_LENGTH in names and not device.lever:
+        raise CableError(
+            f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
+            f"{device.scene!r} draws the paths of its cables along a leg of "
+            f"{WEARER_LEG_LENGTH:g} m; vary {BODY_MASS!r} alone, or choose the scene "
+            "'ankle'."
+        )
+
+
+def trajectory_of(
+    design: Mapping[str, Value], trajectory: str | Trajectory
+) -> str | Trajectory:
+    """Return the trajectory of the wearer of a design."""
+    if SPEED in design or LEG_LENGTH in design:
+        return Walk.at(speed_of(design), body_of(design))
+    return trajectory

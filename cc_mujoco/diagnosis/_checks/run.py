@@ -1,0 +1,359 @@
+"""Checks of readings for impossible values; every check is a function in one list.
+
+Checks of a recording see all rows as they were recorded, checks of a trial the valid
+stretches with everything known applied.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._dataset_file import DatasetFile
+from cc_mujoco.datasets._reading import Recording
+from cc_mujoco.datasets._smoothing import velocity
+from cc_mujoco.datasets._trials import Facts, FloatArray, Trial
+from cc_mujoco.diagnosis._checks.alignment import check_alignment
+from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
+from cc_mujoco.diagnosis._checks.signs import (
+    check_ratios,
+    check_signs,
+    check_sizes,
+    check_units,
+    group_trials,
+    wrong_unit,
+)
+
+MAX_JOINT_TURNS, MAX_MOTOR_TURNS = 2.0, 8.0
+"""Turns beyond which angles are taken for degrees, unless the unit is declared."""
+_ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
+_LOCKED_RANGE = 0.05  # range of an angle that was held fast [rad]
+_MAX_WIND_UP, _MAX_LEAD, _IMPOSSIBLE_LEAD = 2.0, 1.3, 1.5
+"""A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
+_MIN_TRIALS = 3
+_COPY_TOLERANCE = 1e-9
+"""Share of a motion by which an angle is no copy of another."""
+_MIN_CLIP_LENGTH = 5  # samples at an extreme that are one clipped stretch
+_MIN_CLIP_COUNT = 2
+_LOAD_KINDS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
+_MAX_ANGLE_STEP = 0.5  # turned at most from one sample to the next [rad]
+_OVERLOAD_RATIO = 150.0  # tensions that no scene explains, over its pretension
+_SIDE_PATTERN = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
+_CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
+
+
+def check_recording(
+    recording: Recording, facts: Facts, file: DatasetFile
+) -> list[DataFinding]:
+    """Run the checks of a recording."""
+    return [
+        *_check_locked(recording, facts),
+        *_check_constants(recording, facts),
+        *_check_clipping(recording),
+        *_check_degrees(recording, file),
+        *_check_turnovers(recording),
+        *_check_second_clock(recording, file),
+    ]
+
+
+def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
+    """Run the checks of trials of one rig, of which one cable may be all that pulls.
+
+    Where the cables were taken off, nothing relates one side to the other.
+    """
+    hooked = [trial for trial in trials if not trial.facts.unhooked]
+    known = [measure_mechanics(trial) for trial in hooked]
+    findings = check_ratios(hooked, known) + check_sizes(hooked, known)
+    for group in group_trials(hooked, known):
+        findings += check_signs(group) + check_units(group)
+    for trial in hooked:
+        findings += check_alignment(trial, alone)
+    for trial in trials:
+        findings += _check_motion(trial)
+    return findings
+
+
+def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataFinding]:
+    """Compare the measured ratio of the angles with that of a scene.
+
+    Args:
+        trial: the trial that comes closest to the scene.
+        ratio: motor angle per joint angle of the ideal transmission.
+        several: whether there are enough others to rule out that the motor was held
+            by a soft cable, or had play, in all.
+
+    Returns:
+        A finding if the two differ so much that units, signs or sides are wrong.
+    """
+    known = measure_mechanics(trial)
+    if abs(known.follows) < 0.6:
+        return []
+    ratio_error = known.ratio * ratio
+    if 1.0 / _MAX_WIND_UP < ratio_error < _MAX_LEAD:
+        return []
+    degrees = math.degrees(1.0)
+    motor, joint = channels.ANGLES
+    reasons = {
+        wrong_unit(trial, joint): ratio_error / degrees,
+        wrong_unit(trial, motor): ratio_error * degrees,
+        "the scene has other pulleys, or an angle another unit": 3.0,
+    }
+    if abs(math.log(abs(ratio))) > 0.5:
+        reasons["the sides are swapped"] = ratio_error / ratio**2
+    likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
+    if ratio_error < 0.0:
+        likely = "a sign is inverted"
+    message = (
+        f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
+        f"but {ratio:.3g} in the scene; perhaps {likely}."
+    )
+    impossible = not 0.25 < ratio_error < 4.0 or (
+        several and ratio_error > _IMPOSSIBLE_LEAD
+    )
+    return [(error if impossible else warning)(message, trial.name)]
+
+
+def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
+    """Compare trials with a scene: the ratio of the angles, the size of the torques.
+
+    A cable that winds up moves the joint less than its pulleys would: what counts is
+    the trial that comes closest to the scene.
+
+    Args:
+        trials: of one rig.
+        bench: of the scene, with what is known of the rig.
+    """
+    ratio = bench.joint_radius / bench.motor_radius
+    hooked = [trial for trial in trials if not trial.facts.unhooked]
+    found = {trial.name: measure_mechanics(trial) for trial in hooked}
+    certain = [t for t in hooked if abs(found[t.name].follows) > 0.6]
+    closest = min(
+        certain,
+        key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
+        default=None,
+    )
+    several = len(certain) >= _MIN_TRIALS
+    findings = check_ratio(closest, ratio, several) if closest else []
+    for trial in trials:
+        findings += _check_overload(trial, bench) + _check_known_range(trial, bench)
+    return findings
+
+
+def _check_known_range(trial: Trial, bench: Bench) -> list[DataFinding]:
+    """Find angles at which the lever or the path of a scene is not known."""
+    if bench.lever is None and not bench.led:
+        return []
+    low, high = bench.span
+    least, most = np.nanmin(trial.joint_angle), np.nanmax(trial.joint_angle)
+    if low <= least and most <= high:
+        return []
+    message = (
+        f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
+        f"rad, but the {'lever' if bench.lever else 'path'} of the scene is known from "
+        f"{low:.3g} to {high:.3g} "
+        "rad, 0 being the scene's 0 and positive where the cable pulls; declare offset "
+        f"and sign of [columns.{channels.JOINT_ANGLE}]."
+    )
+    return [error(message, trial.name, channels.JOINT_ANGLE)]
+
+
+def _check_overload(trial: Trial, bench: Bench) -> list[DataFinding]:
+    """Find torques far beyond those that the cables of a scene carry."""
+    findings: list[DataFinding] = []
+    taut = trial.facts.pretension or bench.cables[0].pretension
+    if taut == 0.0:  # nobody knows what to expect
+        return findings
+    for channel, torque, radius in (
+        (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
+        (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
+    ):
+        if torque is None:
+            continue
+        tension = float(np.sqrt(np.nanmean(torque**2))) / radius
+        share = tension / max(taut, 1.0)
+        if share > _OVERLOAD_RATIO:
+            message = (
+                f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
+                f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
+                f"declare [columns.{channel}] unit = 'mNm'."
+            )
+            findings.append(error(message, trial.name, channel))
+    return findings
+
+
+def _check_locked(recording: Recording, facts: Facts) -> list[DataFinding]:
+    """Return an error if an angle moves that is declared as locked."""
+    if not facts.locked:
+        return []
+    channel = _ANGLES[facts.locked]
+    moved = _robust_range(recording.values[channel])
+    if moved <= _LOCKED_RANGE:
+        return []
+    message = (
+        f"{recording.column(channel)} moves by {moved:.3g} rad, though "
+        f"locked = {facts.locked!r} says that it was held fast."
+    )
+    return [error(message, recording.name, channel)]
+
+
+def _check_constants(recording: Recording, facts: Facts) -> list[DataFinding]:
+    """Find channels that never change."""
+    findings = []
+    for channel in recording.values:
+        if channel in (channels.TIME, channels.VALID, channels.TEMPERATURE):
+            continue
+        values = recording.values[channel]
+        if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
+            continue
+        where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
+        if facts.locked and _ANGLES[facts.locked] == channel:
+            continue
+        advice = "check the sensor"
+        if channel in _ANGLES.values():
+            side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
+            advice += f", or declare locked = {side!r} if it was held fast"
+        findings.append(error(f"{where}; {advice}.", recording.name, channel))
+    return findings
+
+
+def _check_clipping(recording: Recording) -> list[DataFinding]:
+    """Find torques and tensions that stay at an extreme, but scatter elsewhere."""
+    findings = []
+    for channel, values in recording.values.items():
+        if channels.kind_of(channel) not in _LOAD_KINDS:
+            continue
+        same = np.diff(values) == 0.0
+        highest, lowest = np.nanmax(values), np.nanmin(values)
+        # What is cut off on both sides repeats there for the same reason.
+        outermost = (values == highest) | (values == lowest)
+        elsewhere = ~(outermost[1:] & outermost[:-1])
+        usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
+        if usual > 0.1:
+            continue  # coarse readings repeat everywhere
+        for extreme, side in ((highest, "above"), (lowest, "below")):
+            there = values == extreme
+            edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+            lengths = edges[1::2] - edges[::2]
+            flat = lengths[lengths >= _MIN_CLIP_LENGTH]
+            if not len(flat) or (
+                len(flat) < _MIN_CLIP_COUNT and flat[0] < 4 * _MIN_CLIP_LENGTH
+            ):
+                continue
+            mend = "use a sensor of wider range"
+            if channel == channels.MOTOR_TORQUE:
+                mend = f"ask less of the motor if this is its limit, else {mend},"
+            message = (
+                f"{recording.column(channel)} stays at {extreme:.6g} in "
+                f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these rows "
+                "invalid."
+            )
+            findings.append(error(message, recording.name, channel))
+    return findings
+
+
+def _check_degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]:
+    """Find angles too large for radians."""
+    findings = []
+    limits = {
+        channels.JOINT_ANGLE: MAX_JOINT_TURNS,
+        channels.MOTOR_ANGLE: MAX_MOTOR_TURNS,
+    }
+    for channel, most in limits.items():
+        values = recording.values[channel]
+        turns = _robust_range(values) / (2.0 * math.pi)
+        if turns <= most:
+            continue
+        message = f"{recording.column(channel)} covers {turns:.3g} turns"
+        label = recording.labels.get(channel, channel)
+        if file.source(channel).unit or file.unit(channel, label) == "deg":
+            findings.append(
+                warning(f"{message}, as declared.", recording.name, channel)
+            )
+            continue
+        advice = (
+            f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
+        )
+        findings.append(
+            error(f"{message} if it is in radians; {advice}.", recording.name, channel)
+        )
+    return findings
+
+
+def _check_turnovers(recording: Recording) -> list[DataFinding]:
+    """Find angles of an encoder that begins anew after a full turn."""
+    findings = []
+    for channel in channels.ANGLES:
+        steps = np.abs(np.diff(recording.values[channel]))
+        steps = steps[np.isfinite(steps)]
+        jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < _MAX_ANGLE_STEP))
+        # Who turns as far in one sample as in the next is fast, or counts in turns.
+        if not jumps or np.quantile(steps, 0.9) > _MAX_ANGLE_STEP:
+            continue
+        message = (
+            f"{recording.column(channel)} jumps by a full turn {jumps} times, as an "
+            "encoder does that begins anew after each; make it continuous before "
+            "(numpy.unwrap)."
+        )
+        findings.append(error(message, recording.name, channel))
+    return findings
+
+
+def _robust_range(values: FloatArray) -> float:
+    """Return the range of readings, spikes aside."""
+    values = values[:: max(1, len(values) // 100_000)]
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0
+    low, high = np.percentile(values, [0.5, 99.5])
+    return float(high - low)
+
+
+def _check_second_clock(recording: Recording, file: DatasetFile) -> list[DataFinding]:
+    """Return an error for each column of times that belongs to no declared channel."""
+    declared = {file.source(channel).clock for channel in recording.values}
+    used = {*declared, *recording.labels.values()}
+    return [
+        error(
+            f"{recording.path} has times of its own in column {name}; say in "
+            f"dataset.toml which channels they belong to: clock = {name!r}.",
+            recording.name,
+        )
+        for name in recording.names
+        if name not in used
+        and _SIDE_PATTERN.search(name)
+        and _CLOCK_PATTERN.search(name)
+    ]
+
+
+def _check_motion(trial: Trial) -> list[DataFinding]:
+    """Find trials in which nothing happens."""
+    speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
+    turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
+    if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
+        message = f"{trial.path}: neither side moves by more than a milliradian."
+        return [warning(message, trial.name)]
+    if _is_copy(trial.motor_angle, trial.joint_angle):
+        message = (
+            f"{trial.column(channels.JOINT_ANGLE)} is "
+            f"{trial.labels.get(channels.MOTOR_ANGLE, channels.MOTOR_ANGLE)} times a "
+            "number to the last digit; record both angles, each by its own encoder."
+        )
+        return [error(message, trial.name, channels.JOINT_ANGLE)]
+    return []
+
+
+def _is_copy(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether a signal that moves is another one, scaled and shifted."""
+    there = np.isfinite(one) & np.isfinite(other)
+    one, other = one[there], other[there]
+    if one.size < 3 or not np.ptp(one) > 0.0 < np.ptp(other):
+        return False
+    gain, offset = np.polyfit(one, other, 1)
+    left = float(np.max(np.abs(other - gain * one - offset)))
+    return left < _COPY_TOLERANCE * float(np.ptp(other))

@@ -1,0 +1,150 @@
+"""The whole workflow: data and a scene in, a verdict, a report and a better scene out.
+
+from cc_mujoco.diagnosis import diagnose
+
+diagnosis = diagnose(["data"], "bench.xml", "out")
+diagnosis.verdict, diagnosis.effects, diagnosis.gap
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._data_findings import DataFinding, errors
+from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._checks.lead_check import check_lead
+from cc_mujoco.diagnosis._checks.run import check_bench
+from cc_mujoco.diagnosis._inference.pipeline import (
+    Progress,
+    run_inference,
+    unanswered_diagnosis,
+)
+from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
+from cc_mujoco.diagnosis._loading import load
+from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
+from cc_mujoco.diagnosis._scene.repair import existing_effects
+from cc_mujoco.diagnosis._scene.requirements import require_repairable
+from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation._least_squares import single_threaded_blas
+
+
+def diagnose(
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+    scene: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    dataset_toml: str | os.PathLike[str] | None = None,
+    command: str = "",
+    seed: int = 0,
+    progress: Progress = lambda share, doing: None,
+) -> Diagnosis:
+    """Diagnose trials against a scene and write report, verdict, scene and recording.
+
+    Args:
+        data: trial files (see `datasets._file_formats.ENDINGS`) or folders of them; a
+            single one need not be in a list.
+        scene: MJCF file of the rig.
+        out: folder for what is found; written whole or not at all.
+        dataset_toml: what the columns mean and what is known, see `dataset_file`.
+        command: how it was called, for the report.
+        seed: of bootstraps and noise draws.
+        progress: called with the share done and what is being done.
+
+    Raises:
+        CableError: no data, a wrong dataset file, a scene that is no bench or
+            cannot be repaired (see `requirements`), or a folder with the scene, with
+            the diagnosis of other data or with other files that would be replaced.
+    """
+    bench = Bench.of(Path(scene))
+    given = _paths(data)
+    require_ours(Path(out), Path(scene), given)
+    preload_drawing()
+    result, dataset = infer(
+        given, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
+    )
+    return write(result, dataset, Path(out), command, seed)
+
+
+def infer(
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+    bench: Bench,
+    *,
+    dataset_toml: str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    progress: Progress = lambda share, doing: None,
+) -> tuple[DiagnosisResult, Dataset]:
+    """Return all of `diagnose` but the files: from data and a scene to a verdict.
+
+    Args:
+        data: as in `diagnose`.
+        bench: of the scene.
+        dataset_toml: as in `diagnose`.
+        seed: as in `diagnose`.
+        progress: as in `diagnose`.
+
+    Raises:
+        CableError: no data, a wrong dataset file or a scene that cannot be repaired.
+    """
+    if present := existing_effects(bench.path):
+        raise CableError(
+            f"scene {bench.path} has {', '.join(present)} outside its cables from an "
+            "earlier diagnosis, which no baseline tunes; give the scene before it"
+        )
+    require_repairable(bench)
+    progress(0.0, "reading the data")
+    dataset, findings = load(_paths(data), dataset_toml, bench)
+    known = bench.known(dataset.constants)
+    findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
+    notes = [finding.statement for finding in findings]
+    wrong = errors(findings)
+    if wrong or not dataset.trials:
+        statements = [finding.statement for finding in wrong] or [
+            "No trial can be read."
+        ]
+        more = len(statements) - 1
+        statement = f"The data must be put right first: {statements[0]}"
+        if more:
+            statement += f" The report lists {more} more."
+        diagnosis = Diagnosis(
+            "fix-data", statement, problems=tuple(notes or statements)
+        )
+        return unanswered_diagnosis(diagnosis, bench), dataset
+    with single_threaded_blas():
+        result = run_inference(dataset, bench, Options(seed=seed), progress)
+    return _noted(result, findings), dataset
+
+
+def _paths(
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+) -> list[Path]:
+    """Return the paths of files and folders, of which there may be a single one.
+
+    Raises:
+        CableError: something in their place is no path.
+    """
+    if isinstance(data, str | os.PathLike):
+        return [Path(data)]
+    paths = []
+    for path in data:
+        if not isinstance(path, str | os.PathLike):
+            raise CableError(
+                f"data must be a path or a list of paths, but holds {path!r}, a "
+                f"{type(path).__name__}."
+            )
+        paths.append(Path(path))
+    return paths
+
+
+def _noted(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
+    """Return a result that also lists what was found about the data."""
+    doubts = [found.statement for found in findings if found.severity == "doubt"]
+    question = " ".join([*doubts, result.diagnosis.question]).strip()
+    notes = (finding.statement for finding in findings)
+    problems = (*result.diagnosis.problems, *notes)
+    diagnosis = replace(result.diagnosis, question=question, problems=problems)
+    return replace(result, diagnosis=diagnosis)

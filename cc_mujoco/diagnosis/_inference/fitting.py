@@ -1,0 +1,326 @@
+"""Parameters of the simulated rig from records, by least squares in the loop.
+
+Residuals are divided by the noise floor of their channel and weighted by how many of
+them are independent, so that priors and intervals count for what they are worth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    plausible_range,
+)
+from cc_mujoco.diagnosis._inference.jacobian import (
+    HUBER_DELTA,
+    TorqueDerivatives,
+    jacobian,
+)
+from cc_mujoco.diagnosis.effects import EffectParameter
+from cc_mujoco.estimation import _least_squares as least_squares
+from cc_mujoco.estimation._least_squares import Fit, Tuned, autocorrelation
+
+Masks = Sequence[NDArray[np.bool_]]
+"""For every record the samples that take part."""
+
+_MAX_EVALUATIONS = 30
+"""Most of a fit: where the baseline ran away to make up for what is missing, the way
+back along a flat valley takes twenty."""
+_RELATIVE_TOLERANCE = 1e-3
+"""Share of the cost by which a fit goes on."""
+_COST_TOLERANCE = 5e-3
+"""Tolerance of the cost of a reported fit: a tenth of a standard deviation."""
+
+
+def tuned_effect_parameter(
+    parameter: EffectParameter, start: float, plant: SimulatedRig
+) -> Tuned:
+    """Return a parameter of an effect as a tuned parameter of the fit.
+
+    Half of the largest plausible size is its prior's deviation: where the data leave a
+    direction open, say an offset of both torques against that of an angle, it stays
+    small.
+    """
+    described = parameter.parameter
+    low, high = described.low, described.high
+    if not parameter.linear:
+        bounds = math.log(low / start), math.log(high / start)
+        return _inset_bounds(Tuned(described, start, 1.0, *bounds))
+    size = parameter.typical
+    prior = 0.5 * plausible_range(parameter, plant)[1] / size
+    return _inset_bounds(Tuned(described, 0.0, size, low / size, high / size, prior))
+
+
+def _inset_bounds(tuned: Tuned) -> Tuned:
+    """Return the same with bounds at which no rounding takes the value beyond its own.
+
+    What a parameter of a cable may be ends there, and a fit ends at its bounds.
+    """
+    low, high = tuned.parameter.low, tuned.parameter.high
+    while tuned.value(tuned.low) < low:
+        tuned = tuned._replace(low=math.nextafter(tuned.low, math.inf))
+    while tuned.value(tuned.high) > high:
+        tuned = tuned._replace(high=math.nextafter(tuned.high, -math.inf))
+    return tuned
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Parameters of a fit and the records they are fitted to.
+
+    Attributes:
+        plant: simulates.
+        tuned: every free parameter, baseline first.
+        effects: ids that are present.
+        noise: (2, samples) of every record, what no model explains [N m].
+        floor: the same, by which errors are divided, see `noise_floor.NoiseFloor` [N
+            m].
+        weight: of a residual over its floor; below 1 where neighbours are not
+            independent or where the model is known not to reach the floor.
+        inflation: factor of the floor where the baseline is far off, see
+            `with_inflated_noise`.
+        scatter: the part of `noise` by which repetitions differ beyond that of
+            sensors; a wrong model makes some of it.
+        slopes: derivatives of the plant's torques, shared with other noise.
+    """
+
+    plant: SimulatedRig
+    tuned: tuple[Tuned, ...]
+    effects: tuple[str, ...]
+    noise: tuple[FloatArray, ...]
+    floor: tuple[FloatArray, ...]
+    weight: float = 1.0
+    inflation: float = 1.0
+    scatter: FloatArray | float = 0.0
+    slopes: TorqueDerivatives = field(
+        default_factory=TorqueDerivatives, compare=False, repr=False
+    )
+
+    def with_inflated_noise(self, x: FloatArray, masks: Masks) -> Problem:
+        """Return the same with its floor raised to where usual errors are not wild.
+
+        Where the sensors are much better than the model, nearly every error would be
+        Huber residuals, and fits follow the many small ones only.
+        """
+        kept = [
+            np.abs(error[:, mask]).ravel()
+            for error, mask in zip(self.plainly(x), masks, strict=True)
+        ]
+        usual = self.inflation * float(np.median(np.concatenate(kept))) / 0.6745
+        factor = max(1.0, usual / HUBER_DELTA)
+        change = factor / self.inflation
+        return replace(
+            self, floor=tuple(change * floor for floor in self.floor), inflation=factor
+        )
+
+    def with_updated_floor(self, x: FloatArray, masks: Masks) -> Problem:
+        """Return the same with floor and weight by the errors of this model.
+
+        Those of the baseline are large where an effect is missing: by its floor
+        numerical errors look harmless, and by its weight the data say next to nothing.
+        """
+        problem = self.with_inflated_noise(x, masks)
+        return replace(problem, weight=independence_weight(problem.errors(x), masks))
+
+    @property
+    def sensed(self) -> tuple[FloatArray, ...]:
+        """Return the effect of sensor noise on every record, as `noise` [N m]."""
+        part = np.square(self.scatter)
+        return tuple(np.sqrt(np.maximum(n**2 - part, 0.0)) for n in self.noise)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(parameter.name for parameter in self.tuned)
+
+    def values(self, x: FloatArray) -> dict[str, float]:
+        """Return the parameters at a place of the fit, even just beyond a bound."""
+        return {
+            parameter.name: parameter.value(
+                min(max(float(place), parameter.low), parameter.high)
+            )
+            for parameter, place in zip(self.tuned, x, strict=True)
+        }
+
+    def place(self, values: Mapping[str, float]) -> FloatArray:
+        """Return the place of the fit of these values, and of the start elsewhere."""
+        return np.array(
+            [
+                parameter.place(values.get(parameter.name, parameter.start))
+                for parameter in self.tuned
+            ]
+        )
+
+    def with_effect(self, name: str, start: dict[str, float]) -> Problem:
+        """Return the same with an effect more, its shape parameters from `start`."""
+        more = tuple(
+            tuned_effect_parameter(
+                parameter, start.get(parameter.name, parameter.typical), self.plant
+            )
+            for parameter in self.plant.library.effects[name].parameters
+        )
+        return replace(
+            self,
+            tuned=(*self.tuned, *more),
+            effects=(*self.effects, name),
+            slopes=TorqueDerivatives(self.slopes),
+        )
+
+    def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
+        """Return the start of a fit that adds an effect's `start` to another."""
+        new = [
+            0.0 if parameter.factor else start[parameter.name] / parameter.scale
+            for parameter in self.tuned[x.size :]
+        ]
+        return np.concatenate([x, new])
+
+    def without(self, name: str) -> Problem:
+        """Return the same without an effect."""
+        effect = self.plant.library.effects[name]
+        gone = {parameter.name for parameter in effect.parameters}
+        return replace(
+            self,
+            tuned=tuple(p for p in self.tuned if p.name not in gone),
+            effects=tuple(e for e in self.effects if e != name),
+            slopes=TorqueDerivatives(),
+        )
+
+    def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
+        """Return Huber's errors relative to the floor, (2, samples) per record.
+
+        They are NaN in records of which no sample is set, where masks are given.
+        """
+        if masks is None:
+            return [huber_residual(error) for error in self.plainly(x)]
+        found = [np.full(floor.shape, np.nan) for floor in self.floor]
+        seen = [k for k, mask in enumerate(masks) if mask.any()]
+        for k, error in zip(seen, self.plainly(x, seen), strict=True):
+            found[k] = huber_residual(error)
+        return found
+
+    def plainly(
+        self, x: FloatArray, only: Sequence[int] | None = None
+    ) -> list[FloatArray]:
+        """Return measured minus simulated over the floor, (2, samples) per record.
+
+        Args:
+            x: place of the parameters.
+            only: indices of the records that are wanted; default all.
+        """
+        chosen = range(len(self.floor)) if only is None else only
+        return [
+            (self.plant.records[k].measured - torque) / self.floor[k]
+            for k, torque in zip(chosen, self.torques(x, chosen), strict=True)
+        ]
+
+    def torques(
+        self, x: FloatArray, only: Sequence[int] | None = None
+    ) -> list[FloatArray]:
+        """Return the simulated torques of each record (2, samples) [N m]."""
+        return self.plant.simulate(self.values(x), self.effects, only)
+
+    def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
+        """Return the weighted errors within the masks, then those of the priors."""
+        parts = [
+            self.weight * error[:, mask].ravel()
+            for error, mask in zip(self.errors(x, masks), masks, strict=True)
+        ]
+        known = [
+            -place / parameter.prior
+            for parameter, place in zip(self.tuned, x, strict=True)
+            if math.isfinite(parameter.prior)
+        ]
+        return np.concatenate([*parts, np.array(known)])
+
+
+def huber_residual(error: FloatArray) -> FloatArray:
+    """Return the errors whose squares grow linearly beyond `HUBER_DELTA` (Huber).
+
+    A few large ones must not rule the fit.
+    """
+    size = np.abs(error)
+    root = np.sqrt(np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, 0.0))
+    found: FloatArray = np.where(size <= HUBER_DELTA, error, np.sign(error) * root)
+    return found
+
+
+def plain_error(residual: FloatArray) -> FloatArray:
+    """Return the errors of which `huber_residual` makes these residuals."""
+    size = np.abs(residual)
+    large = (size**2 + HUBER_DELTA**2) / (2.0 * HUBER_DELTA)
+    found: FloatArray = np.where(
+        size <= HUBER_DELTA, residual, np.sign(residual) * large
+    )
+    return found
+
+
+def independence_weight(errors: Sequence[FloatArray], masks: Masks) -> float:
+    """Return the weight that makes squared errors count as independent.
+
+    The root of the share of samples that are independent (the sum of autocorrelations,
+    up to their first zero), over the RMS error where that exceeds 1.
+    """
+    lags = 200
+    total = np.zeros(lags)
+    count, square = 0, 0.0
+    for error, mask in zip(errors, masks, strict=True):
+        kept = np.where(mask, error, 0.0)
+        for row in kept:
+            correlation = autocorrelation(row)[:lags]
+            total[: correlation.size] += correlation
+        count += len(error) * int(np.sum(mask))
+        square += float(np.sum(kept**2))
+    shape = total / max(total[0], 1e-300)
+    end = int(np.argmax(shape < 0.02)) or lags
+    independent = 1.0 / max(1.0 + 2.0 * float(np.sum(shape[1:end])), 1.0)
+    return math.sqrt(independent) / max(math.sqrt(square / max(count, 1)), 1.0)
+
+
+def fit(
+    problem: Problem,
+    start: FloatArray,
+    masks: Masks,
+    evaluations: int = _MAX_EVALUATIONS,
+) -> Fit:
+    """Fit least squares within bounds from a start.
+
+    Args:
+        problem: what is fitted to what.
+        start: place of the parameters.
+        masks: samples that take part.
+        evaluations: most of them.
+    """
+    return least_squares.fit(
+        lambda x: problem.residual(x, masks),
+        lambda x: jacobian(problem, x, masks),
+        problem.tuned,
+        start,
+        tolerance=_RELATIVE_TOLERANCE,
+        evaluations=evaluations,
+    )
+
+
+def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
+    """Fit the same, to an end that errors decide and not where the fit gave up.
+
+    Along a flat valley (friction against pretension, where no trial goes slack) a
+    thousandth of the cost is standard deviations away from the least.
+    """
+    found = fit(problem, start, masks)
+    return least_squares.fit(
+        lambda x: problem.residual(x, masks),
+        lambda x: jacobian(problem, x, masks),
+        problem.tuned,
+        found.x,
+        tolerance=min(
+            _RELATIVE_TOLERANCE, _COST_TOLERANCE / max(found.cost, _COST_TOLERANCE)
+        ),
+        evaluations=_MAX_EVALUATIONS,
+    )

@@ -1,0 +1,112 @@
+"""Effects that a rig can show, by its cables and its torque instruments.
+
+A load cell on the cable does not see what happens behind it, a known load has no
+sensor that could be off, and of a torque without an instrument no effect can be seen.
+Effects that are left out are reported with the instrument that would show them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from cc_mujoco.datasets._coupled_route import Leading
+from cc_mujoco.datasets._instruments import Instrument, Instruments
+from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, Effect, EffectParameter
+from cc_mujoco.report._html import list_words
+
+_TORQUE_ONLY_EFFECTS: dict[str, tuple[str, tuple[Instrument, ...]]] = {
+    "motor_inertia": ("motor", ("torque sensor", "motor current")),
+    "motor_cogging": ("motor", ("torque sensor", "motor current")),
+    "joint_gravity": ("joint", ("torque sensor", "known load")),
+    "joint_stiffness": ("joint", ("torque sensor", "known load")),
+    "joint_inertia": ("joint", ("torque sensor", "known load")),
+}
+"""Effects on one torque only: its side and the instruments that measure them."""
+_SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
+    "motor": ("torque sensor", "load cells", "motor current"),
+    "joint": ("torque sensor", "load cells"),
+}
+"""Instruments to which sensor errors of the torque apply, by side."""
+_SEAL_PARAMETERS = ("seal_proximal", "seal_distal")
+"""Parameters that only a conduit has."""
+_LOAD_EFFECTS = ("joint_stiffness", "joint_inertia")
+"""Effects that may also be negative beside a declared load."""
+
+
+class Library(NamedTuple):
+    """Effects of a rig.
+
+    Attributes:
+        effects: effects by id, with the parameters that can change the residuals.
+        hidden: reason why each other effect is not detectable, by id.
+    """
+
+    effects: Mapping[str, Effect]
+    hidden: Mapping[str, str]
+
+
+def available_effects(
+    cables: int, instruments: Instruments, led: Leading = "", tied: bool = False
+) -> Library:
+    """Return the effects that a rig can show.
+
+    Args:
+        cables: number of cables.
+        instruments: instruments that measure the torques.
+        led: part of the cables that the joint moves besides their ends.
+        tied: True if the cables end where their open path ends.
+    """
+    sides: dict[str, Instrument | None] = dict(instruments._asdict())
+
+    def acts(parameter: EffectParameter) -> bool:
+        for side, known in sides.items():
+            if parameter.name.startswith(f"{side}_torque_"):
+                return known in _SENSOR_INSTRUMENTS[side]
+        if led == "open" and parameter.name in _SEAL_PARAMETERS:
+            return False
+        return cables > 1 or ANTAGONIST not in parameter.name
+
+    effects, hidden = {}, {}
+    for name, effect in EFFECTS.items():
+        side, shown = _TORQUE_ONLY_EFFECTS.get(name, ("", ()))
+        kept = tuple(filter(acts, effect.parameters))
+        if name in _LOAD_EFFECTS and sides["joint"] == "known load":
+            either = (-math.inf, math.inf)
+            kept = tuple(parameter._replace(plausible=either) for parameter in kept)
+        if reason := _path_exclusion(name, led, tied):
+            hidden[name] = reason
+        elif side and sides[side] not in shown:
+            hidden[name] = _instrument_exclusion(side, sides[side], shown)
+        elif not kept:
+            hidden[name] = "no sensor of a torque is there that could be off"
+        else:
+            names = {parameter.name for parameter in kept}
+            starts = tuple(
+                {key: value for key, value in start.items() if key in names}
+                for start in effect.starts
+            )
+            effects[name] = replace(effect, parameters=kept, starts=starts)
+    return Library(effects, hidden)
+
+
+def _path_exclusion(name: str, led: Leading, tied: bool) -> str:
+    """Return why a cable that the joint moves cannot have an effect; "" if it can."""
+    if led and name == "backlash":
+        if tied:
+            return "the cable ends on the body that it turns, where nothing has play"
+        return "play is looked for where the joint moves the end of the cable alone"
+    if tied and name == "configuration_dependent_wrap":
+        return "the path in the scene says how much the cable bends at every angle"
+    return ""
+
+
+def _instrument_exclusion(
+    side: str, known: Instrument | None, shown: tuple[Instrument, ...]
+) -> str:
+    reason = f"the {side}'s torque is not measured"
+    if known is not None:
+        reason = f"load cells on the cable do not see what happens at the {side}"
+    return f"{reason}; it takes a {list_words(shown, 'or')} there"

@@ -1,0 +1,174 @@
+"""Cache of replays of records; changes of sensors or outer loads need no replay.
+
+Records are replayed independently of each other, each in a thread. A replay is known by
+what the cables get to feel, so candidates, folds and derivatives share it.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from threading import Lock
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Cable, Driven, Transmission
+from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
+from cc_mujoco.datasets._moment_arm import Lever
+from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES, RAMP_SAMPLES, Record
+
+MAX_REPLAYS = 48
+"""Replays of a record that are kept, those used last."""
+
+
+class Setting(NamedTuple):
+    """All that a replay of a record depends on.
+
+    Attributes:
+        cables: agonist first.
+        motor_radius: of the motor's pulley [m].
+        joint_radius: of the joint's pulley [m].
+        backlash: between joint and its pulley [rad].
+        late: by how much the joint's angle was recorded late [s].
+        offset: of the joint's angle [rad].
+        substeps: simulation steps per sample.
+        lever: in place of the joint's pulley, or None.
+        courses: of cables that the joint leads, see `Bench.courses`.
+        share: of the courses' distal displacements.
+    """
+
+    cables: tuple[Cable, ...]
+    motor_radius: float
+    joint_radius: float
+    backlash: float
+    late: float
+    offset: float
+    substeps: int
+    lever: Lever | None = None
+    courses: tuple[CoupledPath, ...] = ()
+    share: float = 1.0
+
+    def following(self, joint: FloatArray) -> FloatArray:
+        """Return the motor angle at which the cables keep their length (samples,)."""
+        turned = joint if self.lever is None else self.lever.turned(joint)
+        found: FloatArray = self.joint_radius / self.motor_radius * turned
+        return found
+
+
+class Played(NamedTuple):
+    """Signals of a replay, (samples,) each.
+
+    Attributes:
+        joint_angle: as it is compared [rad].
+        motor: torque into the motor's pulley [N m].
+        joint: torque into the joint [N m].
+        proximal: what the cables' proximal ends pull, agonist less antagonist [N].
+        distal: the same of the distal ends [N].
+    """
+
+    joint_angle: FloatArray
+    motor: FloatArray
+    joint: FloatArray
+    proximal: FloatArray
+    distal: FloatArray
+
+
+REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
+"""Replays that are kept, of every record the last `MAX_REPLAYS`."""
+_LOCK = Lock()
+
+
+def cached_replay(record: Record, setting: Setting) -> Played:
+    """Replay a record, or find it replayed."""
+    with _LOCK:
+        kept = REPLAYS.setdefault(record, OrderedDict())
+        if setting in kept:
+            kept.move_to_end(setting)
+            return kept[setting]
+    found = replay(record, setting)
+    with _LOCK:
+        kept[setting] = found
+        if len(kept) > MAX_REPLAYS:
+            kept.popitem(last=False)
+    return found
+
+
+def replay(record: Record, setting: Setting) -> Played:
+    """Replay a record, whether or not it was done before."""
+    joint = shift_signal(record.joint_angle, setting.late / record.dt) + setting.offset
+    if record.unhooked:
+        nothing = np.zeros(joint.size)
+        return Played(joint - setting.offset, *4 * (nothing,))
+    angles = with_lead_in(
+        record.motor_angle, joint, setting.following, setting.substeps
+    )
+    torques = _replay_cables(setting, record.dt / setting.substeps, *angles)
+    keep = slice(LEAD_SAMPLES * setting.substeps, None, setting.substeps)
+    signs = np.array([1.0, -1.0])[: len(setting.cables)]
+    return Played(
+        joint - setting.offset,
+        torques.motor_torque[keep].copy(),
+        torques.joint_torque[keep].copy(),
+        signs @ torques.tension_proximal[:, keep],
+        signs @ torques.tension_distal[:, keep],
+    )
+
+
+def _replay_cables(
+    setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
+) -> Driven:
+    """Return both angles, of the joint itself, played through the cables."""
+    proximal, distal = setting.motor_radius, setting.joint_radius
+    if setting.courses:
+        drive = CoupledCables(setting.cables, setting.courses, proximal, setting.share)
+        return drive.replay(dt, motor_angle=motor, joint_angle=joint)
+    pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
+    lever = setting.lever
+    if lever is None:
+        return pulleys.replay(dt, motor_angle=motor, joint_angle=joint)
+    played = pulleys.replay(dt, motor_angle=motor, joint_angle=lever.turned(joint))
+    return replace(played, joint_torque=played.joint_torque * lever.share(joint))
+
+
+def with_lead_in(
+    motor: FloatArray,
+    joint: FloatArray,
+    following: Callable[[FloatArray], FloatArray],
+    substeps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return both angles after a lead-in, refined to `substeps` per sample.
+
+    It begins at the pose 0, where the cables are in pretension and to which wrap and
+    pulleys refer, takes both ends to where the joint is, then the motor to its place.
+
+    Args:
+        motor: (samples,) [rad].
+        joint: (samples,) [rad].
+        following: angle of the motor at which the cables keep their length, by that
+            of the joint.
+        substeps: of every sample.
+    """
+    there = np.linspace(0.0, 1.0, RAMP_SAMPLES + 1) * joint[0]
+    along = following(there)
+    settling = np.linspace(along[-1], motor[0], RAMP_SAMPLES + 1)[:-1]
+    led_motor = np.concatenate([along[:-1], settling, motor])
+    led_joint = np.concatenate([there[:-1], np.full(RAMP_SAMPLES, joint[0]), joint])
+    if substeps == 1:
+        return led_motor, led_joint
+    size = led_motor.size
+    x = np.arange(size * substeps - substeps + 1) / substeps
+    old = np.arange(size)
+    return np.interp(x, old, led_motor), np.interp(x, old, led_joint)
+
+
+def shift_signal(signal: FloatArray, samples: float) -> FloatArray:
+    """Return the signal advanced by `samples`, with linear interpolation (samples,)."""
+    if samples == 0.0:
+        return signal
+    x = np.arange(signal.size)
+    found: FloatArray = np.interp(x + samples, x, signal)
+    return found

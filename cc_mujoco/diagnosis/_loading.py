@@ -1,0 +1,180 @@
+"""Intake of files into a dataset, with everything noticed on the way.
+
+>>> from cc_mujoco.diagnosis._loading import load
+>>> dataset, findings = load(["data"], "dataset.toml")    # doctest: +SKIP
+>>> for finding in findings:                              # doctest: +SKIP
+...     print(finding.severity, finding.statement)
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._clock import SampledTrack, find_segments
+from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.datasets._decimation import decimate
+from cc_mujoco.datasets._folders import (
+    data_files,
+    find_dataset_file,
+    nearby_data_files,
+    trial_names,
+)
+from cc_mujoco.datasets._multi_file import TrialFile, group_files
+from cc_mujoco.datasets._reading import Recording, read, read_parts
+from cc_mujoco.datasets._run_log import truncation_reason
+from cc_mujoco.datasets._sorting import sort_rows
+from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
+from cc_mujoco.datasets._trials import Dataset, Facts, Trial
+from cc_mujoco.diagnosis._checks.noise import noise_of
+from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
+from cc_mujoco.diagnosis._checks.run import check_recording, check_trials
+from cc_mujoco.errors import CableError
+
+
+def load(
+    paths: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+    dataset_toml: str | os.PathLike[str] | None = None,
+    bench: Bench | None = None,
+) -> tuple[Dataset, list[DataFinding]]:
+    """Read and check trials.
+
+    Args:
+        paths: files (see `datasets._file_formats.ENDINGS`) or folders; their order
+            is kept, folders are sorted by name.
+        dataset_toml: what the columns mean; without it, the `dataset.toml` in the
+            folder of the data, if there is one.
+        bench: of the scene, by which load cells become torques.
+
+    Returns:
+        The dataset, without the trials that cannot be read, and what was noticed. If
+        any finding is of severity `error`, nothing should be concluded from the data.
+
+    Raises:
+        CableError: there are no data files, or the `dataset.toml` is wrong.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
+    files = data_files(paths)
+    findings: list[DataFinding] = []
+    toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
+    file = DatasetFile() if toml is None else read_dataset_file(toml)
+    if toml is not None and dataset_toml is None:
+        findings.append(warning(f"{toml} says what the columns mean."))
+    names, parts = _trials_by_file(files, file)
+    findings += file.check_trials(names, nearby_data_files(files, file.path))
+    trials: list[Trial] = []
+    known: dict[str, Path] = {}
+    for path, name in names.items():
+        try:
+            recording = (
+                read_parts(parts[path], file, name)
+                if path in parts
+                else read(path, file, name)
+            )
+        except CableError as wrong:
+            findings.append(error(str(wrong), name))
+            continue
+        twin = known.setdefault(recording.sha256, path)
+        if twin != path:
+            message = (
+                f"{path} is a copy of {twin} and is left out; a copy is no repeat."
+            )
+            findings.append(warning(message, name))
+            continue
+        facts = file.facts_of(path, names)
+        ordered, found = sort_rows(recording)
+        findings += found
+        if ordered is None:
+            continue
+        recording = ordered
+        track, found = find_segments(recording, facts, file)
+        findings += found
+        if track is None:
+            continue
+        findings += _check_complete(path, name) + check_recording(
+            recording, facts, file
+        )
+        track, found = decimate(track, str(path), name)
+        findings += found
+        trials.append(_trial(recording, track, facts))
+    known_bench = bench.known(file.rig) if bench else None
+    trials, instruments, found = add_derived_torques(trials, file, known_bench)
+    alone = known_bench is not None and len(known_bench.cables) == 1
+    findings += found + check_trials(trials, alone)
+    dataset = Dataset(
+        trials=tuple(trials),
+        constants=file.rig,
+        name=file.name,
+        notes=file.notes,
+        path=file.path,
+        sha256=file.sha256,
+        instruments=instruments,
+    )
+    noise = noise_of(dataset, file)
+    noise |= derived_noise(noise, instruments, file.rig, known_bench)
+    findings += wrong_repeats(dataset.trials)
+    return replace(dataset, noise=noise), findings
+
+
+def _check_complete(path: Path, name: str) -> list[DataFinding]:
+    """Return a warning if a run was cut short."""
+    if not (why := truncation_reason(path).rstrip(".")):
+        return []
+    message = (
+        f"{path} is what there is of a run that was cut short ({why}); record it again "
+        "if it lacks what it was to show."
+    )
+    return [warning(message, name)]
+
+
+def _trials_by_file(
+    files: list[Path], file: DatasetFile
+) -> tuple[dict[Path, str], dict[Path, tuple[TrialFile, ...]]]:
+    """Return the trial names by their first file, and files of multi-file trials."""
+    alone, several = group_files(files, file)
+    names = trial_names(alone)
+    if twins := set(names.values()) & set(several):
+        raise CableError(
+            f"{file.path}, [files]: {min(twins)!r} is also the name of a file that is "
+            "a trial by itself; call one of them otherwise."
+        )
+    parts = {own[0].path: own for own in several.values()}
+    names |= {own[0].path: name for name, own in several.items()}
+    return {path: names[path] for path in files if path in names}, parts
+
+
+def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
+    """Return the trial of a recording."""
+    values = track.values
+    temperature = values.get(channels.TEMPERATURE)
+    if temperature is None and facts.temperature is not None:
+        temperature = np.full(len(track.time), facts.temperature)
+    return Trial(
+        name=recording.name,
+        time=track.time,
+        motor_angle=values[channels.MOTOR_ANGLE],
+        motor_torque=values.get(channels.MOTOR_TORQUE),
+        joint_angle=values[channels.JOINT_ANGLE],
+        joint_torque=values.get(channels.JOINT_TORQUE),
+        segments=track.segments,
+        step=track.step,
+        tensions={
+            name: value for name, value in values.items() if channels.is_tension(name)
+        },
+        temperature=temperature,
+        motor_current=values.get(channels.MOTOR_CURRENT),
+        facts=facts,
+        path=str(recording.path),
+        sha256=recording.sha256,
+        labels=recording.labels,
+        paths={channel: str(path) for channel, path in recording.paths.items()},
+        digits=track.digits,
+    )

@@ -1,0 +1,217 @@
+"""Words and numbers of the report: names of verdicts, channels and intervals.
+
+    names = Names({"stribeck_friction": "Stribeck friction"})
+    headline(diagnosis, names)   # "Missing: Stribeck friction"
+
+The module is independent of HTML and figures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
+from cc_mujoco.estimation._least_squares import Estimate
+from cc_mujoco.report._html import list_words
+
+TORQUE_UNIT = "N m"
+SIGN_NOTE = (
+    "Errors are measured minus simulated: positive where the rig shows more torque "
+    "than the simulation."
+)
+"""Explanation of the sign of an error."""
+MINUS = "\N{MINUS SIGN}"
+
+VERDICT_MEANINGS = {
+    "named": "The model lacked what is named here. With it, the simulation comes "
+    "closer to data that were not used to find it.",
+    "none": "What is left of the error looks like noise. This holds for the motions "
+    "and loads in the data.",
+    "unknown": "No known effect explains enough of the error; one that is added takes "
+    "the place of what is really there. "
+    "Where the error lies is the best hint at what it is.",
+    "tie": "Each of these explains the data as well as the other, so naming one would "
+    "be a guess.",
+    "fix-data": "Nothing is concluded until then: a fault of the data would be taken "
+    "for a missing effect.",
+    "fix-numerics": "Nothing is concluded until then: an error of the numerics would "
+    "be taken for a missing effect.",
+}
+"""Explanation of each verdict for a first-time reader."""
+
+
+NO_SCENE_PREFIX = "scene.xml cannot be written"
+"""First words of the problem that gives the reason."""
+NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
+"""First words of the problem that names an effect missing in the written scene."""
+
+
+class Names:
+    """Names of effect ids in sentences.
+
+    Args:
+        titles: id to name; an id that is not in it has its underscores replaced.
+    """
+
+    def __init__(self, titles: Mapping[str, str] | None = None) -> None:
+        self._titles = dict(titles or {})
+
+    def __call__(self, effect: str) -> str:
+        """Return the name of one effect."""
+        return self._titles.get(effect, plain_name(effect))
+
+    def list(self, effects: Iterable[str], last: str = "and") -> str:
+        """Return the names of several effects, as a sentence lists them."""
+        return list_words([self(effect) for effect in effects], last)
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a parameter or a key with spaces for underscores."""
+    return name.replace("_", " ")
+
+
+def channel_name(name: str) -> str:
+    """Return the name of a channel: without its unit, `motor torque`."""
+    return plain_name(name.removesuffix("_nm"))
+
+
+def capitalise(text: str) -> str:
+    """Return the same with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
+def headline(diagnosis: Diagnosis, names: Names) -> str:
+    """Return the verdict as one line."""
+    tied = {name for group in diagnosis.ties for name in group}
+    named = [found.id for found in diagnosis.missing if found.id not in tied]
+    remains = ""
+    if math.isfinite(diagnosis.remaining):
+        remains = f"; {diagnosis.remaining:.1f} times the noise remain"
+    if diagnosis.verdict == "named":
+        return f"Missing: {names.list(named)}{remains}"
+    if diagnosis.verdict == "tie":
+        rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
+        return f"Missing: {list_words([*map(names, named), *rivals])}{remains}"
+    if diagnosis.verdict == "unknown" and diagnosis.question:
+        return "Something is missing, or one trial was recorded otherwise"
+    if diagnosis.verdict == "unknown" and diagnosis.effects:
+        return "Something is missing that the known effects explain only in part"
+    if diagnosis.verdict == "none" and diagnosis.strayed:
+        off = list_words([plain_name(each.parameter) for each in diagnosis.strayed])
+        return f"Nothing else is missing, but {off} is not what the scene says"
+    return {
+        "none": "Nothing is missing that these data could show",
+        "unknown": "Something is missing, and it is none of the known effects",
+        "fix-data": "The data must be put right first",
+        "fix-numerics": "The numerics of the simulation must be put right first",
+    }[diagnosis.verdict]
+
+
+def tried_sentence(diagnosis: Diagnosis) -> str:
+    """Return how many of the known effects were screened and refitted, as a sentence.
+
+    It is empty where the search did not begin.
+    """
+    if not diagnosis.runner_ups:
+        return ""
+    refitted = {each.id for step in diagnosis.runner_ups for each in step}
+    start = "All effects that these data can show were compared with the error; "
+    if not refitted:
+        return (
+            f"{start}none was refitted, since to first order none takes enough of it."
+        )
+    count = len(refitted)
+    return (
+        f"{start}the {count} most promising were refitted."
+        if count > 1
+        else (f"{start}the most promising one was refitted.")
+    )
+
+
+def format_share(value: float) -> str:
+    """Return a fraction in percent, or `not determined` if it is not finite."""
+    if not math.isfinite(value):
+        return "not determined"
+    # 99.7 % must not become all of it.
+    digits = 1 if 0.99 <= value < 1.0 else 0
+    return f"{_with_true_minus(f'{100 * value:.{digits}f}')} %"
+
+
+def format_number(value: float, spread: float = math.nan) -> str:
+    """Return a number with as many digits as its spread justifies.
+
+    Args:
+        value: number to format.
+        spread: width of its uncertainty, of which two digits are kept; without one the
+            number has three significant digits.
+    """
+    if not math.isfinite(value):
+        if math.isnan(value):
+            return "not determined"
+        return "∞" if value > 0 else f"{MINUS}∞"
+    known = math.isfinite(spread) and spread > 0
+    places = _decimal_places(spread, 2) if known else _decimal_places(value, 3)
+    size = max(abs(value), spread if known else 0.0)
+    if size and not 1e-4 <= size < 1e6:
+        power = math.floor(math.log10(size))
+        digits = max(0, places + power)
+        return (
+            f"{_with_true_minus(f'{value / 10.0**power:.{digits}f}')}"
+            f"·10{_superscript(power)}"
+        )
+    return _with_true_minus(f"{value:.{max(0, places)}f}")
+
+
+def format_interval(value: Estimate) -> str:
+    """Return the 95 % interval of a fitted number, without its unit."""
+    low, high = value.ci95
+    if math.isnan(low) or math.isnan(high):
+        return "not determined"
+    return f"{format_number(low, high - low)} to {format_number(high, high - low)}"
+
+
+def format_fitted(value: Estimate) -> str:
+    """Return a fitted number, without its unit, as precisely as its interval allows."""
+    low, high = value.ci95
+    return format_number(value.value, high - low)
+
+
+def gap_sentence(name: str, gap: Gap) -> str:
+    """Describe the change of the held-out error of one channel."""
+    before, after, floor = (
+        format_number(value, gap.noise_floor)
+        for value in (gap.rmse_before, gap.rmse_after, gap.noise_floor)
+    )
+    if not math.isfinite(gap.rmse_before) or not math.isfinite(gap.rmse_after):
+        return f"{capitalise(channel_name(name))}: the error could not be determined."
+    start = f"{capitalise(channel_name(name))}: the weighted RMS error"
+    ground = f"the noise floor is {floor} {TORQUE_UNIT}"
+    if gap.rmse_after == gap.rmse_before:
+        return f"{start} is {before} {TORQUE_UNIT}; {ground}."
+    change = "falls" if gap.rmse_after < gap.rmse_before else "rises"
+    text = f"{start} {change} from {before} {TORQUE_UNIT} to {after} {TORQUE_UNIT}; "
+    if not math.isfinite(gap.gap_closed):
+        return f"{text}{ground}; there is no gap above it to close."
+    # Below the floor, which is an estimate, there is no more to close.
+    closed, low, high = (min(value, 1.0) for value in (gap.gap_closed, *gap.ci95))
+    within = ""
+    if math.isfinite(low) and math.isfinite(high):
+        within = f" (95 % interval {format_share(low)} to {format_share(high)})"
+    return f"{text}{ground}; {format_share(closed)} of the gap is closed{within}."
+
+
+def _decimal_places(value: float, digits: int) -> int:
+    """Return the decimal places that leave this many significant digits."""
+    return digits - 1 - math.floor(math.log10(abs(value))) if value else digits - 1
+
+
+def _with_true_minus(text: str) -> str:
+    """Return a number's text with a typographic minus sign, and none before zero."""
+    if not text.startswith("-"):
+        return text
+    return text[1:] if not text.strip("-0.") else MINUS + text[1:]
+
+
+def _superscript(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

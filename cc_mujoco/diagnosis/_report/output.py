@@ -1,0 +1,264 @@
+"""Results folder of a diagnosis: one folder, written whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from importlib import import_module
+from importlib.metadata import version
+from math import cos, sin
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.atomic_io import replacing_folder
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS
+from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._inference.bench_simulation import CLOCK_PARAMETERS
+from cc_mujoco.diagnosis._inference.lowpass import low_pass
+from cc_mujoco.diagnosis._inference.replays import shift_signal
+from cc_mujoco.diagnosis._inference.result import DiagnosisResult
+from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
+from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
+from cc_mujoco.diagnosis._report.report import write_report
+from cc_mujoco.diagnosis._resume import VERDICT_FILE
+from cc_mujoco.diagnosis._scene.realisation import (
+    REALISATIONS,
+    is_realisable,
+    unrealisable_reason,
+)
+from cc_mujoco.diagnosis._scene.repair import repair_scene
+from cc_mujoco.diagnosis._scene.repair import write as write_scene
+from cc_mujoco.diagnosis._scene.rollout import rollout
+from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
+from cc_mujoco.errors import CableError
+
+SCENE_FILE = "scene.xml"
+OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))
+"""Files that only some verdicts come with."""
+_DRAWING_MODULES = (
+    "matplotlib.backends.backend_agg",
+    "cc_mujoco.diagnosis._report.recording",
+    "scipy.cluster.hierarchy",
+)
+
+
+def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
+    """Require that at most an earlier diagnosis of these data is replaced.
+
+    Args:
+        out: folder to write to.
+        scene: file of the scene.
+        data: files of trials, or folders of them.
+
+    Raises:
+        CableError: the folder holds the scene, the diagnosis of trials none of which
+            is among the data, or a repaired scene that was changed since; see also
+            `_utils.atomic_io.require_ours`.
+    """
+    names = (VERDICT_FILE, "report.html", *OPTIONAL_FILES)
+    if scene.resolve() in {(out / name).resolve() for name in names}:
+        raise CableError(
+            f"the scene {scene} lies where the diagnosis writes its own; name another "
+            "folder to write to."
+        )
+    atomic_io.require_ours(out, names, lambda folder: _provenance(folder) is not None)
+    earlier = _provenance(out) or {}
+    atomic_io.require_untouched(out, [SCENE_FILE], str(earlier.get("written", "")))
+    base = os.path.join(os.path.realpath(out), str(earlier.get("folder", "")))
+    before = [Path(base, path).resolve() for path in earlier.get("data", ())]
+    now = {path.resolve() for path in data}
+    if before and not any(now & {path, *path.parents} for path in before):
+        raise CableError(
+            f"{out} holds the diagnosis of other data ({before[0]}); name another "
+            "folder to write to, or remove that one."
+        )
+
+
+def _provenance(folder: Path) -> Mapping[str, Any] | None:
+    """Return the provenance of the diagnosis in a folder; None without one."""
+    try:
+        found = json.loads((folder / VERDICT_FILE).read_text(encoding="utf-8"))
+        return dict(found["provenance"]) if "verdict" in found else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def preload_drawing() -> None:
+    """Load the drawing modules of `write` in a thread parallel to the computation."""
+
+    def load() -> None:
+        for name in _DRAWING_MODULES:
+            with suppress(Exception):  # reported where it is used
+                import_module(name)
+
+    Thread(target=load).start()
+
+
+def write(
+    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
+) -> Diagnosis:
+    """Write everything to a folder and return the diagnosis with its provenance."""
+    from cc_mujoco.diagnosis._report.recording import write_recording
+
+    diagnosis = replace(
+        result.diagnosis, provenance=provenance(result, dataset, out, command, seed)
+    )
+    titles = {name: effect.title for name, effect in EFFECTS.items()}
+    with replacing_folder(out) as place:
+        if result.problem is not None:
+            try:
+                problems = write_and_compare_scene(result, place / SCENE_FILE)
+                as_written = atomic_io.checksum_line(place / SCENE_FILE)
+                known = {**diagnosis.provenance, "written": as_written}
+                diagnosis = replace(diagnosis, provenance=known)
+            except CableError as error:  # the verdict stands without it
+                problems = [f"{NO_SCENE_PREFIX}: {error}."]
+            diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *problems))
+            write_recording(place / "evidence.rrd", result.evidence, titles)
+        write_report(place, diagnosis, result.evidence, titles)
+        diagnosis.write(place / VERDICT_FILE)
+        written = {file.name for file in place.iterdir()}
+    for name in OPTIONAL_FILES:
+        if name not in written:  # of an earlier diagnosis with another verdict
+            (out / name).unlink(missing_ok=True)
+    return diagnosis
+
+
+def provenance(
+    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
+) -> Mapping[str, Any]:
+    """Return the provenance; relative paths are from `folder`, seen from `out`."""
+    return {
+        "command": command,
+        "seed": seed,
+        "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
+        "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
+        "several_files": [
+            trial.path
+            for trial in dataset.trials
+            if set(trial.paths.values()) - {trial.path}
+        ],
+        "dataset": {"path": dataset.path, "sha256": dataset.sha256},
+        "versions": {
+            "cc_mujoco": version("cc_mujoco"),
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
+    """Write the scene with the effects; compare its rollout with the replay."""
+    problem = result.problem
+    assert problem is not None
+    values = problem.values(result.x)
+    cables = problem.plant.cables(values, problem.effects)
+    proximal, distal = problem.plant.radii(values)
+    bench = replace(result.bench, motor_radius=proximal, joint_radius=distal)
+    found = {
+        name: {
+            parameter.name: values.get(parameter.name, 0.0)
+            for parameter in EFFECTS[name].parameters
+        }
+        for name in problem.effects
+    }
+    effects = {name: found[name] for name in _writable_effects(result)}
+    left_out = {name: own for name, own in found.items() if name not in effects}
+    statements = [
+        f"{NOT_IN_SCENE_PREFIX} {EFFECTS[name].title}, which was found: "
+        f"{unrealisable_reason(result.bench, name)}. Take its values from verdict.json."
+        for name in left_out
+    ]
+    if bench.lever is None:
+        _use_scene_angle(effects, values.get("joint_angle_offset", 0.0))
+    write_scene(path, repair_scene(bench, cables, effects, left_out))
+    try:
+        differences, size = rollout_difference(result, path)
+    except CableError as error:
+        return [*statements, f"scene.xml is written, but cannot be compared: {error}."]
+    return [
+        *statements,
+        f"scene.xml, played by MuJoCo along the first seconds of {differences[0]}, "
+        f"differs from the replay by {differences[1]:.2g} N m RMS, with torques of "
+        f"{size:.2g} N m RMS.",
+    ]
+
+
+def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
+    """Make effects that depend on the measured angle act on that of the scene.
+
+    The scene's is the measured one and the offset.
+    """
+    if "joint_gravity" in effects:
+        weight = effects["joint_gravity"]
+        sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
+        weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
+        weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
+    if "joint_stiffness" in effects:
+        spring = effects["joint_stiffness"]
+        spring["joint_stiffness_moment"] -= spring["joint_stiffness"] * offset
+
+
+def _writable_effects(result: DiagnosisResult) -> list[str]:
+    """Return the effects that the scene can have."""
+    assert result.problem is not None
+    return [
+        name for name in result.problem.effects if is_realisable(result.bench, name)
+    ]
+
+
+def rollout_difference(
+    result: DiagnosisResult, path: Path
+) -> tuple[tuple[str, float], float]:
+    """Return the RMS difference of scene and replay in the first seconds [N m]."""
+    problem = result.problem
+    assert problem is not None
+    record = problem.plant.records[0]
+    values = problem.values(result.x)
+    short = min(record.time.size, round(4.0 / record.dt))
+    offset = values.get("joint_angle_offset", 0.0)
+    proximal, distal = problem.plant.radii(values)
+    ahead = values.get(JOINT_DELAY, 0.0) / record.dt
+    joint = shift_signal(record.joint_angle, ahead)[:short] + offset
+    time = record.start + record.dt * np.arange(short)
+    shown = np.array(
+        rollout(
+            path,
+            time,
+            record.motor_angle[:short],
+            joint,
+            lead_in=distal / proximal,
+            tilt=record.tilt,
+        )
+    )
+    quiet = {
+        **values,
+        "motor_torque_offset": 0.0,
+        "joint_torque_offset": 0.0,
+        **dict.fromkeys(CLOCK_PARAMETERS, 0.0),
+    }
+    # The sensors of a scene show both torques, whatever those of the rig do.
+    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
+    shows = _writable_effects(result)
+    if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
+        shows = [name for name in shows if name not in REALISATIONS]
+    played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
+    edge = round(1.0 / record.band / record.dt)
+    passed = low_pass(shown, record.band, 1.0 / record.dt)
+    error = (passed - played[:, :short])[:, edge:-edge]
+    return (record.trial, float(np.sqrt(np.mean(error**2)))), float(
+        np.sqrt(np.mean(played[:, :short] ** 2))
+    )

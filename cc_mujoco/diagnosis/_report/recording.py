@@ -1,0 +1,204 @@
+"""The evidence of a diagnosis as a Rerun recording: every sample, to zoom into.
+
+    write_recording("evidence.rrd", evidence)
+
+`rerun evidence.rrd` opens it as a finished layout, one tab a trial, at the trial where
+the baseline errs most. Recordings of equal evidence compare equal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis._phrases import (
+    SIGN_NOTE,
+    TORQUE_UNIT,
+    Names,
+    capitalise,
+    channel_name,
+    plain_name,
+)
+from cc_mujoco.diagnosis._phrases import format_share as share_of
+from cc_mujoco.diagnosis._report.excerpt import model_changed, worst_excerpt
+from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
+from cc_mujoco.diagnosis._report_data import Evidence, Map, TrialTrace
+from cc_mujoco.report import _markdown as markdown
+from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK
+from cc_mujoco.viz._axis import plot
+from cc_mujoco.viz._rerun_file import recording
+
+TIMELINE = "trial_time"
+"""Time since the start of a trial; trials share it."""
+
+LEGEND_SHARE = 0.12
+"""Room for it, before the curves, over the time that they take."""
+
+LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
+
+
+def write_recording(
+    path: str | os.PathLike[str],
+    evidence: Evidence,
+    titles: Mapping[str, str] | None = None,
+) -> None:
+    """Write the evidence as a `.rrd` file, whole or not at all.
+
+    Args:
+        path: of the file.
+        evidence: what is logged.
+        titles: id of an effect to its name; an id that is not in it has its underscores
+            replaced.
+    """
+    both = model_changed(evidence)
+    with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
+        rec.log("about", _about(evidence, Names(titles)), static=True)
+        for trace in evidence.traces:
+            _log_trace(rec, trace, both)
+        for each in evidence.maps:
+            _log_map(rec, each, both)
+
+
+def recording_id(evidence: Evidence) -> str:
+    """Return an id that is the same for equal evidence, and only for it."""
+    digest = hashlib.sha256()
+
+    def add(name: str, *arrays: FloatArray) -> None:
+        digest.update(repr(name).encode())
+        for array in arrays:
+            digest.update(f"{array.dtype}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+
+    for trace in evidence.traces:
+        add(trace.trial, trace.time, trace.motor_angle, trace.joint_angle, trace.counts)
+        for kind in (trace.measured, trace.before, trace.after):
+            for name, values in kind.items():
+                add(name, values)
+    for each in evidence.maps:
+        name = f"{each.channel}/{each.axis}/{each.unit}/{each.share}/{each.chance}"
+        add(name, each.centre, each.before, each.after, each.band)
+    isolability = evidence.isolability
+    add("/".join(isolability.ids), isolability.cosines, isolability.visible)
+    return digest.hexdigest()[:32]
+
+
+def _log_trace(rec: rr.RecordingStream, trace: TrialTrace, both: bool) -> None:
+    """Log measured and simulated torques, their differences, and both angles."""
+    index = [rr.TimeColumn(TIMELINE, duration=trace.time)]
+
+    def send(parts: list[str], values: FloatArray, color: str, width: float) -> None:
+        path = rr.new_entity_path(["trials", trace.trial, *parts])
+        look = rr.SeriesLines(names=[parts[-1]], colors=[_rgba(color)], widths=[width])
+        rec.log(path, look, static=True)
+        rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
+
+    for name, measured in trace.measured.items():
+        send([name, "measured"], measured, *LINE_STYLES["measured"])
+        models = [("before", trace.before, trace.error(name))]
+        if both:
+            models.append(("after", trace.after, trace.error(name, "after")))
+        for kind, played, error in models:
+            send([name, kind], played[name], *LINE_STYLES[kind])
+            send([f"{name}_error", kind], error, *LINE_STYLES[kind])
+    send(["motion", "motor"], trace.motor_angle, GREEN, 1.5)
+    send(["motion", "joint"], trace.joint_angle, PINK, 1.5)
+
+
+def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
+    """Log mean errors as bars, without the bins that have no data."""
+    kinds = {"before": each.before}
+    if both:
+        kinds["after"] = each.after
+    for kind, values in kinds.items():
+        there = np.isfinite(values)
+        if not there.any():
+            continue
+        bars = rr.BarChart(
+            values[there],
+            abscissa=each.centre[there],
+            color=_rgba(LINE_STYLES[kind][0]),
+        )
+        rec.log(_map_path(each, kind), bars, static=True)
+
+
+def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
+    """Describe the contents in Markdown."""
+    maps = [
+        (
+            capitalise(channel_name(each.channel)),
+            f"{plain_name(each.axis)} [{each.unit or '1'}]",
+            share_of(each.share),
+            share_of(each.chance),
+        )
+        for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+    ]
+    pairs = [
+        (names(one), names(other), f"{cosine:.2f}")
+        for one, other, cosine in confounded_pairs(evidence.isolability)
+    ]
+    parts = [
+        "# Evidence of a diagnosis",
+        "Measured torques are grey, those simulated before orange, those simulated "
+        f"with the named effects blue. {SIGN_NOTE}",
+        "# Maps of the error",
+        markdown.table(("", "over", "share", "by chance"), maps, numbers=(2, 3)),
+        "# Effects that are alike",
+        markdown.table(("", "", "likeness"), pairs, numbers=[2]),
+    ]
+    weak = invisible_effects(evidence.isolability)
+    if weak:
+        parts.append(f"Smaller than the noise, if present: {names.list(weak)}.")
+    return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
+
+
+def _blueprint(evidence: Evidence) -> rrb.Blueprint:
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    tabs: list[rrb.Container | rrb.View] = [_trial_tab(t) for t in evidence.traces]
+    if evidence.maps:
+        ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+        tabs.append(rrb.Grid(*map(_map_view, ranked), name="Maps of the error"))
+    most = worst_excerpt(evidence)
+    trials = [trace.trial for trace in evidence.traces]
+    first = trials.index(most.trace.trial) if most is not None else 0
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, about, active_tab=first),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        collapse_panels=True,
+    )
+
+
+def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
+    def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
+        origin = rr.new_entity_path(["trials", trace.trial, part])
+        return plot(origin, name, trace.time, lines, room=LEGEND_SHARE)
+
+    views = []
+    for name, measured in trace.measured.items():
+        title = capitalise(channel_name(name))
+        played = (trace.before[name], trace.after[name])
+        errors = (trace.error(name, "before"), trace.error(name, "after"))
+        views.append(view(name, f"{title} [{TORQUE_UNIT}]", measured, *played))
+        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
+    angles = (trace.motor_angle, trace.joint_angle)
+    views.append(view("motion", "Angles [rad]", *angles))
+    return rrb.Vertical(*views, name=trace.trial)
+
+
+def _map_view(each: Map) -> rrb.BarChartView:
+    quantity = f"{plain_name(each.axis)} [{each.unit or '1'}]"
+    name = f"{capitalise(channel_name(each.channel))}, mean error [{TORQUE_UNIT}]"
+    return rrb.BarChartView(origin=_map_path(each), name=f"{name} over {quantity}")
+
+
+def _map_path(each: Map, *more: str) -> str:
+    return rr.new_entity_path(["maps", each.channel, each.axis, *more])
+
+
+def _rgba(color: str) -> int:
+    return int(f"{color[1:]}FF", 16)

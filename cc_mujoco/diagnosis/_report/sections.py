@@ -1,0 +1,308 @@
+"""Text of each section of the report, without its figures.
+
+A section is None where the diagnosis has nothing for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cc_mujoco.diagnosis._phrases import (
+    SIGN_NOTE,
+    VERDICT_MEANINGS,
+    Names,
+    capitalise,
+    channel_name,
+    format_fitted,
+    format_interval,
+    format_number,
+    format_share,
+    gap_sentence,
+    headline,
+    plain_name,
+    tried_sentence,
+)
+from cc_mujoco.diagnosis._report.drawings import shown_maps
+from cc_mujoco.diagnosis._report.excerpt import Excerpt
+from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
+from cc_mujoco.diagnosis._report.steps import next_steps
+from cc_mujoco.diagnosis._report_data import Evidence, Map
+from cc_mujoco.diagnosis._verdict import Diagnosis, RunnerUp
+from cc_mujoco.estimation._least_squares import Estimate
+from cc_mujoco.report._html import (
+    Html,
+    bullet_list,
+    element,
+    join_pieces,
+    list_words,
+    paragraph,
+    share_bar,
+    table,
+)
+
+
+def header(diagnosis: Diagnosis, names: Names) -> Html:
+    """Return the verdict: headline, next steps, statement and explanation."""
+    return element(
+        "header",
+        paragraph("Diagnosis of a cable transmission", kind="small"),
+        element("h1", headline(diagnosis, names)),
+        next_steps(diagnosis, names),
+        paragraph(diagnosis.statement),
+        paragraph(
+            " ".join(
+                each
+                for each in (
+                    tried_sentence(diagnosis) if diagnosis.verdict == "unknown" else "",
+                    VERDICT_MEANINGS[diagnosis.verdict],
+                )
+                if each
+            )
+        ),
+    )
+
+
+def gap(diagnosis: Diagnosis) -> Html | None:
+    """Describe the errors on held-out data in sentences."""
+    if not diagnosis.gap:
+        return None
+    key = (
+        "All errors are those on data that were not used for fitting. The simulation "
+        "before has no new effect, but everything that can be tuned is tuned; the "
+        "noise floor is what the noise of the sensors makes of it, an estimate. "
+        "Samples are weighted by how well the angles tell the torque: where an end of "
+        "the cable sticks, the last digit of an angle is worth newtons, and plain "
+        "errors there, as in the traces, are several times larger."
+    )
+    lines = [gap_sentence(name, each) for name, each in diagnosis.gap.items()]
+    return join_pieces([bullet_list(lines), paragraph(key, kind="small")])
+
+
+def trials(diagnosis: Diagnosis) -> Html | None:
+    """List the errors of every trial, the worst first."""
+    if len(diagnosis.trials) < 2:
+        return None
+    both = bool(diagnosis.effects)
+    shown = "misfit_after" if both else "misfit_before"
+    ranked = sorted(diagnosis.trials, key=lambda each: -getattr(each, shown))
+
+    def change(before: float, after: float, floor: float = float("nan")) -> str:
+        sizes = (before, after) if both else (before,)
+        return " to ".join(format_number(size, floor) for size in sizes)
+
+    rows = [
+        (
+            element("code", each.trial),
+            change(each.misfit_before, each.misfit_after),
+            *(
+                change(
+                    each.rmse_before[name],
+                    each.rmse_after[name],
+                    each.noise_floor[name],
+                )
+                for name in each.rmse_before
+            ),
+        )
+        for each in ranked
+    ]
+    torques = [
+        f"{channel_name(name)} [N m]" for name in diagnosis.trials[0].rmse_before
+    ]
+    key = (
+        "Trials are predicted by parameters that were fitted to others, or where they "
+        "are few to other parts of them. First all torques over the noise floor, then "
+        "the weighted RMS error of each"
+        + ("; before and after effects were added." if both else ".")
+    )
+    head = ("trial", "over the floor", *torques)
+    return join_pieces([table(head, rows), paragraph(key, kind="small")])
+
+
+def error_location(diagnosis: Diagnosis) -> Html | None:
+    """Return where the error lies, the main sentence first."""
+    if not diagnosis.where:
+        return None
+    items = []
+    for each in diagnosis.where:
+        note = (
+            f" ({channel_name(each.channel)} over {plain_name(each.axis)}: "
+            f"{format_share(each.share_of_error)} of its variance)"
+        )
+        if each.axis == "channel":  # the main sentence, which has its numbers
+            note = ""
+        items.append(
+            join_pieces([each.statement, element("span", note, class_="small")])
+        )
+    return bullet_list(items, ranked=True)
+
+
+def maps(evidence: Evidence) -> Html | None:
+    """Describe the maps that are drawn and those that are not."""
+    if not evidence.maps:
+        return None
+    drawn = shown_maps(evidence)
+    chance = [each for each in evidence.maps if not each.share > each.chance]
+    if len(chance) == len(evidence.maps):
+        return paragraph("No map shows more than chance would; the largest are drawn.")
+    text = (
+        f"{SIGN_NOTE} Titles give the share of the variance of the baseline's error "
+        "that a quantity explains. Chance keeps the mean error within the grey band in "
+        "95 % of cases."
+    )
+    hidden = [e for e in evidence.maps if not any(e is d for d in drawn)]
+    weaker = [each for each in hidden if each.share > each.chance]
+    more = [
+        f"{words}: {list_words(map(_map_words, group))}."
+        for words, group in (
+            ("Beyond chance, but weaker than those drawn", weaker),
+            ("No more than chance", chance),
+        )
+        if group
+    ]
+    return join_pieces(
+        [paragraph(text), *(paragraph(each, kind="small") for each in more)]
+    )
+
+
+def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
+    """Describe an excerpt and why it was chosen."""
+    time = excerpt.trace.time[excerpt.part]
+    span = f"Trial {excerpt.trace.trial}, {time[0]:.1f} s to {time[-1]:.1f} s"
+    size = f"{format_number(excerpt.error)} times its RMS error over all trials"
+    if worst:
+        caption = f"{span}: the seconds in which the baseline errs most, {size}."
+        return f"{caption} {SIGN_NOTE}"
+    return f"{span}: ordinary seconds, the baseline errs by {size}."
+
+
+def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
+    """List every refitted effect, its reduction and why it was not named."""
+    rounds = [each for each in diagnosis.runner_ups if each]
+    if not rounds:
+        summary = tried_sentence(diagnosis)
+        return paragraph(summary) if summary else None
+    parts: list[Html] = []
+    for count, each in enumerate(rounds, start=1):
+        if len(rounds) > 1:
+            parts.append(element("h3", f"Round {count}"))
+        ranked = sorted(each, key=lambda runner: -runner.reduction)
+        rows = [_candidate_text(runner, diagnosis, names) for runner in ranked]
+        head = ("effect", "held-out error removed", "outcome", "fitted values [SI]")
+        parts.append(table(head, rows))
+    key = (
+        "Error removed: of the sum of squares; negative where an effect makes it worse."
+    )
+    return join_pieces([*parts, paragraph(key, kind="small")])
+
+
+def effect_similarity(evidence: Evidence, names: Names) -> Html | None:
+    """Describe which effects are confounded, and which are below the noise."""
+    if not evidence.isolability.ids:
+        return None
+    pairs = [
+        f"{names(one)} and {names(other)} ({cosine:.2f})"
+        for one, other, cosine in confounded_pairs(evidence.isolability)
+    ]
+    weak = invisible_effects(evidence.isolability)
+    lines = ["These data tell all effects apart."]
+    if pairs:
+        lines = [f"These data can hardly tell apart {list_words(pairs)}."]
+    if weak:
+        lines.append(f"Smaller than the noise, if present: {names.list(weak)}.")
+    return bullet_list(lines)
+
+
+def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
+    """List the effects that the data cannot show, and why."""
+    if not diagnosis.not_testable:
+        return None
+    return bullet_list(
+        join_pieces([element("strong", capitalise(names(each.id))), f": {each.reason}"])
+        for each in diagnosis.not_testable
+    )
+
+
+def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:
+    """Describe the next experiment."""
+    planned = diagnosis.next_experiment
+    if planned is None:
+        return None
+    lines = (
+        planned.description,
+        f"It separates {names.list(planned.separates)}.",
+        f"Predicted difference: {planned.predicted_difference}",
+    )
+    return join_pieces(map(paragraph, lines))
+
+
+def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
+    """List fitted numbers of effects and baseline with their intervals."""
+    parts: list[Html] = []
+    for found in diagnosis.effects:
+        title = capitalise(names(found.id))
+        if found.refinement:
+            title += f" (refines; takes {format_share(found.share)} of the gap)"
+        elif found.ordinary:
+            title += " (no more than any rig may have)"
+        parts += [element("h3", title), _values(found.parameters)]
+    if diagnosis.baseline.parameters:
+        parts += [element("h3", "Baseline"), _values(diagnosis.baseline.parameters)]
+    if diagnosis.baseline.not_identifiable:
+        parts.append(element("h3", "What the data do not determine"))
+        parts.append(bullet_list(diagnosis.baseline.not_identifiable))
+    return join_pieces(parts) if parts else None
+
+
+def problems(diagnosis: Diagnosis) -> Html:
+    """Describe the faults of the data or the numerics."""
+    if not diagnosis.problems:
+        return paragraph("No problem of the data or of the numerics was found.")
+    return bullet_list(diagnosis.problems)
+
+
+def provenance(diagnosis: Diagnosis) -> Html | None:
+    """Describe the inputs, the code and the settings of this report."""
+    return _nested_table(diagnosis.provenance) if diagnosis.provenance else None
+
+
+def _map_words(each: Map) -> str:
+    return (
+        f"{channel_name(each.channel)} over {plain_name(each.axis)} "
+        f"({format_share(each.share)})"
+    )
+
+
+def _candidate_text(
+    runner: RunnerUp, diagnosis: Diagnosis, names: Names
+) -> Sequence[str | Html]:
+    removed = join_pieces([format_share(runner.reduction), share_bar(runner.reduction)])
+    named = any(runner.id == found.id for found in diagnosis.effects)
+    tied = any(runner.id in group for group in diagnosis.ties)
+    outcome = "would do by itself" if runner.accepted else "not accepted"
+    if runner.accepted and (named or tied):
+        outcome = "tied" if tied else "added"
+    if runner.reason:
+        outcome += f": {runner.reason}"
+    values = [
+        f"{plain_name(k)} {format_number(v)}" for k, v in runner.parameters.items()
+    ]
+    return capitalise(names(runner.id)), removed, outcome, ", ".join(values)
+
+
+def _values(values: Mapping[str, Estimate]) -> Html:
+    rows = [
+        (plain_name(name), format_fitted(each), each.unit or "1", format_interval(each))
+        for name, each in values.items()
+    ]
+    return table(("parameter", "value", "unit", "95 % interval"), rows)
+
+
+def _nested_table(value: Any) -> Html:
+    """Return a mapping as a table with nested tables."""
+    if isinstance(value, Mapping):
+        rows = [(str(key), _nested_table(item)) for key, item in value.items()]
+        return table(("what", "value"), rows)
+    if isinstance(value, list | tuple):
+        return bullet_list(_nested_table(item) for item in value)
+    return element("code", str(value))

@@ -1,0 +1,168 @@
+"""Next steps: the three things at the top of the report."""
+
+from __future__ import annotations
+
+from cc_mujoco.diagnosis._phrases import (
+    NO_SCENE_PREFIX,
+    NOT_IN_SCENE_PREFIX,
+    Names,
+    capitalise,
+    format_fitted,
+    format_interval,
+    format_share,
+    gap_sentence,
+    plain_name,
+)
+from cc_mujoco.diagnosis._verdict import Diagnosis, FoundEffect
+from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
+
+RUN_AGAIN = "run the same command again"
+NO_LOCATION = (
+    "No quantity that was recorded explains more of the error than chance does."
+)
+
+
+def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
+    """Return at most three steps: the finding and its certainty, a change, a run."""
+    steps_of_verdict = {
+        "named": _steps_if_named,
+        "tie": _steps_if_tied,
+        "none": _steps_if_none,
+        "unknown": _steps_if_unknown,
+        "fix-data": _steps_to_fix,
+        "fix-numerics": _steps_to_fix,
+    }[diagnosis.verdict](diagnosis, names)
+    return bullet_list([step for step in steps_of_verdict if step][:3], ranked=True)
+
+
+def _steps_if_named(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    found = [_certainty_sentence(each, names) for each in diagnosis.missing]
+    return [
+        _step_item("What is missing", " ".join(found)),
+        _model_change_step(diagnosis),
+        _question_step(diagnosis, names),
+    ]
+
+
+def _steps_if_tied(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    return [
+        _experiment_step(diagnosis, names),
+        _question_step(diagnosis, names),
+        _model_change_step(diagnosis),
+    ]
+
+
+def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    return [_question_step(diagnosis, names), _model_change_step(diagnosis)]
+
+
+def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    where = next((each.statement for each in diagnosis.where), NO_LOCATION)
+    close = [
+        f"{names(each.id)} {each.reason}"
+        for step in diagnosis.runner_ups[-1:]
+        for each in step
+        if "only with" in each.reason
+    ]
+    hint = f" What comes close: {list_words(close)}." if close else ""
+    return [
+        _step_item("Where to look", f"{where}{hint}"),
+        _step_item(
+            "What to check first",
+            diagnosis.question
+            or "Units, signs and clocks of "
+            "the columns, and whether anything was changed between trials.",
+        ),
+        _question_step(diagnosis, names),
+    ]
+
+
+def _steps_to_fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    first = diagnosis.problems[:2] or (diagnosis.statement,)
+    return [
+        *(_step_item("Put right", each) for each in first),
+        _step_item("Then", _run_again_sentence("")),
+    ]
+
+
+def _certainty_sentence(found: FoundEffect, names: Names) -> str:
+    # Of several sizes those count that are not 0.
+    surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
+    sizes = [
+        f"{plain_name(name)} {format_fitted(each)} {each.unit}".removesuffix(" 1")
+        + f" (95 %: {format_interval(each)})"
+        for name, each in (surely or found.parameters).items()
+    ]
+    takes = f"It takes {format_share(found.share)} of the gap"
+    best = f"is the best candidate in {format_share(found.confidence)} of resamplings"
+    return f"{capitalise(names(found.id))}: {list_words(sizes)}. {takes} and {best}."
+
+
+def _model_change_step(diagnosis: Diagnosis) -> Html:
+    """Describe the change of the model."""
+    if any(problem.startswith(NO_SCENE_PREFIX) for problem in diagnosis.problems):
+        return Html()
+    gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
+    lacks = [
+        each for each in diagnosis.problems if each.startswith(NOT_IN_SCENE_PREFIX)
+    ]
+    has = "what is missing and the tuned values" if diagnosis.effects else "what tuning"
+    has += "" if diagnosis.effects else " found"
+    return join_pieces(
+        [
+            element("strong", "What to change: "),
+            "simulate with ",
+            element("code", "scene.xml"),
+            f" beside this report, which has {has}. ",
+            " ".join([*lacks, *gaps]) if diagnosis.effects else "",
+        ]
+    )
+
+
+def _question_step(diagnosis: Diagnosis, names: Names) -> Html:
+    """Describe the trial or declaration that would show more."""
+    if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
+        return _step_item("What to settle", diagnosis.question)
+    if diagnosis.strayed:
+        return _step_item("What to settle", capitalise(diagnosis.strayed[0].statement))
+    if diagnosis.confounded:
+        each = diagnosis.confounded[0]
+        return _step_item(
+            "What these data hide",
+            f"{capitalise(names(each.id))}, which tuning {plain_name(each.parameter)} "
+            f"would hide: {each.remedy}; then {RUN_AGAIN}.",
+        )
+    weak = [names(each.id) for each in diagnosis.not_testable]
+    if weak:
+        return _step_item(
+            "What these data cannot show",
+            f"{capitalise(list_words(weak))}; see below what it takes. "
+            f"{_run_again_sentence('with it')}",
+        )
+    return _step_item(
+        "What to check",
+        "Record one trial more, of another motion. " + _run_again_sentence("with it"),
+    )
+
+
+def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
+    planned = diagnosis.next_experiment
+    if planned is None:
+        return _step_item(
+            "What to record",
+            "No motion of the catalogue that is not among these trials would tell "
+            "these apart; declare what is known of one of them, or measure it alone.",
+        )
+    either = names.list(planned.separates, "or")
+    return _step_item(
+        "What to record", f"{capitalise(planned.description)}. It tells whether it is "
+        f"{either}; then {RUN_AGAIN} with it.",
+    )  # fmt: skip
+
+
+def _run_again_sentence(how: str) -> str:
+    return f"{capitalise(RUN_AGAIN)} {how}".strip() + "."
+
+
+def _step_item(title: str, text: str) -> Html:
+    return join_pieces([element("strong", f"{title}: "), text])

@@ -1,0 +1,102 @@
+"""Inputs of an earlier diagnosis, to be diagnosed again with more data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cc_mujoco.datasets._folders import data_files, find_dataset_file
+from cc_mujoco.errors import CableError
+
+VERDICT_FILE = "verdict.json"
+
+
+class Earlier(NamedTuple):
+    """Files of an earlier diagnosis.
+
+    Attributes:
+        data: of its trials.
+        scene: MJCF file of the rig.
+        dataset: the file with the meaning of the columns, or None.
+    """
+
+    data: tuple[Path, ...]
+    scene: Path
+    dataset: Path | None
+
+    @classmethod
+    def of(cls, folder: str | os.PathLike[str]) -> Earlier:
+        """Read the inputs from the files of a diagnosis.
+
+        Raises:
+            CableError: no diagnosis is there, or a file of it is gone or has changed
+                since: its verdict would not be that of the same data.
+        """
+        place = Path(folder) / VERDICT_FILE
+        try:
+            provenance = json.loads(place.read_text(encoding="utf-8"))["provenance"]
+            data = {
+                str(path): str(recorded)
+                for path, recorded in provenance["data"].items()
+            }
+            scene, dataset = provenance["scene"], provenance["dataset"]
+            several = provenance["several_files"]
+            base = os.path.join(os.path.realpath(folder), provenance["folder"])
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
+            raise CableError(
+                f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
+            ) from None
+        if several:
+            raise CableError(
+                f"{folder} is of trials in several files each ({several[0]}); diagnose "
+                "the folder of all data anew."
+            )
+        data[scene["path"]] = scene["sha256"]
+        if dataset["path"]:
+            data[dataset["path"]] = dataset["sha256"]
+        here = {path: _relative_path(base, path) for path in data}
+        for path, recorded in data.items():
+            _require_unchanged(here[path], recorded, place)
+        return cls(
+            tuple(here[path] for path in provenance["data"]),
+            here[scene["path"]],
+            here[dataset["path"]] if dataset["path"] else None,
+        )
+
+    def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
+        """Return one `dataset.toml` for these and the earlier trials.
+
+        Raises:
+            CableError: there is another next to the new trials, which would be ignored.
+        """
+        own = find_dataset_file(data_files(data))
+        if own is None or (self.dataset is not None and own.samefile(self.dataset)):
+            return self.dataset
+        first = f"{self.dataset} of the" if self.dataset else "none of the"
+        raise CableError(
+            f"there are {own} and {first} earlier trials; write one file that speaks "
+            "of all trials and give it with --dataset."
+        )
+
+
+def _relative_path(base: str, path: str) -> Path:
+    """Return a path relative to `base` as a path from the current folder."""
+    whole = os.path.normpath(os.path.join(base, path))
+    inside = os.path.relpath(whole)
+    outside = os.path.isabs(path) or inside.startswith(os.pardir)
+    return Path(whole if outside else inside)
+
+
+def _require_unchanged(path: Path, digest: Any, place: Path) -> None:
+    try:
+        now = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        raise CableError(f"{path}, of which {place} tells, is not there.") from None
+    if now != digest:
+        raise CableError(
+            f"{path} has changed since {place} was written; diagnose all data anew."
+        )

@@ -1,0 +1,188 @@
+"""The scene with the identified effects, as plain MJCF.
+
+    spec = repair_scene(bench, cables, {"backlash": {"backlash": 0.02}})
+    write("scene.xml", spec)
+
+What an effect changes in the cables is in the cables that are given; everything else is
+realised by `realisation`. The file loads wherever `cc_mujoco` is imported; a comment at
+its top names effects and values.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.cable import Cable
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.diagnosis._scene.instruments import add_instruments
+from cc_mujoco.diagnosis._scene.mechanical import Values, rim_stiffness
+from cc_mujoco.diagnosis._scene.realisation import (
+    REALISATIONS,
+    is_realisable,
+    unrealisable_reason,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import step_limits, to_mjcf
+
+
+def repair_scene(
+    bench: Bench,
+    cables: Sequence[Cable],
+    effects: Mapping[str, Values],
+    left_out: Mapping[str, Values] | None = None,
+) -> mujoco.MjSpec:
+    """Return the scene of a bench with other cables, and with effects.
+
+    Args:
+        bench: whose scene it is; its radii become the gears.
+        cables: in place of `bench.cables`, already with what effects change in them.
+        effects: parameters by id; those that act in the cables are only named in the
+            comment of the file.
+        left_out: parameters, by id, of effects that the scene cannot have, for the
+            comment of the file.
+
+    Raises:
+        CableError: another number of cables, a value that is missing, unknown or not
+            finite, or a scene that cannot have the effect.
+    """
+    if len(cables) != len(bench.cables):
+        raise CableError(
+            f"the scene {bench.path} has {len(bench.cables)} cables, got {len(cables)}"
+        )
+    beyond = [name for name in effects if not is_realisable(bench, name)]
+    if beyond:
+        raise CableError(
+            f"the scene {bench.path} cannot have {', '.join(beyond)}: "
+            f"{unrealisable_reason(bench, beyond[0])}; take the values from "
+            "verdict.json"
+        )
+    in_cables = [name for name in effects if name not in REALISATIONS]
+    if in_cables and tuple(cables) == bench.cables:
+        raise CableError(
+            f"effects {', '.join(in_cables)} act in the cables, but the cables are "
+            "those of the scene; give changed ones"
+        )
+    bench = replace(bench, cables=tuple(cables))
+    spec = mujoco.MjSpec.from_file(str(bench.path))
+    for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
+        proximal = (bench.motor, sign * bench.motor_radius)
+        distal = (bench.joint, sign * bench.joint_radius)
+        to_mjcf(spec, name, cable, proximal, None if bench.lever else distal)
+    if bench.lever is not None and not bench.tied:
+        (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
+        end.gear[0] *= bench.joint_radius / bench.drawn_radius
+    try:
+        spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
+        if bench.lever is None:
+            add_instruments(spec, bench)
+        for name, realisation in REALISATIONS.items():
+            if name in effects:
+                _check(name, realisation.parameters, effects[name])
+                if any(effects[name][key] != 0.0 for key in realisation.parameters):
+                    realisation.apply(spec, bench, effects[name])
+        spec.comment = _comment(bench, effects, left_out or {})
+        spec.compile()
+    except CableError:
+        raise
+    except ValueError as error:
+        reason = str(error).strip().splitlines()[0]
+        additions = ", ".join(["sensors", *effects])
+        raise CableError(
+            f"scene {bench.path} cannot have what is added ({additions}): {reason}"
+        ) from None
+    return spec
+
+
+def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the effects outside the cables that a scene has from an earlier diagnosis.
+
+    Raises:
+        CableError: the scene does not load.
+    """
+    try:
+        comment = mujoco.MjSpec.from_file(os.fspath(scene)).comment
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise CableError(f"scene {scene} does not load: {reason}") from None
+    named = re.findall(r"^ {4}(\w+): ", comment, re.MULTILINE)
+    return tuple(name for name in named if name in REALISATIONS)
+
+
+def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
+    """Write a scene atomically, so that it loads from any folder.
+
+    Raises:
+        CableError: the scene is incomplete, or the file would not load again.
+    """
+    with replacing(path) as partial:
+        try:
+            spec.compile()
+            partial.write_text(_text(spec), encoding="utf-8")
+            mujoco.MjModel.from_xml_path(str(partial))
+        except ValueError as error:
+            reason = str(error).strip().splitlines()[0]
+            raise CableError(f"scene {path} cannot be written: {reason}") from None
+
+
+def _text(spec: mujoco.MjSpec) -> str:
+    """Return the MJCF of a compiled scene that loads from any folder."""
+    origin = Path(spec.modelfiledir).absolute()
+    before = spec.meshdir, spec.texturedir
+    if any(asset.file for asset in [*spec.meshes, *spec.hfields, *spec.skins]):
+        spec.meshdir = str(origin / spec.meshdir)
+    if any(texture.file or any(texture.cubefiles) for texture in spec.textures):
+        spec.texturedir = str(origin / spec.texturedir)
+    try:
+        return str(spec.to_xml())
+    finally:
+        spec.meshdir, spec.texturedir = before
+
+
+def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
+    """Return half of the time step that makes the cables' ends unstable [s]."""
+    model = spec.compile()
+    if bench.tied:  # its pieces are the springs
+        limits = [min(step_limits(model)[name]) for name in bench.names]
+        return 0.5 * min(limits)
+    limits = []
+    for joint, radius in (
+        (bench.motor, bench.motor_radius),
+        (bench.joint, bench.joint_radius),
+    ):
+        inertia = model.dof_M0[model.joint(joint).dofadr[0]]
+        limits.append(2.0 * math.sqrt(inertia / rim_stiffness(bench, radius)))
+    return 0.5 * min(limits)
+
+
+def _check(name: str, parameters: Sequence[str], values: Values) -> None:
+    for given in values:
+        if given not in parameters:
+            raise CableError.unknown(f"parameter of {name}", given, parameters)
+    for wanted in parameters:
+        if wanted not in values:
+            raise CableError(f"effect {name} needs a value for `{wanted}`")
+        if not math.isfinite(values[wanted]):
+            raise CableError(f"effect {name}: `{wanted}` is not finite")
+
+
+def _comment(
+    bench: Bench, effects: Mapping[str, Values], left_out: Mapping[str, Values]
+) -> str:
+    lines = [f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"]
+    for name, values in effects.items():
+        written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
+        realisation = REALISATIONS.get(name)
+        how = realisation.note if realisation else "keys of the cable plugin"
+        lines.append(f"    {name}: {written} ({how})")
+    for name, values in left_out.items():
+        written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
+        lines.append(f"    not in this scene, {name}: {written}")
+    return ";\n".join(lines).replace("--", "- -") + " "

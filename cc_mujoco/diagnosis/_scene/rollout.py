@@ -1,0 +1,338 @@
+"""A recorded motion played through a scene in MuJoCo itself.
+
+    motor_torque, joint_torque = rollout("scene.xml", time, motor_angle, joint_angle)
+
+Both joints follow the given angles, whatever acts on them; cables, actuators, tendons
+and sensors are MuJoCo's business. So this shows of a written scene what a replay shows
+of the model that it was written from.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES
+from cc_mujoco.diagnosis._inference.replays import with_lead_in
+from cc_mujoco.diagnosis._scene.instruments import (
+    add_instruments,
+    angle_sensors,
+    has_instruments,
+    torque_weights,
+    without_delay,
+)
+from cc_mujoco.diagnosis._scene.mechanical import tilt_rig
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import settle
+from cc_mujoco.plugin._mjcf import instances
+
+DRIVE_ARMATURE = 1e8
+"""Armature that makes a joint go where it is driven [kg m^2]."""
+STEP_TOLERANCE = 1e-3
+"""Deviation of a time step from the mean that is still even, relative."""
+
+
+def rollout(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    time: ArrayLike,
+    motor_angle: ArrayLike,
+    joint_angle: ArrayLike,
+    lead_in: float | None = None,
+    tilt: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the torques that the sensors of a scene show along a motion.
+
+    The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
+    motion begins elsewhere and takes a `lead_in`, on which the torques depend until the
+    whole cable has moved. Steps are the samples', unless a joint is free (a pulley with
+    backlash), then they are at most the scene's, or a sensor is late by less. Speeds
+    and accelerations are differences of the angles. Sensors that delay the angles are
+    allowed for: the torques returned are those that are shown together with the angles
+    given.
+
+    Args:
+        scene: file, or specification with instruments.
+        time: (samples,) evenly spaced [s]; what sensors that drift start from.
+        motor_angle: (samples,) [rad].
+        joint_angle: (samples,) [rad]; of a lever positive where the cable pulls.
+        lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
+            pulley that it is at 0), to come from rest in the pose 0 to the first
+            sample, see `replays.with_lead_in`; None begins there at rest.
+        tilt: by which the rig was turned about the joint's axis, positive as the joint
+            is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
+
+    Returns:
+        Torque that the motor puts into its pulley, and torque that the transmission
+        puts into the joint, (samples,) each [N m].
+
+    Raises:
+        CableError: arrays that do not fit, are uneven or not finite, a scene that is no
+            bench, or one that does not stay finite.
+    """
+    clock, angles = _motion(time, motor_angle, joint_angle)
+    if lead_in is not None:
+        step = (clock[-1] - clock[0]) / (clock.size - 1)
+        before = clock[0] + step * np.arange(-LEAD_SAMPLES, 0)
+        turned = _pulley_angle(scene)
+        motor, joint = with_lead_in(
+            angles[0], angles[1], lambda q: lead_in * turned(q), 1
+        )
+        clock = np.concatenate([before, clock])
+        led_in = rollout(scene, clock, motor, joint, tilt=tilt)
+        return led_in[0][LEAD_SAMPLES:], led_in[1][LEAD_SAMPLES:]
+    model, bench = _instrumented_model(scene)
+    tilt_rig(model, tilt)
+    view = _Sensors(model) if bench is None else _Forces(model, bench)
+    dt = float(clock[-1] - clock[0]) / (clock.size - 1)
+    longest = model.opt.timestep if model.nv > 2 else dt
+    # A sensor cannot be late by less than a step.
+    wanted = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
+    substeps = math.ceil(dt / max(wanted, min(dt, model.opt.timestep)) - 1e-6)
+    late = view.late
+    shown = _play(model, view, clock[0], dt, substeps, angles, math.ceil(late / dt))
+    at = np.arange(shown.shape[1]) * dt
+    motor, joint = (np.interp(at[: clock.size] + late, at, row) for row in shown)
+    return motor, joint
+
+
+class _Sensors:
+    """Readings of the instruments of a scene.
+
+    Attributes:
+        joints: indices of the motor's and the joint's hinge.
+        sign: of the joint's angle in the scene over that in the data.
+        late: by how much the angles are shown late [s].
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        sensors = angle_sensors(model)
+        proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
+        self.joints = int(proximal), int(distal)
+        self.sign = 1.0
+        self.late = float(model.sensor_delay[sensors[0]])
+        self._weights = torque_weights(model)
+
+    def torques(self, data: mujoco.MjData) -> FloatArray:
+        """Return the motor and joint torque at the last evaluation (2,) [N m]."""
+        found: FloatArray = self._weights @ data.sensordata
+        return found
+
+
+class _Forces(_Sensors):
+    """Effect of one cable on a motor and on a lever, whose torque no sensor shows.
+
+    That is what its ends pull, and the pieces of a path in the open, which are among
+    MuJoCo's passive forces.
+    """
+
+    def __init__(self, model: mujoco.MjModel, bench: Bench) -> None:
+        assert bench.lever is not None
+        joints = [model.joint(name) for name in (bench.motor, bench.joint)]
+        self.joints = int(joints[0].id), int(joints[1].id)
+        self.sign, self.late = bench.lever.sign, 0.0
+        self._dofs = [int(joint.dofadr[0]) for joint in joints]
+        self._signs = np.array([-1.0, self.sign])
+        instance = instances(model)[bench.names[0]]
+        ends = np.flatnonzero(model.actuator_plugin == instance)
+        # Actuators without input have outputs, too.
+        self._ends = model.actuator_outadr[ends]
+        self._moment = np.zeros((mujoco.MjData(model).moment_rownnz.size, model.nv))
+
+    def torques(self, data: mujoco.MjData) -> FloatArray:
+        """Return the motor and joint torque at the last evaluation (2,) [N m]."""
+        mujoco.mju_sparse2dense(
+            self._moment,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        ends = self._moment[self._ends].T @ data.actuator_force[self._ends]
+        others = (
+            data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp + data.qfrc_fluid
+        )
+        found: FloatArray = (ends + data.qfrc_passive - others)[self._dofs]
+        return self._signs * found
+
+
+def _play(
+    model: mujoco.MjModel,
+    view: _Sensors,
+    start: float,
+    dt: float,
+    substeps: int,
+    angles: FloatArray,
+    more: int,
+) -> FloatArray:
+    """Return torques (2, samples + more), with the last angles held at the end."""
+    model.opt.timestep = dt / substeps
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    joints = list(view.joints)
+    angles = angles * np.array([[1.0], [view.sign]])
+    place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    model.dof_armature[dof] += DRIVE_ARMATURE
+    # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
+    model.dof_invweight0[dof] /= 1.0 + DRIVE_ARMATURE * model.dof_invweight0[dof]
+    model.dof_M0[dof] += (
+        DRIVE_ARMATURE  # what counts where a joint turns a balanced body
+    )
+    speed = np.gradient(angles, dt, axis=1)
+    force = DRIVE_ARMATURE * np.gradient(speed, dt, axis=1)
+    samples = angles.shape[1]
+    count = (samples - 1 + more) * substeps + 1
+    position, velocity, drive = (
+        _upsample(signal, substeps, count) for signal in (angles, speed, force)
+    )
+    for signal in (velocity, drive):
+        signal[(samples - 1) * substeps + 1 :] = 0.0
+    data = _set_rest(model, view, angles[0, 0], angles[1, 0], start)
+    shown = np.empty((2, samples + more))
+    qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
+    for step in range(count):
+        qpos[place] = position[step]
+        qvel[dof] = velocity[step]
+        applied[dof] = drive[step]
+        if step == 0:
+            _fill_sensor_history(model, data)
+        mujoco.mj_step(model, data)
+        if step % substeps == 0:
+            shown[:, step // substeps] = view.torques(data)
+    if any(warning.number for warning in data.warning) or not np.isfinite(shown).all():
+        raise CableError(
+            f"the scene does not stay finite along this motion at a step of "
+            f"{model.opt.timestep:g} s; reduce its time step"
+        )
+    return shown
+
+
+def _set_rest(
+    model: mujoco.MjModel,
+    view: _Sensors,
+    proximal: float,
+    distal: float,
+    start: float,
+) -> mujoco.MjData:
+    """Set both joints to these angles, cables in pretension, sensors settled."""
+    motor, joint = view.joints
+    cables = list(instances(model).values())
+    ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
+    data = mujoco.MjData(model)
+    hinged = not isinstance(view, _Forces)
+
+    def lay() -> None:
+        data.qpos[model.jnt_qposadr[motor]] = proximal
+        data.qpos[model.jnt_qposadr[joint]] = distal
+        for target in model.actuator_trnid[ends, 0]:
+            # A pulley of its own begins in the middle of its play.
+            if hinged and target not in (motor, joint):
+                data.qpos[model.jnt_qposadr[target]] = distal
+
+    lay()
+    mujoco.mj_fwdPosition(model, data)
+    # A reset lays the cables in at the lengths that the model starts from.
+    lengths = model.actuator_outadr[ends]
+    model.actuator_length0[lengths] = data.actuator_length[lengths]
+    mujoco.mj_resetData(model, data)
+    lay()
+    if not hinged:
+        settle(model, data)
+    data.time = start
+    return data
+
+
+def _fill_sensor_history(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Fill the memory of delayed sensors with their present readings."""
+    with without_delay(model):
+        mujoco.mj_forward(model, data)
+    for sensor in np.flatnonzero(model.sensor_history[:, 0]):
+        count, first = int(model.sensor_history[sensor, 0]), model.sensor_adr[sensor]
+        seen = data.sensordata[first : first + model.sensor_dim[sensor]]
+        times = data.time - model.opt.timestep * np.arange(count, 0, -1.0)
+        values = np.tile(seen, (count, 1))
+        mujoco.mj_initSensorHistory(model, data, sensor, times, values, 0.0)
+
+
+def _upsample(signal: FloatArray, substeps: int, count: int) -> FloatArray:
+    """Return (2, samples) at `count` steps, linear, with the last one held."""
+    samples = np.arange(signal.shape[1])
+    at = np.arange(count) / substeps
+    return np.column_stack([np.interp(at, samples, row) for row in signal])
+
+
+def _pulley_angle(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the pulley's angle from the joint's, which a lever changes."""
+    if isinstance(scene, mujoco.MjSpec) or has_instruments(_spec(scene)):
+        return lambda joint: joint
+    return Bench.of(os.fspath(scene)).turned
+
+
+def _instrumented_model(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+) -> tuple[mujoco.MjModel, Bench | None]:
+    """Return the compiled scene with instruments; the scene itself is not changed.
+
+    Of a lever, which cannot have them, it is the scene as it is, and its bench.
+    """
+    if isinstance(scene, mujoco.MjSpec):
+        return scene.copy().compile(), None
+    spec = _spec(scene)
+    try:
+        if has_instruments(spec):
+            return spec.compile(), None
+        bench = Bench.of(os.fspath(scene))
+        if bench.lever is not None:
+            return spec.compile(), bench
+        add_instruments(spec, bench)
+        return spec.compile(), None
+    except CableError:
+        raise
+    except ValueError as error:
+        raise _unloadable(scene, error) from None
+
+
+def _spec(scene: str | os.PathLike[str]) -> mujoco.MjSpec:
+    if not os.path.isfile(scene):
+        raise CableError(f"scene {scene} is no file; give an MJCF file")
+    try:
+        return mujoco.MjSpec.from_file(os.fspath(scene))
+    except ValueError as error:
+        raise _unloadable(scene, error) from None
+
+
+def _unloadable(scene: str | os.PathLike[str], error: ValueError) -> CableError:
+    reason = str(error).strip().splitlines()[0]
+    return CableError(f"scene {scene} does not load: {reason}")
+
+
+def _motion(
+    time: ArrayLike, motor_angle: ArrayLike, joint_angle: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return the time (samples,) and both angles (2, samples), checked."""
+    clock, motor, joint = (
+        np.asarray(signal, dtype=np.float64)
+        for signal in (time, motor_angle, joint_angle)
+    )
+    if clock.ndim != 1 or not clock.shape == motor.shape == joint.shape:
+        raise CableError(
+            f"time, motor_angle and joint_angle have shapes {clock.shape}, "
+            f"{motor.shape} and {joint.shape}; all must be (samples,)"
+        )
+    if clock.size < 3:
+        raise CableError(f"a motion of {clock.size} samples; give 3 or more")
+    angles = np.array([motor, joint])
+    if not (np.isfinite(clock).all() and np.isfinite(angles).all()):
+        raise CableError("time and angles of a motion must be finite")
+    steps = np.diff(clock)
+    mean = float(steps.mean())
+    if not (mean > 0.0 and np.abs(steps - mean).max() <= STEP_TOLERANCE * mean):
+        raise CableError("the samples of a motion must be evenly spaced in time")
+    return clock, angles

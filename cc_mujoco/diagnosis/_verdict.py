@@ -1,0 +1,277 @@
+"""Verdict of a diagnosis: the contract of `verdict.json`, schema 1."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any, Literal
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.estimation._least_squares import Estimate
+
+SCHEMA_VERSION = 1
+
+Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that was named."""
+
+    id: str
+    """Name of the effect in the library."""
+    parameters: Mapping[str, Estimate]
+    """Fitted values by name."""
+    confidence: float
+    """Share of block bootstraps of the held-out data in which this effect is the best
+    of all candidates, 0 to 1."""
+    _: KW_ONLY
+    share: float = 1.0
+    """Share of the baseline's gap on held-out data that opens again if this effect is
+    taken out and all else is refitted."""
+    refinement: bool = False
+    """True if that is so little that it may only mend the form of another effect: it is
+    in the model, but not called missing."""
+    agreement: float = 1.0
+    """Share of the parts of the data that name it as well, where the model stays off
+    and they were asked."""
+    disputed: bool = False
+    """True if these are too few to call it missing."""
+    ordinary: bool = False
+    """True if it is no larger than any rig may have undeclared: it is in the model, but
+    not called missing."""
+    own: float = math.nan
+    """RMS error over the noise floor that opens again without it."""
+    rivals: tuple[str, ...] = ()
+    """Effects that the data cannot distinguish from it."""
+
+    @property
+    def missing(self) -> bool:
+        """Return whether it is missing: no refinement, not disputed, not ordinary."""
+        return not (self.refinement or self.disputed or self.ordinary)
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these data could not show even if it were there."""
+
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Confounded:
+    """An effect that tuning a parameter of the scene would hide.
+
+    Attributes:
+        id: of the effect.
+        parameter: of the baseline that does the same.
+        shift: change of that parameter by a plausible size of the effect, in words.
+        explains: size of the effect that would make up for where the parameter was
+            tuned to, in words; empty where it stayed about where the scene has it.
+        remedy: what to declare or to record to distinguish them.
+    """
+
+    id: str
+    parameter: str
+    shift: str
+    explains: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Strayed:
+    """A parameter that was tuned further from the scene than is known of it.
+
+    Attributes:
+        parameter: of the baseline.
+        given: value of the scene or of `dataset.toml`.
+        tuned: fitted value.
+        deviations: distance in standard deviations of what is known of it.
+        statement: one sentence, with what else might be the cause.
+    """
+
+    parameter: str
+    given: float
+    tuned: Estimate
+    deviations: float
+    statement: str
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """Experiment to record in order to distinguish rivals.
+
+    Attributes:
+        description: what to do on the rig.
+        separates: ids of the rivals.
+        predicted_difference: by which their predictions would differ, in words with
+            numbers and units.
+    """
+
+    description: str
+    separates: tuple[str, ...]
+    predicted_difference: str
+
+
+@dataclass(frozen=True)
+class Where:
+    """Location of the error of the baseline.
+
+    Attributes:
+        channel: `motor_torque_nm` or `joint_torque_nm`.
+        axis: quantity along which it lies.
+        share_of_error: of the error's variance that the axis explains, 0 to 1.
+        statement: one plain sentence.
+    """
+
+    channel: str
+    axis: str
+    share_of_error: float
+    statement: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Error of one channel on held-out data, before and after.
+
+    RMS, weighted by how well the angles tell the torque at that moment, see `gap`.
+
+    Attributes:
+        rmse_before: of the baseline.
+        rmse_after: of the model with the named effects.
+        noise_floor: what the noise of the sensors makes of it, an estimate.
+        gap_closed: 1 - (RMS after - floor)/(RMS before - floor); more than 1 below
+            the floor, NaN where the error before is not above it.
+        ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.
+    """
+
+    rmse_before: float
+    rmse_after: float
+    noise_floor: float
+    gap_closed: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class TrialError:
+    """Error of one trial, before and after; by channel, weighted as in `Gap` [N m].
+
+    Attributes:
+        trial: its name.
+        rmse_before: of the baseline, by parameters fitted to other data.
+        rmse_after: of the model with the named effects.
+        noise_floor: what the noise of the sensors makes of it.
+        misfit_before: of both channels over the noise floor, large errors
+            huber_residual.
+        misfit_after: the same with the named effects.
+    """
+
+    trial: str
+    rmse_before: Mapping[str, float]
+    rmse_after: Mapping[str, float]
+    noise_floor: Mapping[str, float]
+    misfit_before: float
+    misfit_after: float
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The model without any effect, as well as it can be tuned.
+
+    Attributes:
+        parameters: fitted values by name.
+        not_identifiable: one sentence for each combination the data do not tell.
+    """
+
+    parameters: Mapping[str, Estimate]
+    not_identifiable: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """A candidate that was refitted, and how well it did.
+
+    Attributes:
+        id: of the library.
+        reduction: of the held-out error, sum of squares relative to before.
+        accepted: whether it would have been named by itself.
+        reason: why not, or empty.
+        parameters: fitted values by name.
+    """
+
+    id: str
+    reduction: float
+    accepted: bool
+    reason: str
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that `verdict.json` holds, field by field."""
+
+    verdict: Verdict
+    """Verdict in one word."""
+    statement: str
+    """The same in one or two sentences."""
+    _: KW_ONLY
+    effects: tuple[FoundEffect, ...] = ()
+    """Effects that were named, in the order in which they were added."""
+    ties: tuple[tuple[str, ...], ...] = ()
+    """Groups of effects that these data cannot distinguish."""
+    not_testable: tuple[NotTestable, ...] = ()
+    """Effects that these data cannot show."""
+    next_experiment: NextExperiment | None = None
+    """Experiment that would separate the first tie, or None."""
+    where: tuple[Where, ...] = ()
+    """Locations of the error, the largest share first."""
+    gap: Mapping[str, Gap] = field(default_factory=dict)
+    """Error on held-out data by channel."""
+    baseline: Baseline = field(default_factory=lambda: Baseline({}, ()))
+    """Parameters of the model without any effect."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Hashes of the inputs, versions, seed and command."""
+    runner_ups: tuple[tuple[RunnerUp, ...], ...] = ()
+    """Candidates of every round of the search, first to last."""
+    problems: tuple[str, ...] = ()
+    """Sentences about the data or the numerics."""
+    trials: tuple[TrialError, ...] = ()
+    """Errors of every trial."""
+    question: str = ""
+    """Question about a trial that contradicts the others, or empty."""
+    strayed: tuple[Strayed, ...] = ()
+    """Parameters that had to be tuned beyond what is known of them."""
+    confounded: tuple[Confounded, ...] = ()
+    """Effects that tuning would hide."""
+    remaining: float = math.nan
+    """RMS error of the repaired model on held-out data, over the noise floor."""
+
+    @property
+    def missing(self) -> tuple[FoundEffect, ...]:
+        """Named effects without refinements and what parts of the data dispute."""
+        return tuple(each for each in self.effects if each.missing)
+
+    def to_json(self) -> str:
+        """Return the text of `verdict.json`; numbers that are not finite are null."""
+        content = {"schema": SCHEMA_VERSION, **dataclasses.asdict(self)}
+        return json.dumps(_to_plain(content), indent=1, allow_nan=False)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write `verdict.json`, whole or not at all."""
+        with replacing(path) as partial:
+            partial.write_text(self.to_json() + "\n", encoding="utf-8")
+
+
+def _to_plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _to_plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_to_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,1 +1,0 @@
-"""Recorded trials: read, in channels of one unit and clock, thinned."""

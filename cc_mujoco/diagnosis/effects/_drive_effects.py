@@ -1,0 +1,356 @@
+"""Effects of pulleys, motor and joint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import Cable
+from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.diagnosis.effects._effect import (
+    PLUGIN_KEYS,
+    Effect,
+    EffectParameter,
+    RigGeometry,
+    Torques,
+    Values,
+)
+
+BACKLASH_BOUNDS = (0.0, 0.15)
+"""Backlash over the joint's range of motion."""
+_ROUNDNESS_BOUNDS = (-0.25, 0.25)
+"""Eccentricity and ovality over the radius of a pulley that anybody would use."""
+_POSITIVE = (0.0, math.inf)
+
+
+def _eccentric(
+    given: tuple[Cable, ...], values: Values, rig: RigGeometry
+) -> tuple[Cable, ...]:
+    def wave(name: str) -> tuple[float, float]:
+        cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
+        # A fit may try what no cable takes: more than the radius.
+        size = min(math.hypot(cosine, sine), 0.45 * rig.motor_radius)
+        return size, math.atan2(sine, cosine)
+
+    size, phase = wave("eccentricity")
+    ovality, second = wave("ovality")
+    return tuple(
+        cable.replace(
+            eccentricity=size,
+            eccentricity_phase=_rotate_phase(phase, side * rig.exit_angle),
+            ovality=ovality,
+            ovality_phase=_rotate_phase(second, 2.0 * side * rig.exit_angle),
+        )
+        for side, cable in enumerate(given)
+    )
+
+
+def _rotate_phase(phase: float, angle: float) -> float:
+    return math.remainder(phase + angle, 2.0 * math.pi)
+
+
+def acceleration(angle: FloatArray, dt: float) -> FloatArray:
+    """Return the second derivative (samples,) [rad/s^2]."""
+    found: FloatArray = np.gradient(np.gradient(angle, dt), dt)
+    return found
+
+
+def _cogging(s: Torques, v: Values) -> Torques:
+    at = v["cogging_order"] * s.motor_angle
+    wave = v["cogging_cosine"] * np.cos(at) + v["cogging_sine"] * np.sin(at)
+    return s.added(motor=wave)
+
+
+def _gravity(s: Torques, v: Values) -> Torques:
+    q = s.joint_angle + s.tilt
+    return s.added(
+        joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
+    )
+
+
+def _spring(s: Torques, v: Values) -> Torques:
+    moment = v["joint_stiffness"] * s.joint_angle + v["joint_stiffness_moment"]
+    return s.added(joint=-moment)
+
+
+DRIVE_EFFECTS = (
+    Effect(
+        id="backlash",
+        title="play between pulley and joint",
+        equation="|q_pulley - q| <= b/2",
+        where="joint",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "backlash",
+                    "rad",
+                    "play of the joint in its pulley, from stop to stop",
+                    0.0,
+                    0.5,
+                ),
+                0.02,
+                BACKLASH_BOUNDS,
+                "motion",
+            ),
+        ),
+        starts=({"backlash": 0.01}, {"backlash": 0.05}),
+        required_excitation="reversals of torque at several loads",
+        confounded_with=("presliding", "end_compliance"),
+        mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
+        "with two limits",
+        source="Nordin and Gutman, Automatica 38, 2002",
+    ),
+    Effect(
+        id="pulley_eccentricity",
+        title="motor pulley that is eccentric or oval",
+        equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
+        where="motor",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "eccentricity_cosine",
+                    "m",
+                    "eccentricity of the motor pulley, cosine of its angle",
+                    -0.05,
+                    0.05,
+                ),
+                5e-4,
+                _ROUNDNESS_BOUNDS,
+                "motor_radius",
+            ),
+            EffectParameter(
+                Parameter(
+                    "eccentricity_sine",
+                    "m",
+                    "eccentricity of the motor pulley, sine of its angle",
+                    -0.05,
+                    0.05,
+                ),
+                5e-4,
+                _ROUNDNESS_BOUNDS,
+                "motor_radius",
+            ),
+            EffectParameter(
+                Parameter(
+                    "ovality_cosine",
+                    "m",
+                    "ovality of the motor pulley, cosine of twice its angle",
+                    -0.05,
+                    0.05,
+                ),
+                2e-4,
+                _ROUNDNESS_BOUNDS,
+                "motor_radius",
+            ),
+            EffectParameter(
+                Parameter(
+                    "ovality_sine",
+                    "m",
+                    "ovality of the motor pulley, sine of twice its angle",
+                    -0.05,
+                    0.05,
+                ),
+                2e-4,
+                _ROUNDNESS_BOUNDS,
+                "motor_radius",
+            ),
+        ),
+        starts=(
+            {
+                "eccentricity_cosine": 5e-4,
+                "eccentricity_sine": 5e-4,
+                "ovality_cosine": 2e-4,
+                "ovality_sine": 2e-4,
+            },
+        ),
+        required_excitation="half a turn of the motor pulley or more",
+        confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
+        mujoco=PLUGIN_KEYS,
+        source="geometry",
+        cables=_eccentric,
+    ),
+    Effect(
+        id="motor_cogging",
+        title="torque ripple of the motor",
+        equation="tau_m += a cos(n q_m - p)",
+        where="motor",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "cogging_cosine",
+                    "N m",
+                    "torque ripple of the motor, cosine",
+                    -100.0,
+                    100.0,
+                ),
+                0.02,
+            ),
+            EffectParameter(
+                Parameter(
+                    "cogging_sine",
+                    "N m",
+                    "torque ripple of the motor, sine",
+                    -100.0,
+                    100.0,
+                ),
+                0.02,
+            ),
+            EffectParameter(
+                Parameter(
+                    "cogging_order",
+                    "1",
+                    "periods of the ripple per turn of the motor pulley",
+                    3.5,
+                    200.0,
+                    scale="log",
+                ),
+                1.0,
+            ),
+        ),
+        starts=tuple(
+            {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
+            for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
+        ),
+        required_excitation="slow motion over several poles",
+        confounded_with=("pulley_eccentricity",),
+        mujoco="cogging of a `dcmotor` actuator on the motor, in the sum of its torque",
+        source="MuJoCo dcmotor cogging",
+        torques=_cogging,
+    ),
+    Effect(
+        id="joint_gravity",
+        title="gravity on the joint",
+        equation="tau_j -= a sin q + b cos q",
+        where="joint",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "gravity_sine",
+                    "N m",
+                    "moment of gravity at the joint, sine of its angle",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+            ),
+            EffectParameter(
+                Parameter(
+                    "gravity_cosine",
+                    "N m",
+                    "moment of gravity at the joint, cosine of its angle",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+            ),
+        ),
+        starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
+        required_excitation="joint angles over half a radian",
+        confounded_with=(
+            "joint_stiffness",
+            "torque_sensor_gain",
+            "torque_sensor_offset",
+        ),
+        mujoco="cogging of a `dcmotor` actuator on the joint, one period per turn",
+        source="statics",
+        torques=_gravity,
+    ),
+    Effect(
+        id="joint_stiffness",
+        title="a spring on the joint",
+        equation="tau_j -= k q + m, at rest where q = -m/k",
+        where="joint",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "joint_stiffness",
+                    "N m/rad",
+                    "stiffness of a spring on the joint",
+                    -1e4,
+                    1e4,
+                ),
+                0.2,
+                _POSITIVE,
+            ),
+            EffectParameter(
+                Parameter(
+                    "joint_stiffness_moment",
+                    "N m",
+                    "moment of that spring where the joint is at 0",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+                beside=True,
+            ),
+        ),
+        starts=({"joint_stiffness": 0.2, "joint_stiffness_moment": 0.1},),
+        required_excitation="joint angles over half a radian",
+        confounded_with=(
+            "joint_gravity",
+            "torque_sensor_gain",
+            "torque_sensor_offset",
+        ),
+        mujoco="`stiffness` and `springref` of the joint",
+        source="statics",
+        torques=_spring,
+        form_of=("joint_gravity",),  # a band softens as a weight turns
+    ),
+    Effect(
+        id="joint_inertia",
+        title="inertia between transmission and joint sensor",
+        equation="tau_j -= J q''",
+        where="joint",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "joint_inertia",
+                    "kg m^2",
+                    "inertia between transmission and joint sensor",
+                    -10.0,
+                    10.0,
+                ),
+                1e-3,
+                _POSITIVE,
+            ),
+        ),
+        starts=({"joint_inertia": 1e-3},),
+        required_excitation="accelerations over a decade",
+        confounded_with=("sensor_delay", "joint_stiffness"),
+        mujoco="`armature` of the joint, shown by a weightless body that rides along",
+        source="dynamics",
+        torques=lambda s, v: s.added(
+            joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
+        ),
+    ),
+    Effect(
+        id="motor_inertia",
+        title="inertia between motor sensor and pulley",
+        equation="tau_m += J q_m''",
+        where="motor",
+        parameters=(
+            EffectParameter(
+                Parameter(
+                    "motor_inertia",
+                    "kg m^2",
+                    "inertia between motor sensor and pulley",
+                    -1.0,
+                    1.0,
+                ),
+                1e-4,
+                _POSITIVE,
+            ),
+        ),
+        starts=({"motor_inertia": 1e-4},),
+        required_excitation="accelerations over a decade",
+        confounded_with=("sensor_delay", "viscous_friction"),
+        mujoco="`armature` of the motor, shown by a weightless body that rides along",
+        source="dynamics",
+        torques=lambda s, v: s.added(
+            motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
+        ),
+    ),
+)
+"""Those of the library."""

@@ -1,0 +1,199 @@
+"""Effect: its location, its parameters and its action on a simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import PARAMETERS, Cable, Parameter
+
+Values = Mapping[str, float]
+
+_OF_CABLES = {parameter.name: parameter for parameter in PARAMETERS}
+
+ANTAGONIST = "antagonist"
+"""Part of a parameter name that marks the second cable of a pair."""
+PLUGIN_KEYS = "keys of the cable plugin"
+"""Realisation in MuJoCo of effects in the cables."""
+
+
+class EffectParameter(NamedTuple):
+    """Parameter of an effect with its plausible size; 0 is off.
+
+    Attributes:
+        parameter: its descriptor, with the bounds of fits; logarithmic where it cannot
+            be 0 and only shapes the effect.
+        typical: size that is plausible on a rig; the scale of fits.
+        plausible: least and largest value that the effect can stand for; what fits only
+            beyond is not named.
+        of: what `plausible` is a share of: the joint's range of motion, the motor's
+            radius, the largest torque, the elongation of the scene's cable per tension,
+            or nothing.
+        ordinary: size that any rig may have without a report, a fraction of
+            `ordinary_of`; a smaller one belongs into the model, but is not called
+            missing.
+        ordinary_of: the elongation of the cable per tension, or the pretension (of
+            the friction per length times the length of the conduit).
+        beside: True if it may accompany the effect without being a size of it: the
+            effect is absent if all other sizes are 0.
+    """
+
+    parameter: Parameter
+    typical: float
+    plausible: tuple[float, float] = (-math.inf, math.inf)
+    of: Literal[
+        "", "motion", "motor_radius", "motor_torque", "joint_torque", "cable"
+    ] = ""
+    ordinary: float = 0.0
+    ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
+    beside: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the parameter."""
+        return self.parameter.unit
+
+    @property
+    def linear(self) -> bool:
+        """Return whether 0 is off; other parameters only shape the effect."""
+        return self.parameter.scale == "linear"
+
+    @property
+    def size(self) -> bool:
+        """Return whether it is one of the sizes of the effect."""
+        return self.linear and not self.beside
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Signals of one record (samples,): motion given, torques simulated [SI].
+
+    Attributes:
+        dt: time between samples.
+        time: time since the start of the trial.
+        motor_angle: angle of the motor.
+        joint_angle: measured angle of the joint; for a lever, the angle of the scene.
+        motor: torque that the motor puts into its pulley.
+        joint: torque that the transmission puts into the joint.
+        tilt: angle by which the rig was turned about the joint's axis.
+    """
+
+    dt: float
+    time: FloatArray
+    motor_angle: FloatArray
+    joint_angle: FloatArray
+    motor: FloatArray
+    joint: FloatArray
+    tilt: float = 0.0
+
+    def added(
+        self, motor: FloatArray | float = 0.0, joint: FloatArray | float = 0.0
+    ) -> Torques:
+        """Return the signals with torques added [N m]."""
+        return replace(self, motor=self.motor + motor, joint=self.joint + joint)
+
+
+class RigGeometry(NamedTuple):
+    """Properties of the rig that an effect may need."""
+
+    motor_radius: float
+    joint_radius: float
+    exit_angle: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One physical effect.
+
+    Attributes:
+        id: its name in `verdict.json`.
+        title: name for readers.
+        equation: term that it adds.
+        where: part of the rig in which it acts.
+        parameters: its parameters.
+        starts: values from which it is screened and fitted; several where the fit
+            depends on an unknown scale.
+        required_excitation: excitation that a recording needs to show it.
+        confounded_with: ids that it is easily confused with.
+        generalises: ids that are special cases of it; where one of them does as well,
+            this one is no rival.
+        form_of: ids of effects whose form it has on some rigs, so that the quality of
+            the fit does not distinguish them.
+        mujoco: how a scene has it.
+        source: publication.
+        cables: the cables with the effect, agonist first.
+        torques: the signals with the effect, in the order motor, joint, sensors.
+        sensor: True for an effect of a sensor, applied after the mechanical ones.
+    """
+
+    id: str
+    title: str
+    equation: str
+    where: Literal["conduit", "motor", "joint", "sensor"]
+    parameters: tuple[EffectParameter, ...]
+    starts: tuple[Values, ...]
+    required_excitation: str
+    confounded_with: tuple[str, ...]
+    mujoco: str
+    source: str
+    cables: (
+        Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]] | None
+    ) = None
+    torques: Callable[[Torques, Values], Torques] | None = None
+    sensor: bool = False
+    generalises: tuple[str, ...] = ()
+    form_of: tuple[str, ...] = ()
+
+    def confused(self, other: Effect) -> bool:
+        """Return whether either is easily confused with the other."""
+        return other.id in self.confounded_with or self.id in other.confounded_with
+
+
+def on_all_cables(*names: str) -> Callable[..., tuple[Cable, ...]]:
+    """Return a function that sets these parameters on every cable."""
+
+    def cables(
+        given: tuple[Cable, ...], values: Values, _: RigGeometry
+    ) -> tuple[Cable, ...]:
+        changes = {name: values[name] for name in names}
+        return tuple(cable.replace(**changes) for cable in given)
+
+    return cables
+
+
+def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
+    """Return the descriptor of a parameter of the cable for fits of an effect.
+
+    Args:
+        name: name of the cable's parameter.
+        low: lower bound of fits; above 0, the parameter is fitted as a logarithm.
+        high: upper bound of fits.
+        called: name in the effect, if it differs.
+    """
+    return replace(
+        _OF_CABLES[name],
+        name=called or name,
+        low=low,
+        high=high,
+        low_open=False,
+        scale="log" if low > 0.0 else "linear",
+    )
+
+
+def clamp_to_bounds(name: str, value: float) -> float:
+    """Return a value clamped to the bounds of a cable parameter.
+
+    Args:
+        name: name of the cable's parameter.
+        value: value from the sizes of effects and the baseline, possibly out of bounds.
+    """
+    known = _OF_CABLES[name]
+    return min(max(value, known.low), known.high)

@@ -1,0 +1,297 @@
+"""Parameters of a transmission from recorded trials, with intervals (thesis 2.4.2).
+
+    trial = Measurement(
+        dt=0.005,
+        inputs={"motor_torque": torque, "joint_angle": angle},
+        outputs={"joint_torque": measured},
+        noise={"joint_torque": 5e-4},
+    )
+    found = calibrate([trial], transmission, ("friction", "axial_stiffness"))
+    print(found)            # values, intervals, undetermined combinations
+
+Trials are played through the transmission from rest, so each begins at rest in its
+pretension. Parameters are fitted as logarithms by least squares on the simulated
+outputs (`least_squares`), from several places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable import PARAMETERS, Parameter, Section, Transmission
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.estimation._least_squares import (
+    FACTOR_STEP,
+    Estimate,
+    Tuned,
+    covariance,
+    differences,
+    estimate,
+    fit,
+    undetermined_directions,
+)
+
+SIDE_QUANTITIES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
+RADII = ("motor_radius", "joint_radius")
+WRAP_SCALE = "wrap"
+"""Parameter that scales all wrap angles of the conduits; 1 keeps the given angles."""
+
+_FREE = {
+    parameter.name: replace(parameter, low=max(parameter.low, 1e-12), scale="log")
+    for parameter in (
+        *PARAMETERS,
+        Parameter("motor_radius", "m", "radius of the motor's pulley", 1e-6, 1e3),
+        Parameter("joint_radius", "m", "radius of the joint's pulley", 1e-6, 1e3),
+        Parameter(
+            WRAP_SCALE, "1", "scale of all wrap angles of the conduits", 1e-3, 1e3
+        ),
+    )
+}
+"""Parameters that can be fitted, by name, within positive bounds."""
+
+_START_SPREAD = math.log(3.0)
+_UNDETERMINED_DEVIATION = 0.5
+"""Standard deviation above which a combination of logarithms is undetermined."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One recorded motion, from rest.
+
+    Attributes:
+        dt: time between samples [s].
+        inputs: one quantity of `SIDE_QUANTITIES` for the motor and one for the joint,
+            (samples,).
+        outputs: measured quantities of `SIDE_QUANTITIES` other than the inputs,
+            (samples,).
+        noise: standard deviation of every output.
+    """
+
+    dt: float
+    inputs: Mapping[str, FloatArray]
+    outputs: Mapping[str, FloatArray]
+    noise: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for name in (*self.inputs, *self.outputs):
+            if name not in SIDE_QUANTITIES:
+                raise CableError.unknown("quantity of a trial", name, SIDE_QUANTITIES)
+        if not self.outputs or set(self.outputs) & set(self.inputs):
+            raise CableError(
+                f"a trial with inputs {sorted(self.inputs)} needs outputs other than "
+                f"these, not {sorted(self.outputs)}"
+            )
+        lengths = {len(v) for v in (*self.inputs.values(), *self.outputs.values())}
+        if len(lengths) != 1:
+            raise CableError(
+                f"the columns of a trial have {sorted(lengths)} samples; "
+                "all must have the same number"
+            )
+        for name, values in self.outputs.items():
+            if not np.all(np.isfinite(values)):
+                raise CableError(f"output `{name}` of a trial has values not finite")
+            if not self.noise.get(name, 0.0) > 0.0:
+                raise CableError(
+                    f"noise of output `{name}` is {self.noise.get(name)!r}; "
+                    "give its standard deviation, greater than 0"
+                )
+
+    def residual(self, transmission: Transmission) -> dict[str, FloatArray]:
+        """Return measured minus simulated over noise (samples,) of every output."""
+        played = transmission.replay(self.dt, **self.inputs)
+        return {
+            name: (measured - getattr(played, name)) / self.noise[name]
+            for name, measured in self.outputs.items()
+        }
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of a fit.
+
+    Attributes:
+        estimates: estimate of every free parameter by name.
+        transmission: transmission with the estimated values.
+        correlation: correlation of the logarithms of the parameters (free, free).
+        undetermined: one sentence for every undetermined combination.
+        misfit: RMS residual over the noise, per output; near 1 where the model is
+            right.
+    """
+
+    estimates: Mapping[str, Estimate]
+    transmission: Transmission
+    correlation: FloatArray
+    undetermined: tuple[str, ...]
+    misfit: Mapping[str, float]
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return the estimate of one parameter."""
+        return look_up("estimate", name, self.estimates)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{name:26} {e.value:10.4g}  [{e.ci95[0]:.4g}, {e.ci95[1]:.4g}] {e.unit}"
+            for name, e in self.estimates.items()
+        ]
+        lines += [f"{name}: misfit {value:.2f}" for name, value in self.misfit.items()]
+        return "\n".join((*lines, *self.undetermined))
+
+
+def calibrate(
+    trials: Sequence[Measurement],
+    transmission: Transmission,
+    free: Sequence[str],
+    *,
+    starts: int = 12,
+    seed: int = 0,
+) -> Calibration:
+    """Fit parameters to trials.
+
+    Args:
+        trials: recorded motions, each from rest.
+        transmission: pulleys and cables; its values are the first start. Cables share
+            the fitted values.
+        free: names of cable parameters (`PARAMETERS`), of `RADII`, or `WRAP_SCALE`.
+        starts: places tried, spread by a factor of 3 around the given values; the two
+            best and the given one are fitted.
+        seed: seed of the places.
+
+    Returns:
+        The best fit. Its intervals come from the sandwich covariance with Bartlett
+        weights (Newey and West 1987), which holds for residuals that are correlated in
+        time.
+
+    Raises:
+        CableError: an unknown name, no trial, or a start value of 0, which has no
+            logarithm.
+    """
+    if not trials:
+        raise CableError("calibrate needs at least one trial, got none")
+    model = _Model(
+        trials, transmission, [_log_parameter(name, transmission) for name in free]
+    )
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-_START_SPREAD, _START_SPREAD, (starts, len(free)))
+    places = np.clip(places, [p.low for p in model.free], [p.high for p in model.free])
+    costs = [float(np.sum(model.residual(place) ** 2)) for place in places]
+    chosen = [np.zeros(len(free)), *places[np.argsort(costs)[:2]]]
+    fits = [fit(model.residual, model.jacobian, model.free, place) for place in chosen]
+    return model.report(min(fits, key=lambda found: found.cost).x)
+
+
+def _log_parameter(name: str, transmission: Transmission) -> Tuned:
+    """Return a free parameter of the fit, as a logarithm relative to its value."""
+    parameter = look_up("parameter", name, _FREE)
+    if name == WRAP_SCALE:
+        value = 1.0
+    else:
+        owner = transmission if name in RADII else transmission.cables[0]
+        value = float(getattr(owner, name))
+    if not value > 0.0:
+        raise CableError(
+            f"parameter `{name}` starts at {value:g}; a fit needs a start "
+            "greater than 0"
+        )
+    low, high = (math.log(end / value) for end in (parameter.low, parameter.high))
+    return Tuned(parameter, value, 1.0, low, high)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Simulated outputs as a function of the logarithms of the free parameters."""
+
+    trials: Sequence[Measurement]
+    transmission: Transmission
+    free: Sequence[Tuned]
+
+    def changed(self, logs: FloatArray) -> Transmission:
+        """Return the transmission with its parameters multiplied by e^logs."""
+        values = {
+            parameter.name: parameter.value(place)
+            for parameter, place in zip(self.free, logs.tolist(), strict=True)
+        }
+        scale = values.pop(WRAP_SCALE, 1.0)
+        radii = {name: values.pop(name) for name in RADII if name in values}
+        if "static_friction" in values:  # never below kinetic friction
+            least = values.get("friction", self.transmission.cables[0].friction)
+            values["static_friction"] = max(values["static_friction"], least)
+        cables = tuple(
+            cable.replace(
+                conduit=tuple(
+                    Section(s.length, s.radius / scale) for s in cable.conduit
+                ),
+                **values,
+            )
+            for cable in self.transmission.cables
+        )
+        return replace(self.transmission, cables=cables, **radii)
+
+    def parts(self, logs: FloatArray) -> list[tuple[str, FloatArray]]:
+        """Return name and residual (samples,) of every output of every trial."""
+        transmission = self.changed(logs)
+        return [
+            part
+            for trial in self.trials
+            for part in trial.residual(transmission).items()
+        ]
+
+    def residuals(self, logs: FloatArray) -> list[FloatArray]:
+        """Return the residuals of every output of every trial, over the noise."""
+        return [error for _, error in self.parts(logs)]
+
+    def residual(self, logs: FloatArray) -> FloatArray:
+        """Return all residuals, one after another."""
+        return np.concatenate(self.residuals(logs))
+
+    def jacobian(self, logs: FloatArray) -> FloatArray:
+        """Return the derivative of `residual` (residuals, free)."""
+        steps = dict.fromkeys(range(logs.size), FACTOR_STEP)
+        columns = differences(self.residuals, logs, steps)
+        return np.column_stack([np.concatenate(c) for c in columns.values()])
+
+    def report(self, logs: FloatArray) -> Calibration:
+        """Return all results of the fit at `logs`."""
+        parts = self.parts(logs)
+        spread = covariance(self.jacobian(logs), [error for _, error in parts])
+        sigma = np.sqrt(np.diag(spread))
+        misfit: dict[str, list[FloatArray]] = {}
+        for name, error in parts:
+            misfit.setdefault(name, []).append(error)
+        return Calibration(
+            {
+                p.name: estimate(p, place, deviation)
+                for p, place, deviation in zip(
+                    self.free, logs.tolist(), sigma.tolist(), strict=True
+                )
+            },
+            self.changed(logs),
+            spread / np.outer(sigma, sigma),
+            tuple(
+                self.sentence(shares)
+                for shares in undetermined_directions(spread, _UNDETERMINED_DEVIATION)
+            ),
+            {
+                k: float(np.sqrt(np.mean(np.concatenate(v) ** 2)))
+                for k, v in misfit.items()
+            },
+        )
+
+    def sentence(self, shares: FloatArray) -> str:
+        """Return the sentence for a combination (free,) that is not determined."""
+        sizes = np.abs(shares)
+        powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
+        parts = [
+            (p.name, w) for p, w in zip(self.free, powers, strict=True) if abs(w) > 0.1
+        ]
+        if len(parts) == 1:
+            return f"not determined: {parts[0][0]} hardly changes the outputs"
+        scaled = " and ".join(f"{n} by k^{w:.2g}" for n, w in parts)
+        return (
+            f"not determined: multiplying {scaled} changes the outputs by less than "
+            "the noise"
+        )

@@ -1,0 +1,287 @@
+r"""Many noisy tension sensors on one cable, one estimate of all its tensions (3.2.1).
+
+    sensors = Sensors.at(cable, positions=(0.2, 1.0, 1.8), deviation=(1.0, 0.5, 2.0))
+    fusion = TensionFusion(cable, sensors)
+    reading = engine.read(model, data, "flexor")      # in an environment step
+    fusion.update(measured, reading.slip)
+    fusion.tension, fusion.deviation                  # every node, with its error
+
+    over_time = fusion.over(measured, log["slip_flexor_direction"])   # of a recording
+
+Where neighbouring segments slip, the capstan law (2.10) ties the tensions of their
+nodes together: a reading :math:`y_j` says :math:`T_i = y_j\,T_i/T_j` of every node i
+that it is tied to, by a ratio that the directions alone decide. The noise is multiplied
+by that ratio too. So the plain mean of all that the sensors say is the unbiased
+estimate of least variance only where the noise of every sensor is in proportion to the
+tension at it; in general it is the mean weighted by inverse variance (Gauss-Markov).
+
+A node at rest keeps its tension. The thesis keeps the estimate as well, with the error
+of the last moment of motion; but then every further reading there is of the same
+tension, and averaging them makes the error fall for as long as the rest lasts. The
+tension of an end, though, may change while the segment next to it still rests; a
+reading that differs too much from the average starts it anew.
+
+Where the direction changes along the cable, it does so inside a segment. The factor of
+that segment is then neither of the two, which is an error of at most one segment's.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.errors import CableError, look_up
+
+Weights = Literal["variance", "mean"]
+"""Inverse variance, or the plain mean of the thesis."""
+
+AtRest = Literal["average", "hold"]
+"""Treatment of nodes at rest: go on averaging, or hold as the thesis does."""
+
+UNKNOWN_DEVIATION = 1e6
+"""Standard deviation of a tension of which nothing is known [N]."""
+
+MAX_REST_SIGMAS = 4.0
+"""Standard deviations by which a reading at rest may differ from the estimate."""
+
+
+class Fused(NamedTuple):
+    """Tension of every node and the standard deviation of its error.
+
+    Attributes:
+        tension: (..., n + 1) [N].
+        deviation: (..., n + 1) [N].
+    """
+
+    tension: FloatArray
+    deviation: FloatArray
+
+
+def tension_gains(
+    mesh: Mesh,
+    direction: ArrayLike,
+    nodes: NDArray[np.intp],
+    *,
+    through_rest: bool = False,
+) -> FloatArray:
+    """Return the tension of every node per tension at the sensors (2.10).
+
+    Args:
+        mesh: segments of the cable.
+        direction: slip of every segment, -1, 0 or 1, (..., n).
+        nodes: of the sensors (m,).
+        through_rest: take a segment of direction 0 for one in mass motion that happens
+            not to move (3.2.2), across which the tension is constant.
+
+    Returns:
+        (..., m, n + 1); NaN where a segment at rest lies between, for nothing ties the
+        two tensions there.
+    """
+    sign = np.sign(np.asarray(direction, dtype=float))
+    level = _cumulative_sums(mesh.angle * sign)
+    ratio: FloatArray = np.exp(level[..., None, :] - level[..., nodes][..., None])
+    if through_rest:
+        return ratio
+    run = _cumulative_sums((sign == 0.0).astype(float))
+    tied = run[..., None, :] == run[..., nodes][..., None]
+    return np.where(tied, ratio, np.nan)
+
+
+def fuse(
+    reading: ArrayLike,
+    gain: FloatArray,
+    deviation: ArrayLike,
+    weights: Weights = "variance",
+) -> Fused:
+    """Fuse readings of one instant, or of many at once.
+
+    Args:
+        reading: of every sensor (..., m) [N].
+        gain: of `tension_gains`, (..., m, n + 1).
+        deviation: of the sensors (m,) or (..., m) [N].
+        weights: `"variance"` for the unbiased estimate of least variance, `"mean"` for
+            the thesis's.
+
+    Returns:
+        Tensions and their standard deviation, NaN at nodes that no sensor is tied to.
+    """
+    tied = np.isfinite(gain)
+    ratio = np.where(tied, gain, 1.0)
+    noise = ratio * np.asarray(deviation, dtype=float)[..., None]
+    share = tied / (noise**2 if weights == "variance" else 1.0)
+    total = np.sum(share, axis=-2)
+    share = share / np.where(total > 0.0, total, np.nan)[..., None, :]
+    predicted = ratio * np.asarray(reading, dtype=float)[..., None]
+    tension = np.sum(share * predicted, axis=-2)
+    return Fused(tension, np.sqrt(np.sum((share * noise) ** 2, axis=-2)))
+
+
+class TensionFusion:
+    """Estimate of all tensions of a cable whose directions of slip are known.
+
+    One object serves one cable or many: readings and directions may have leading axes,
+    which `reset` declares.
+
+    Attributes:
+        tension: of every node (..., n + 1) [N].
+        noise: standard deviation of the sensors (m,) [N]; may be set at any time, as by
+            `SensorNoise`.
+    """
+
+    def __init__(
+        self,
+        cable: Cable,
+        sensors: Sensors,
+        *,
+        weights: Weights = "variance",
+        at_rest: AtRest = "average",
+    ) -> None:
+        """Start from the cable's pretension.
+
+        Args:
+            cable: parameters; friction terms beyond Coulomb's must be off.
+            sensors: the sensors.
+            weights: see `fuse`; the thesis has `"mean"`.
+            at_rest: `"average"` goes on averaging readings of nodes at rest, `"hold"`
+                keeps the estimate of the last moment of motion, as the thesis does.
+
+        Raises:
+            CableError: a sensor off the cable, or an unknown choice.
+        """
+        look_up("weights", weights, {name: name for name in get_args(Weights)})
+        look_up("at_rest", at_rest, {name: name for name in get_args(AtRest)})
+        self.cable, self.sensors = cable, sensors
+        self.mesh = Mesh.of(cable)
+        self.noise = np.array(sensors.deviation)
+        self.weights: Weights = weights
+        self.at_rest: AtRest = at_rest
+        self._nodes = sensors.on(cable)
+        self.reset()
+
+    def reset(
+        self,
+        tension: ArrayLike | None = None,
+        deviation: float = UNKNOWN_DEVIATION,
+        shape: tuple[int, ...] = (),
+    ) -> None:
+        """Reset the state.
+
+        Args:
+            tension: of the nodes at the start, a number or (..., n + 1) [N]; default
+                the pretension.
+            deviation: standard deviation of its errors [N], independent of each other.
+            shape: leading axes of readings to come.
+        """
+        count = self.mesh.segments + 1
+        start = self.cable.pretension if tension is None else tension
+        self.tension = np.array(np.broadcast_to(start, (*shape, count)), dtype=float)
+        spread = np.diag(np.full(count, float(deviation) ** 2))
+        self._covariance = np.array(np.broadcast_to(spread, (*shape, count, count)))
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviation of the error of `tension` (..., n + 1) [N]."""
+        variance = np.diagonal(self._covariance, axis1=-2, axis2=-1)
+        spread: FloatArray = np.sqrt(np.maximum(variance, 0.0))
+        return spread
+
+    def update(self, reading: ArrayLike, direction: ArrayLike) -> FloatArray:
+        """Take the readings of the next instant.
+
+        Args:
+            reading: of every sensor (..., m) [N].
+            direction: slip of every segment, -1, 0 or 1, (..., n).
+
+        Returns:
+            Tension of every node (..., n + 1) [N], also kept as `tension`.
+
+        Raises:
+            CableError: shapes that fit neither the sensors nor the cable.
+        """
+        reading = self._checked("reading", reading, self._nodes.size)
+        sign = np.sign(self._checked("direction", direction, self.mesh.segments))
+        moves = np.zeros(self.tension.shape, dtype=bool)
+        moves[..., :-1] |= sign != 0.0
+        moves[..., 1:] |= sign != 0.0
+        gain = tension_gains(self.mesh, sign, self._nodes)
+        fused = fuse(reading, gain, self.noise, self.weights)
+        found = moves & np.isfinite(fused.tension)
+        self.tension = np.where(found, fused.tension, self.tension)
+        self._move(
+            moves, found, np.where(found, fused.deviation, UNKNOWN_DEVIATION), sign
+        )
+        if self.at_rest == "average":
+            self._average(reading, ~moves[..., self._nodes])
+        return self.tension
+
+    def over(self, reading: ArrayLike, direction: ArrayLike) -> Fused:
+        """Run over a recording, from the present estimate on.
+
+        Args:
+            reading: (samples, ..., m) [N].
+            direction: (samples, ..., n).
+
+        Returns:
+            Arrays (samples, ..., n + 1).
+        """
+        steps = []
+        for row in zip(np.asarray(reading), np.asarray(direction), strict=True):
+            steps.append((self.update(*row), self.deviation))
+        tension, deviation = (np.array(part) for part in zip(*steps, strict=True))
+        return Fused(tension, deviation)
+
+    def _move(
+        self,
+        moves: NDArray[np.bool_],
+        found: NDArray[np.bool_],
+        deviation: FloatArray,
+        sign: FloatArray,
+    ) -> None:
+        """Renew the errors of moving nodes, in one run all in proportion."""
+        run = _cumulative_sums((sign == 0.0).astype(float))
+        together = run[..., :, None] == run[..., None, :]
+        together &= found[..., :, None] & found[..., None, :]
+        together |= np.eye(moves.shape[-1], dtype=bool)
+        new = together * deviation[..., :, None] * deviation[..., None, :]
+        either = moves[..., :, None] | moves[..., None, :]
+        self._covariance = np.where(either, new, self._covariance)
+
+    def _average(self, reading: FloatArray, rests: NDArray[np.bool_]) -> None:
+        """Apply Kalman's update by the sensors of nodes at rest, one after another.
+
+        A surprising reading says that its node moved after all; it then starts anew.
+        """
+        for sensor, node in enumerate(self._nodes):
+            lack = reading[..., sensor] - self.tension[..., node]
+            total = self._covariance[..., node, node] + self.noise[sensor] ** 2
+            moved = rests[..., sensor] & (lack**2 > MAX_REST_SIGMAS**2 * total)
+            self._covariance[..., node, :] *= ~moved[..., None]
+            self._covariance[..., :, node] *= ~moved[..., None]
+            self._covariance[..., node, node] += UNKNOWN_DEVIATION**2 * moved
+            column = self._covariance[..., :, node]
+            total = column[..., node] + self.noise[sensor] ** 2
+            gain = column * (rests[..., sensor] / total)[..., None]
+            self.tension = self.tension + gain * lack[..., None]
+            self._covariance = (
+                self._covariance - gain[..., :, None] * column[..., None, :]
+            )
+
+    def _checked(self, name: str, values: ArrayLike, size: int) -> FloatArray:
+        array = np.asarray(values, dtype=float)
+        expected = (*self.tension.shape[:-1], size)
+        if array.shape != expected:
+            raise CableError(f"{name} has shape {array.shape}; it must be {expected}")
+        return array
+
+
+def _cumulative_sums(values: FloatArray) -> FloatArray:
+    """Return the sums over the segments before each node (..., n + 1)."""
+    total = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
+    np.cumsum(values, axis=-1, out=total[..., 1:])
+    return total

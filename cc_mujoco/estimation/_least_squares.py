@@ -1,0 +1,369 @@
+r"""Least squares on simulations: fits, covariance, intervals, undetermined directions.
+
+Residuals are measured minus simulated, over their noise. Friction makes simulations
+piecewise smooth: where fronts of slip meet they jump, so that derivatives are
+differences over steps that are large enough to cross many pieces.
+
+    friction = Parameter("friction", scale="log")
+    free = (Tuned(friction, 0.1, 1.0, -5.0, 3.0),)
+    found = fit(residual, jacobian, free, [0.0])
+    spread = np.sqrt(np.diag(covariance(jacobian(found.x))))
+    estimate(free[0], found.x[0], spread[0]).ci95
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.cable._parameter import Parameter
+
+THREADS = max(1, min(os.cpu_count() or 1, 8))
+FACTOR_STEP = 3e-3
+"""Step of a parameter's logarithm over which simulations are differenced."""
+_MIN_EIGENVALUE_RATIO = 1e-12
+_DAMPING = 1e-4
+"""Damping of a fit's first step, relative to the diagonal of the normal equations."""
+_MAX_LOG_STEP = math.log(2.0)
+"""Most by which a step changes a logarithm: beyond, derivatives say nothing."""
+MAX_FREEDOM = 1e9
+"""Degrees of freedom from which on the variance counts as known (t, F)."""
+_Item = TypeVar("_Item")
+_Found = TypeVar("_Found")
+_MAX_HALF_WIDTH = 50.0
+"""Largest half width of an interval of a logarithm: beyond, numbers overflow."""
+
+
+class Tuned(NamedTuple):
+    """A parameter of a fit and its coordinate there, the place.
+
+    Attributes:
+        parameter: its descriptor; fitted as a logarithm where its scale is.
+        start: value where the place is 0.
+        scale: of one unit of the place; relative where `factor`.
+        low: lower bound of the place.
+        high: upper bound of the place.
+        prior: standard deviation of the place; infinite where only data count.
+    """
+
+    parameter: Parameter
+    start: float
+    scale: float
+    low: float
+    high: float
+    prior: float = math.inf
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of its value."""
+        return self.parameter.unit
+
+    @property
+    def factor(self) -> bool:
+        """Return whether it is fitted as a logarithm."""
+        return self.parameter.scale == "log"
+
+    def value(self, x: float) -> float:
+        """Return the value at this place of the fit."""
+        if self.factor:
+            return self.start * math.exp(self.scale * x)
+        return self.start + self.scale * x
+
+    def place(self, value: float) -> float:
+        """Return the place of the fit of this value, within the bounds."""
+        if not self.factor:
+            found = (value - self.start) / self.scale
+        elif value > 0.0:
+            found = math.log(value / self.start) / self.scale
+        else:
+            found = -math.inf
+        return min(max(found, self.low), self.high)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its 95 % confidence interval, NaN if not determined."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+    def holds(self, value: float) -> bool:
+        """Return whether a value is in the interval, True without an interval."""
+        low, high = self.ci95
+        return math.isnan(low) or low <= value <= high
+
+
+class Fit(NamedTuple):
+    """End point of a fit.
+
+    Attributes:
+        x: place of the parameters.
+        cost: half the sum of squares there.
+    """
+
+    x: FloatArray
+    cost: float
+
+
+def fit(
+    residual: Callable[[FloatArray], FloatArray],
+    jacobian: Callable[[FloatArray], FloatArray],
+    free: Sequence[Tuned],
+    start: ArrayLike,
+    *,
+    tolerance: float = 1e-9,
+    evaluations: int = 60,
+) -> Fit:
+    """Fit least squares within bounds, from a start that is clamped to them.
+
+    Damped Gauss-Newton steps on the normal equations (Levenberg 1944, Marquardt 1963):
+    a simulation costs more than all algebra, so none is made that promises less than
+    what ends the fit.
+
+    Args:
+        residual: (residuals,) at a place (parameters,).
+        jacobian: its derivative (residuals, parameters).
+        free: the parameters; their priors are up to the residual.
+        start: place of the parameters.
+        tolerance: share of the cost that a step has to take, or to promise, for the fit
+            to go on.
+        evaluations: most of the residual.
+    """
+    low, high = (
+        np.array([getattr(parameter, side) for parameter in free])
+        for side in ("low", "high")
+    )
+    factors = np.array([p.scale if p.factor else 0.0 for p in free])
+    x: FloatArray = np.clip(start, low, high)
+    error = residual(x)
+    cost, damping, left = _half_square(error), _DAMPING, evaluations - 1
+    while left > 0:
+        slopes = jacobian(x)
+        square, slope = slopes.T @ slopes, slopes.T @ error
+        shorter = True
+        while shorter and left > 0:
+            step = bounded_step(square, slope, damping, low - x, high - x)
+            step /= max(1.0, float(np.max(np.abs(step) * factors)) / _MAX_LOG_STEP)
+            promised = -float(slope @ step + 0.5 * step @ square @ step)
+            if promised <= tolerance * cost:
+                return Fit(x, cost)
+            there = residual(x + step)
+            taken = cost - _half_square(there)
+            left -= 1
+            shorter = taken <= 0.0
+            damping = max(damping * (10.0 if taken < 0.25 * promised else 0.1), 1e-9)
+        if shorter:
+            break
+        x, error, cost = x + step, there, cost - taken
+        if taken < tolerance * cost and taken > 0.25 * promised:
+            break
+    return Fit(x, cost)
+
+
+def _half_square(error: FloatArray) -> float:
+    return 0.5 * float(error @ error)
+
+
+def bounded_step(
+    square: FloatArray,
+    slope: FloatArray,
+    damping: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Step that takes most of a quadratic cost, within bounds (parameters,).
+
+    Args:
+        square: (parameters, parameters) of the Jacobian.
+        slope: (parameters,) of the cost.
+        damping: added to the diagonal of `square`, relative to it.
+        low: (parameters,) least step, not above 0.
+        high: (parameters,) largest step, not below 0.
+    """
+    size = np.sqrt(np.diag(square))
+    size[size == 0.0] = 1.0
+    scaled = square / np.outer(size, size) + damping * np.eye(size.size)
+    step = np.zeros(size.size)
+    free = np.ones(size.size, dtype=bool)
+    for _ in range(size.size + 1):
+        # What stands at a bound stays; the others make the best of it.
+        rest = -(slope / size + scaled @ (step * size * ~free))[free]
+        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], rest, 1e-12)[0]
+        step[free] /= size[free]
+        beyond = (step < low) | (step > high)
+        if not np.any(beyond & free):
+            break
+        free &= ~beyond
+        step = np.clip(step, low, high)
+    return step
+
+
+def differences(
+    function: Callable[[FloatArray], Sequence[FloatArray]],
+    x: FloatArray,
+    steps: Mapping[int, float],
+    here: Sequence[FloatArray] = (),
+) -> dict[int, list[FloatArray]]:
+    """Return the derivatives of arrays, keyed by the index of the parameter.
+
+    Args:
+        function: arrays at a place (parameters,); it is called in threads.
+        x: the place.
+        steps: change of a parameter by its index.
+        here: the arrays at the place, for one-sided differences; else central ones.
+    """
+
+    def column(index: int) -> list[FloatArray]:
+        step = steps[index]
+        moved = x.copy()
+        moved[index] += step
+        there = function(moved)
+        if here:
+            return [(a - b) / step for a, b in zip(there, here, strict=True)]
+        moved[index] = x[index] - step
+        back = function(moved)
+        return [(a - b) / (2.0 * step) for a, b in zip(there, back, strict=True)]
+
+    return dict(zip(steps, in_threads(column, list(steps)), strict=True))
+
+
+def in_threads(
+    function: Callable[[_Item], _Found], items: Sequence[_Item]
+) -> list[_Found]:
+    """Apply a function to every item, in order; compiled code runs at once.
+
+    A function that calls this again does so within its thread.
+    """
+    if len(items) < 2 or THREADS < 2 or getattr(_THREAD_STATE, "inside", False):
+        return [function(item) for item in items]
+    return list(_thread_pool().map(function, items))
+
+
+def single_threaded_blas() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS uses only the calling thread, process-wide.
+
+    The products here are long and narrow: BLAS's own threads gain nothing by them, and
+    would wait, busily, for the cores that `in_threads` has.
+    """
+    from threadpoolctl import threadpool_limits
+
+    limits: AbstractContextManager[Any] = threadpool_limits(1, user_api="blas")
+    return limits
+
+
+_THREAD_STATE = threading.local()
+
+
+@cache
+def _thread_pool() -> ThreadPoolExecutor:
+    def begin() -> None:
+        _THREAD_STATE.inside = True
+
+    return ThreadPoolExecutor(THREADS, initializer=begin)
+
+
+def covariance(
+    jacobian: FloatArray, residuals: Sequence[FloatArray] = ()
+) -> FloatArray:
+    """Return the covariance of the parameters of a fit (parameters, parameters).
+
+    Directions without any effect get a variance that is large but finite.
+
+    Args:
+        jacobian: (residuals, parameters), over the noise.
+        residuals: the same as one sequence per sensor, where they are correlated in
+            time: then it is the sandwich with Bartlett weights (Newey and West 1987).
+            Without any they are taken as independent, of variance 1.
+    """
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    values = np.maximum(values, _MIN_EIGENVALUE_RATIO * max(float(values[-1]), 1e-300))
+    bread = vectors / values
+    if not residuals:
+        found: FloatArray = bread @ vectors.T
+        return found
+    # In the eigenvectors: a direction without effect must not spoil the others.
+    scores = jacobian @ vectors
+    meat = np.zeros_like(vectors)
+    first = 0
+    for residual in residuals:
+        score = scores[first : first + residual.size] * residual[:, None]
+        meat += _long_run_covariance(score, _correlation_lags(residual))
+        first += residual.size
+    # White noise of the stated size is the least that there can be.
+    excess, axes = np.linalg.eigh(meat - np.diag(values))
+    meat = np.diag(values) + (axes * np.maximum(excess, 0.0)) @ axes.T
+    found = bread @ meat @ bread.T
+    return found
+
+
+def _long_run_covariance(score: FloatArray, lags: int) -> FloatArray:
+    """Return the covariance of the sum of the rows, Bartlett weights up to `lags`."""
+    total: FloatArray = score.T @ score
+    for lag in range(1, lags + 1):
+        cross = score[lag:].T @ score[:-lag]
+        total += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
+    return total
+
+
+def _correlation_lags(residual: FloatArray) -> int:
+    """Return the correlation lags of residuals: twice the first zero crossing."""
+    correlation = autocorrelation(residual - np.mean(residual))
+    crossing = int(np.argmax(correlation <= 0.1 * max(correlation[0], 1e-300)))
+    return min(2 * crossing, residual.size // 4)
+
+
+def autocorrelation(values: FloatArray) -> FloatArray:
+    """Return the autocorrelation sums of the samples, by lag (samples,)."""
+    size = 1 << (2 * values.size).bit_length()
+    power = np.abs(np.fft.rfft(values, size)) ** 2
+    found: FloatArray = np.fft.irfft(power)[: values.size]
+    return found
+
+
+def estimate(
+    parameter: Tuned, place: float, deviation: float, freedom: float = math.inf
+) -> Estimate:
+    """Return the value and interval of a parameter.
+
+    Args:
+        parameter: of the fit.
+        place: where the fit ended.
+        deviation: standard deviation of the place.
+        freedom: degrees of freedom with which that is known; the interval is that of
+            Student's t.
+    """
+    from scipy.special import stdtrit
+
+    most = _MAX_HALF_WIDTH / parameter.scale if parameter.factor else math.inf
+    wide = float(stdtrit(min(freedom, MAX_FREEDOM), 0.975))
+    reach = min(wide * deviation, most)
+    low, high = sorted(parameter.value(place + side) for side in (-reach, reach))
+    return Estimate(parameter.value(place), parameter.unit, (low, high))
+
+
+def undetermined_directions(covariance: FloatArray, limit: float) -> FloatArray:
+    """Return the parameter combinations whose standard deviation reaches a limit.
+
+    Returns:
+        Their shares (combinations, parameters), unit length, the least certain first.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    found: FloatArray = vectors.T[::-1][values[::-1] >= limit**2]
+    return found

@@ -1,0 +1,171 @@
+r"""Recursive least squares that forgets only where something new is learnt.
+
+    fit = RecursiveLeastSquares(start=[0.2], spread=[0.2], memory=500)
+    fit.update(information, target)      # of one sample, see `update`
+    fit.value, fit.deviation
+
+Plain exponential forgetting loses what it knew wherever the data are silent: the
+covariance winds up and the next bit of noise moves the estimate. Here the information
+of the data, S in addition to that of the start :math:`R_0`, fades only in the
+directions V in which the new sample informs (after Cao and Schwartz, Automatica 36,
+2000),
+
+.. math::
+    S' = S - (1 - \lambda) S V (V^T (R_0 + S) V)^{-1} V^T S,
+
+and the information of the start never fades, which bounds the gain. It does not pull
+the estimate to the start. Since a gain that forgets is not that of least variance, its
+inverse is not the covariance of the estimate. That is carried along separately: exact
+for white noise of the stated size and a truth that is constant or drifts at a constant
+rate, of which the standard deviation is given. The estimate lags by what the truth
+drifts in `memory` samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.errors import CableError
+
+_MIN_INFORMATION_SHARE = 1e-9
+"""Share of the largest information below which a direction counts as silent."""
+
+
+ESTIMATE, VARIANCE, INFORMATION, DRIFT_COVARIANCE = range(4)
+"""Numbers of one parameter: the estimate, the variance of its error, the information of
+the data, and the covariance of the error with the rate of drift."""
+
+
+@compiled
+def update_estimate(
+    known: FloatArray,
+    least: float,
+    fading: float,
+    rate: float,
+    information: float,
+    target: float,
+) -> None:
+    """Take the equations of a sample of one parameter; see `RecursiveLeastSquares`.
+
+    Args:
+        known: see `ESTIMATE` (4,); moved on.
+        least: information of the start.
+        fading: share of the information of the data that a sample takes away.
+        rate: variance of the rate of drift, per sample.
+        information: of the sample, noise 1.
+        target: of the sample, noise 1.
+    """
+    learnt = known[INFORMATION]
+    learnt += information - fading * learnt * learnt / (least + learnt)
+    gain = 1.0 / (least + learnt)
+    known[INFORMATION] = learnt
+    known[ESTIMATE] += gain * (target - information * known[ESTIMATE])
+    kept = 1.0 - gain * information
+    # The truth has moved on by its rate; then Joseph's form, right for any gain.
+    lagging = known[DRIFT_COVARIANCE]
+    ahead = known[VARIANCE] - 2.0 * lagging + rate
+    known[DRIFT_COVARIANCE] = kept * (lagging - rate)
+    known[VARIANCE] = kept * ahead * kept + gain * information * gain
+
+
+class RecursiveLeastSquares:
+    """Parameters of linear equations that arrive one after another.
+
+    Attributes:
+        value: the estimate (p,).
+        covariance: of its error (p, p).
+    """
+
+    def __init__(
+        self,
+        start: ArrayLike,
+        spread: ArrayLike,
+        memory: float,
+        drift: ArrayLike = 0.0,
+    ) -> None:
+        """Start from a guess.
+
+        Args:
+            start: the guess (p,).
+            spread: standard deviation of its error (p,), or its covariance (p, p).
+            memory: informative samples after which one has faded to 1/e.
+            drift: standard deviation of the rate of drift per informative sample, (p,)
+                or one for all.
+
+        Raises:
+            CableError: a memory shorter than one sample, a spread that is none, or a
+                negative drift.
+        """
+        if not memory >= 1.0:
+            raise CableError(f"memory is {memory!r} samples; it must be at least 1")
+        self._start = np.array(start, dtype=float)
+        given = np.array(spread, dtype=float)
+        self._spread = np.diag(given**2) if given.ndim == 1 else given
+        positive = np.all(np.isfinite(given)) and np.all(np.diag(self._spread) > 0.0)
+        if not positive or (given.ndim == 1 and np.any(given < 0.0)):
+            raise CableError(
+                f"spread of the start is {given.tolist()}; it must be positive"
+            )
+        rate = np.broadcast_to(np.asarray(drift, dtype=float), self._start.shape)
+        if not (np.all(np.isfinite(rate)) and np.all(rate >= 0.0)):
+            raise CableError(f"drift is {rate.tolist()}; it must be 0 or more")
+        self._rate = np.diag(rate**2)
+        self._least = np.linalg.inv(self._spread)
+        self._fading = 1.0 - float(np.exp(-1.0 / memory))
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the start."""
+        self.value = self._start.copy()
+        self.covariance = self._spread.copy()
+        self._information_matrix = np.zeros_like(self._spread)
+        self._with_rate = np.zeros_like(self._spread)
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviation of the error of `value` (p,)."""
+        spread: FloatArray = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return spread
+
+    def update(self, information: FloatArray, target: FloatArray) -> None:
+        r"""Take the equations :math:`\Phi\theta = y` of a sample, noise of variance 1.
+
+        Args:
+            information: :math:`\Phi^T \Phi` (p, p).
+            target: :math:`\Phi^T y` (p,).
+        """
+        if self.value.size == 1:
+            self._update_one(float(information[0, 0]), float(target[0]))
+            return
+        size, axes = np.linalg.eigh(information)
+        informed = axes[:, size > _MIN_INFORMATION_SHARE * max(float(size[-1]), 0.0)]
+        if informed.shape[1] == 0 or not size[-1] > 0.0:
+            return
+        seen = self._information_matrix @ informed
+        within = informed.T @ ((self._least + self._information_matrix) @ informed)
+        learnt = self._information_matrix - self._fading * seen @ np.linalg.solve(
+            within, seen.T
+        )
+        self._information_matrix = 0.5 * (learnt + learnt.T) + information
+        gain = np.linalg.inv(self._least + self._information_matrix)
+        self.value = self.value + gain @ (target - information @ self.value)
+        kept = np.eye(self.value.size) - gain @ information
+        # The truth has moved on by its rate; then Joseph's form, right for any gain.
+        cross = self._with_rate
+        ahead = self.covariance - cross - cross.T + self._rate
+        self._with_rate = kept @ (cross - self._rate)
+        self.covariance = kept @ ahead @ kept.T + gain @ information @ gain
+
+    def _update_one(self, information: float, target: float) -> None:
+        if not information > 0.0:
+            return
+        parts = self.value, self.covariance, self._information_matrix, self._with_rate
+        known = np.array([part.item() for part in parts])
+        least, rate = self._least.item(), self._rate.item()
+        update_estimate(known, least, self._fading, rate, information, target)
+        self.value = known[:1].copy()
+        self.covariance, self._information_matrix, self._with_rate = known[1:].reshape(
+            3, 1, 1
+        )

@@ -1,0 +1,362 @@
+r"""Slope of the logarithm of tension along the moving parts of a cable.
+
+Where neighbouring segments slip in one direction s, (2.6) says
+:math:`d \ln T / dx = s \mu / R`: the logarithm of tension is linear in whatever
+parameters :math:`\mu/R` is linear in. A reading :math:`y_j = T_j + v_j` gives
+
+.. math::
+    \ln y_j + \tfrac12 (\sigma_j/T_j)^2 = c + s\,a_j^T \theta + v_j/T_j,
+
+with the design row :math:`a_j` of its sensor and one unknown level c for every moving
+part; the second term takes back, to second order, what the logarithm loses of noise on
+average. Equations are weighted by :math:`(T_j/\sigma_j)^2` and freed of c by taking out
+their weighted mean. The T in weights and correction is not the reading but the profile
+fitted to all readings with the present :math:`\theta`: else readings that happen to be
+high would count for more.
+
+Where the motion turns it does so inside a segment, which follows neither sign: the two
+segments next to a change of direction are left out. (In the first and the last segment
+directions do not show it. Friction then looks smaller, by some tenths of a percent in
+the wrist scene, which the deviation does not count.) A sensor whose tension is below
+four times its noise is left out too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.cable._parameter import Term
+from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation._recursive import RecursiveLeastSquares
+from cc_mujoco.estimation._tracks import checked_noise, checked_sample, wrap_angles
+
+MIN_TENSION_SIGMAS = 4.0
+"""Tension, in standard deviations of its sensor, below which a reading says nothing."""
+
+_MIN_READING_SHARE = 0.05
+"""Share of the fitted tension below which a reading is left out (no logarithm)."""
+
+
+@compiled
+def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
+    """First and last node of the run that begins with segment `at`, and its end.
+
+    The first is not before the last if all segments are at rest or next to a change of
+    direction.
+    """
+    end = at + 1
+    while end < sign.size and sign[end] == sign[at]:
+        end += 1
+    if sign[at] == 0.0:
+        return at, at, end
+    begin = at + 1 if at > 0 and sign[at - 1] == -sign[at] else at
+    last = end - 1 if end < sign.size and sign[end] == -sign[at] else end
+    return begin, last, end
+
+
+class EquationWorkspace(NamedTuple):
+    """Room to compute the equations of an instant in, and what they come to.
+
+    Attributes:
+        rows: (m, p).
+        right: (m,).
+        clear: tensions over their noise (m,).
+        information: out, of all equations, noise 1, (p, p).
+        target: out (p,).
+    """
+
+    rows: FloatArray
+    right: FloatArray
+    clear: FloatArray
+    information: FloatArray
+    target: FloatArray
+
+
+def make_scratch(sensors: int, parameters: int) -> EquationWorkspace:
+    """Return scratch memory for a number of sensors and parameters."""
+    return EquationWorkspace(
+        np.empty((sensors, parameters)),
+        np.empty(sensors),
+        np.empty(sensors),
+        np.empty((parameters, parameters)),
+        np.empty(parameters),
+    )
+
+
+@compiled
+def run_equations(
+    design: FloatArray,
+    nodes: NDArray[np.int64],
+    noise: FloatArray,
+    value: FloatArray,
+    reading: FloatArray,
+    sign: FloatArray,
+    room: EquationWorkspace,
+) -> tuple[float, int]:
+    """Return the information of the readings of one instant, free of the levels.
+
+    Args:
+        design: rows of the sensors (m, p), see `SlopeFit`.
+        nodes: of the sensors (m,).
+        noise: of the sensors (m,) [N].
+        value: the parameters as they are known (p,).
+        reading: of every sensor (m,) [N].
+        sign: direction of slip of every segment, -1, 0 or 1, (n,).
+        room: scratch; information and target are out.
+
+    Returns:
+        Sum of the squares of all right sides, and how many are independent.
+    """
+    room.information[:] = 0.0
+    room.target[:] = 0.0
+    power, count, at = 0.0, 0, 0
+    while at < sign.size:
+        first, last, end = next_run(sign, at)
+        if first < last:
+            left = _part_equations(
+                first, last, sign[at], design, nodes, noise, value, reading, room
+            )
+            for i in range(left):
+                power += room.right[i] ** 2
+                for j in range(value.size):
+                    room.target[j] += room.rows[i, j] * room.right[i]
+                    for k in range(value.size):
+                        room.information[j, k] += room.rows[i, j] * room.rows[i, k]
+            count += max(left - 1, 0)
+        at = end
+    return power, count
+
+
+@compiled
+def _part_equations(
+    first: int,
+    last: int,
+    sign: float,
+    design: FloatArray,
+    nodes: NDArray[np.int64],
+    noise: FloatArray,
+    value: FloatArray,
+    reading: FloatArray,
+    scratch: EquationWorkspace,
+) -> int:
+    """Write rows and right sides of one moving part; return their number."""
+    rows, right, clear = scratch.rows, scratch.right, scratch.clear
+    count, most = 0, -np.inf
+    for j in range(nodes.size):  # logarithm of the profile, for a start
+        if first <= nodes[j] <= last:
+            right[j] = 0.0
+            for k in range(value.size):
+                right[j] += sign * design[j, k] * value[k]
+            most = max(most, right[j])
+            count += 1
+    if count < 2:
+        return 0
+    weighted, squares = 0.0, 0.0
+    for j in range(nodes.size):
+        if first <= nodes[j] <= last:
+            clear[j] = np.exp(right[j] - most) / noise[j]
+            weighted += clear[j] * (reading[j] / noise[j])
+            squares += clear[j] ** 2
+    level, left, total = weighted / squares, 0, 0.0
+    for j in range(nodes.size):
+        if first <= nodes[j] <= last:
+            size = level * clear[j]  # T over its noise
+            if (
+                size >= MIN_TENSION_SIGMAS
+                and reading[j] > _MIN_READING_SHARE * size * noise[j]
+            ):
+                clear[left] = size
+                right[left] = np.log(reading[j]) + 0.5 / size**2
+                for k in range(value.size):
+                    rows[left, k] = sign * design[j, k]
+                total += size**2
+                left += 1
+    if left < 2:
+        return 0
+    for k in range(value.size):
+        mean = 0.0
+        for i in range(left):
+            mean += clear[i] ** 2 * rows[i, k]
+        for i in range(left):
+            rows[i, k] = clear[i] * (rows[i, k] - mean / total)
+    mean = 0.0
+    for i in range(left):
+        mean += clear[i] ** 2 * right[i]
+    for i in range(left):
+        right[i] = clear[i] * (right[i] - mean / total)
+    return left
+
+
+def require_slope(cable: Cable) -> None:
+    """Refuse a cable whose moving parts do not all have the slope s mu/R.
+
+    A coefficient that changes with time, all along, may be followed.
+
+    Raises:
+        CableError: drag that needs no tension, or a coefficient that changes with
+            anything but time.
+    """
+    cable.require_terms(
+        has_slope, "the slope of the logarithm of tension is not that of friction then"
+    )
+
+
+def require_bend_between(cable: Cable, sensors: Sensors) -> None:
+    """Refuse sensors between which friction does not show.
+
+    Raises:
+        CableError: fewer than two, one off the cable, or no bend between them.
+    """
+    _require_two_sensors(sensors)
+    if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
+        raise CableError(
+            "the conduit is straight between the sensors; friction shows only where it "
+            "bends"
+        )
+
+
+def _require_two_sensors(sensors: Sensors) -> None:
+    if len(set(sensors.nodes)) < 2:
+        raise CableError(
+            f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least two "
+            "different ones"
+        )
+
+
+def has_slope(term: Term) -> bool:
+    """Return whether the log of tension has the slope s mu/R with this term on."""
+    if term.acts_on == "coefficient":
+        return set(term.depends_on) <= {"time"}
+    return term.acts_on != "drag"
+
+
+class SlopeFit:
+    """Recursive fit of parameters that the logarithm of tension is linear in.
+
+    Attributes:
+        fit: the recursion.
+    """
+
+    def __init__(
+        self,
+        cable: Cable,
+        sensors: Sensors,
+        design: FloatArray,
+        fit: RecursiveLeastSquares,
+        memory: float,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            cable: the cable.
+            sensors: at least two.
+            design: change of the logarithm of tension, from the proximal end to every
+                node, per parameter in motion towards distal (n + 1, p).
+            fit: the recursion.
+            memory: of the misfit, in samples.
+
+        Raises:
+            CableError: fewer than two sensors, one off the cable, or as
+                `require_slope`.
+        """
+        _require_two_sensors(sensors)
+        require_slope(cable)
+        self.fit = fit
+        self._segments = cable.segments
+        self._nodes = sensors.on(cable).astype(np.int64)
+        self.noise = np.array(sensors.deviation)
+        self.lay(design)
+        self._fading = float(np.exp(-1.0 / memory))
+        self.reset()
+
+    def lay(self, design: FloatArray) -> None:
+        """Take another path: the design from now on (n + 1, p)."""
+        self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
+        self._room = make_scratch(*self._design.shape)
+
+    def reset(self) -> None:
+        """Return to the start; the noise stays."""
+        self.fit.reset()
+        self._squares, self._count = 0.0, 0.0
+
+    @property
+    def misfit(self) -> float:
+        """RMS residual over the stated noise: near 1 where law and noise are right.
+
+        NaN before the first informative sample.
+        """
+        if self._count == 0.0:
+            return float("nan")
+        return float(np.sqrt(self._squares / self._count))
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time.
+
+        Raises:
+            CableError: set to other than one positive number per sensor.
+        """
+        return self._noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        self._noise = checked_noise(deviation, self._nodes.size)
+
+    def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
+        """Take the readings of the next instant.
+
+        Args:
+            reading: of every sensor (m,) [N].
+            direction: slip of every segment, -1, 0 or 1, (n,).
+
+        Raises:
+            CableError: shapes that fit neither the sensors nor the cable, or values
+                that are not finite.
+        """
+        tensions, slip_direction = checked_sample(
+            reading, direction, self._nodes.size, self._segments
+        )
+        own, value = self._room, self.fit.value
+        power, count = run_equations(
+            self._design, self._nodes, self._noise, value, tensions, slip_direction, own
+        )
+        information, target = own.information, own.target
+        if count == 0 or not np.any(information):
+            return
+        self.fit.update(information, target)
+        value = self.fit.value
+        squares = power + float(value @ (information @ value - 2.0 * target))
+        self._squares = self._fading * self._squares + max(squares, 0.0)
+        self._count = self._fading * self._count + count
+
+
+class SlopeEstimator:
+    """Base of the estimators that rest on a `SlopeFit`."""
+
+    def __init__(self, slope: SlopeFit) -> None:
+        """Start from the fit's guess."""
+        self._slope = slope
+
+    def reset(self) -> None:
+        """Return to the guess; the noise stays."""
+        self._slope.reset()
+
+    @property
+    def misfit(self) -> float:
+        """RMS residual over the stated noise; near 1 where law and noise are right."""
+        return self._slope.misfit
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
+        return self._slope.noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        self._slope.noise = deviation

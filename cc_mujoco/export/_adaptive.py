@@ -1,0 +1,134 @@
+"""Functions of `adaptive` for C: `predictive`, with friction from tension sensors.
+
+`shape` goes on behind that of `predictive` by the number of sensors along a cable, then
+their nodes, of every cable. `readings` end with the tensions, `parameters` with the
+standard deviations of the sensors and `tables` with the share of what is known that a
+reading takes away. Behind that of `predictive` the memory keeps for how many steps no
+reading was taken, the deviations, and what is known of the friction of every cable.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+
+from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco.cable import _friction as friction
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.estimation import _tension_slope as tension_slope
+from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export import _predictive as predictive
+from cc_mujoco.export._entry_points import pointer_at
+
+_FRICTION = friction.INDEX["friction"]
+
+
+@compiled
+def memory_size(cables: int, most: int, sensors: int) -> int:
+    """Return how many numbers the memory has behind those of `predictive`.
+
+    Args:
+        cables: How many there are.
+        most: Segments of the longest.
+        sensors: Along a cable.
+    """
+    return (
+        1 + cables * (sensors + friction_slope.ESTIMATE_SIZE) + most + 4 * sensors + 2
+    )
+
+
+@internal
+def _deviations_place(shape: Any) -> int:
+    """Return the place of the first deviation among the parameters."""
+    _, sections = predictive.longest_cable(shape)
+    return int(predictive.TUNING_SIZE + shape[0] * (2 + SCALARS) + 2 * sections)
+
+
+@internal
+def _sensor_count(shape: Any) -> int:
+    """Return the number of sensors along a cable."""
+    return int(shape[3 + 2 * shape[0]])
+
+
+def set_sensed(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the tuning, the cables and the deviations of the sensors.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
+    wrong = predictive.wrong_plan(shape, parameters, least, most)
+    if wrong == 0:
+        wrong = entry_points.first_out_of_range(
+            first, first + count, parameters, least, most
+        )
+    if wrong != 0:
+        return wrong
+    predictive.store_plan(memory, shape, parameters)
+    own = predictive.memory_places(shape)[5] + 1
+    for i in range(count):
+        memory[own + i] = parameters[first + i]
+    return 0
+
+
+def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    cables, sensors = shape[0], _sensor_count(shape)
+    if not entry_points.all_possible(
+        readings, predictive.INPUT_COUNT + cables * sensors
+    ):
+        return np.nan
+    delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
+    longest, _ = predictive.longest_cable(shape)
+    _, packed, state, _, _, own = predictive.memory_places(shape)
+    kept = own + 1 + cables * sensors
+    work = kept + cables * friction_slope.ESTIMATE_SIZE
+    known = carray(pointer_at(memory, kept), (cables, friction_slope.ESTIMATE_SIZE))
+    factors = carray(
+        pointer_at(memory, predictive.friction_factor_place(shape)), cables
+    )
+    is_fresh = memory[entry_points.FIRST_STEP] != 0.0
+    if is_fresh:
+        memory[own] = 0.0
+    for k in range(cables):
+        believed = memory[predictive.cable_place(shape, k) + _FRICTION]
+        if is_fresh:
+            friction_slope.reset_estimate(known[k], believed)
+        factors[k] = friction_slope.friction_factor(
+            known[k, friction_slope.COEFFICIENT], believed
+        )
+    torque = predictive.plan(memory, shape, tables, readings)
+    if memory[own] == 0.0:
+        friction_slope.learn(
+            carray(
+                pointer_at(memory, packed), (cables, kernel.parameter_size(longest))
+            ),
+            carray(pointer_at(shape, 1), cables),
+            carray(pointer_at(memory, state), (cables, kernel.state_size(longest))),
+            friction_slope.Taps(
+                carray(pointer_at(shape, 4 + 2 * cables), (cables, sensors)),
+                carray(pointer_at(memory, own + 1), (cables, sensors)),
+                tables[delays * (knots * (2 + knots) + 2)],
+            ),
+            carray(pointer_at(readings, predictive.INPUT_COUNT), (cables, sensors)),
+            known,
+            friction_slope.SlopeWorkspace(
+                carray(pointer_at(memory, work), longest),
+                carray(pointer_at(memory, work + longest), (sensors, 1)),
+                tension_slope.EquationWorkspace(
+                    carray(pointer_at(memory, work + longest + sensors), (sensors, 1)),
+                    carray(pointer_at(memory, work + longest + 2 * sensors), sensors),
+                    carray(pointer_at(memory, work + longest + 3 * sensors), sensors),
+                    carray(pointer_at(memory, work + longest + 4 * sensors), (1, 1)),
+                    carray(pointer_at(memory, work + longest + 4 * sensors + 1), 1),
+                ),
+            ),
+        )
+    memory[own] += 1.0
+    if memory[own] == friction_slope.READING_INTERVAL:
+        memory[own] = 0.0
+    return torque

@@ -1,0 +1,322 @@
+"""Controllers that can be exported, and the numbers that they are given.
+
+plan = Plan.of("stiction", drive, ("flexor", "extensor"))
+plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco._utils.provenance import is_user_controller
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.cable._parameters import TERMS
+from cc_mujoco.control import (
+    CONTROLLERS,
+    AdaptiveModel,
+    Controller,
+    Feedback,
+    ModelBased,
+    PredictiveCompensation,
+    ProportionalIntegral,
+    StictionCompensation,
+)
+from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
+from cc_mujoco.control._planner_parameters import TUNING
+from cc_mujoco.control._predictive import PLANNER_INPUTS as READ
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.estimation._tension_slope import has_slope
+from cc_mujoco.export import _adaptive as adaptive
+from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export import _predictive as predictive
+
+
+@dataclass(frozen=True)
+class ExportedLaw:
+    """The compiled functions of a controller."""
+
+    set_parameters: Callable[..., Any]
+    step: Callable[..., Any]
+    has_model: bool
+    unread: frozenset[str] = frozenset()
+    """Gains that it does not read."""
+    fixed: frozenset[str] = frozenset()
+    """Gains that what it was exported with depends on."""
+    gains: tuple[Parameter, ...] = GAINS
+    seen: tuple[str, ...] = LAW_INPUTS
+    """Readings that it uses."""
+    needs_slope: bool = False
+    """True if cables may only have friction terms that `_tension_slope` supports."""
+
+
+_FIXED_TUNING = frozenset(
+    "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
+    "late lag".split()
+)
+_PREVIEW_GAINS = frozenset({"preview", "tolerance"})
+_FEED_FORWARD_GAINS = frozenset({"feed_forward", "stiffness"})
+"""Not read by a law with a model."""
+_FEEDBACK = ExportedLaw(
+    entry_points.set_gains,
+    entry_points.step_proportional_integral,
+    False,
+    _PREVIEW_GAINS,
+)
+LAWS: dict[type[Controller], ExportedLaw] = {
+    ProportionalIntegral: _FEEDBACK,
+    Feedback: _FEEDBACK,
+    ModelBased: ExportedLaw(
+        entry_points.set_cables,
+        entry_points.step_model_based,
+        True,
+        _PREVIEW_GAINS | _FEED_FORWARD_GAINS,
+    ),
+    StictionCompensation: ExportedLaw(
+        entry_points.set_cables, entry_points.step_stiction, True, _FEED_FORWARD_GAINS
+    ),
+    PredictiveCompensation: ExportedLaw(
+        predictive.set_plan,
+        predictive.step_plan,
+        True,
+        fixed=_FIXED_TUNING,
+        gains=TUNING,
+        seen=READ,
+    ),
+    AdaptiveModel: ExportedLaw(
+        adaptive.set_sensed,
+        adaptive.step_sensed,
+        True,
+        unread=frozenset({"learning"}),
+        fixed=_FIXED_TUNING | {"learning"},
+        gains=TUNING,
+        seen=READ,
+        needs_slope=True,
+    ),
+}
+"""Controllers whose step is a compiled function, hence can be exported."""
+
+EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if kind in LAWS)
+"""Their names."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One parameter, and where it comes from."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    value: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class ExportPlan:
+    """A controller for a device, as it is exported."""
+
+    law: ExportedLaw
+    fields: tuple[Field, ...]
+    """Parameters in the order in which C has them."""
+    cables: tuple[str, ...]
+    """Names of the cables that the controller has a model of."""
+    segments: tuple[int, ...]
+    sections: tuple[int, ...]
+    plans: tuple[FloatArray, ...] = ()
+    """Tables of a planner: gains of the plans (delays, knots, 2 + knots), of the
+    unexplained torque (delays,) and weights of accelerations (delays,)."""
+    taps: friction_slope.Taps | None = None
+    """Tension sensors, of a controller that reads them."""
+
+    @classmethod
+    def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> ExportPlan:
+        """Plan a controller with its default gains.
+
+        Args:
+            name: Of the controller.
+            drive: The device.
+            cables: Names of its cables.
+
+        Raises:
+            CableError: There is no such controller, it cannot be exported, or it needs
+                cables and there are none.
+        """
+        if is_user_controller(name):
+            raise CableError(
+                f"controller {name!r} cannot be exported, for neither a policy nor "
+                f"code from outside is compiled; {', '.join(EXPORTED)} can be."
+            )
+        kind = look_up("controller", name, CONTROLLERS)
+        if kind not in LAWS:
+            raise CableError(
+                f"controller {name!r} cannot be exported, for its step is not one "
+                f"compiled function; {', '.join(EXPORTED)} can be."
+            )
+        made: Any = kind(drive)
+        law = LAWS[kind]
+        known = made.drive.cables if law.has_model else ()
+        planned = isinstance(made, PredictiveCompensation)
+        given = made.tuning if planned else made.gains
+        rows = tuple(zip(map(_identifier, cables), known, strict=False))
+        fields = [
+            _gain_parameter(gain, float(getattr(given, gain.name)), law)
+            for gain in law.gains
+        ]
+        for cable, own in rows:
+            fields += _cable_parameters(cable, own, law)
+        taps = made.taps if isinstance(made, AdaptiveModel) else None
+        if taps is not None:
+            names = [cable for cable, _ in rows]
+            fields += _sensor_parameters(names, taps)
+        if len({field.name.upper() for field in fields}) < len(fields):
+            raise CableError(
+                f"cables {', '.join(cables)} have the same name in C; rename one."
+            )
+        return cls(
+            law,
+            tuple(fields),
+            tuple(cable for cable, _ in rows),
+            tuple(own.cable.segments for _, own in rows),
+            tuple(len(own.cable.conduit) for _, own in rows),
+            made.tables[:-1] if planned else (),
+            taps,
+        )
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Readings that it uses."""
+        return (*self.law.seen, *(name for name, _, _ in self.tension_readings))
+
+    @property
+    def tension_readings(self) -> tuple[tuple[str, str, int], ...]:
+        """Name of the reading, cable and node of every tension sensor."""
+        if self.taps is None:
+            return ()
+        return tuple(
+            (f"tension_{cable}_{place}_n", cable, node)
+            for cable, nodes in zip(self.cables, self.taps.nodes.tolist(), strict=True)
+            for place, node in enumerate(nodes)
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape that the compiled functions are given: see `entries`."""
+        told = (len(self.cables), *self.segments, *self.sections)
+        if self.plans:
+            told = *told, *self.plans[0].shape[:2]
+        if self.taps is not None:
+            nodes = self.taps.nodes
+            told = *told, nodes.shape[1], *nodes.ravel().tolist()
+        return told
+
+    @property
+    def tables(self) -> tuple[float, ...]:
+        """Numbers that no parameter changes: see `entries`."""
+        tables = [number for table in self.plans for number in np.ravel(table)]
+        fading = [] if self.taps is None else [self.taps.fading]
+        return tuple(map(float, [*tables, *fading]))
+
+    def values(self) -> FloatArray:
+        """Return the parameters, in order."""
+        return np.array([field.value for field in self.fields])
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Places of numbers in the memory; the last is how many there are."""
+        longest = max(self.segments, default=0)
+        if self.plans:
+            delays, knots = self.plans[0].shape[:2]
+            cables = len(self.cables)
+            *places, end = predictive.places(
+                cables, longest, sum(self.sections), delays, knots
+            )
+            if self.taps is not None:
+                end += adaptive.memory_size(cables, longest, self.taps.nodes.shape[1])
+            return *places, end
+        return tuple(entry_points.places(len(self.cables), longest))
+
+    @property
+    def given(self) -> int:
+        """Place of the last torque in the memory, of a controller that plans."""
+        return self.places[0] - 1  # before the scratch, see `_predictive.places`
+
+
+def _identifier(name: str) -> str:
+    return re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def _bounds(parameter: Any) -> tuple[float, float]:
+    low = parameter.low
+    return (
+        math.nextafter(low, math.inf) if parameter.low_open else low
+    ), parameter.high
+
+
+def _gain_parameter(gain: Parameter, value: float, law: ExportedLaw) -> Field:
+    meaning, (low, high) = gain.meaning, _bounds(gain)
+    if gain.name in law.unread:
+        meaning += "; this controller does not read it"
+    if gain.name in law.fixed:
+        meaning, low, high = meaning + "; fixed by the export", value, value
+    return Field(gain.name, gain.unit, low, high, value, meaning)
+
+
+def _sensor_parameters(cables: list[str], taps: friction_slope.Taps) -> Iterator[Field]:
+    least = math.nextafter(0.0, 1.0)
+    for cable, nodes, noise in zip(
+        cables, taps.nodes.tolist(), taps.noise.tolist(), strict=True
+    ):
+        for place, (node, deviation) in enumerate(zip(nodes, noise, strict=True)):
+            yield Field(
+                f"{cable}_sensor_{place}_deviation", "N", least, 1e9, deviation,
+                f"standard deviation of the tension sensor at node {node}",
+            )  # fmt: skip
+
+
+def _fixed_for_slope(own: CableDrive) -> set[str]:
+    """Return the parameters that must stay fixed to keep the slope of the tension."""
+    found = {name for name, term in TERMS.items() if not has_slope(term)}
+    constant = {TERMS[name].constant_without for name in found & set(own.cable.terms)}
+    return found | constant - {""}
+
+
+def _cable_parameters(name: str, own: CableDrive, law: ExportedLaw) -> Iterator[Field]:
+    still = _fixed_for_slope(own) if law.needs_slope else set()
+    most, least = 1e6, math.nextafter(0.0, 1.0)
+    for side, value in (("proximal", own.proximal), ("distal", own.distal)):
+        end = "motor" if side == "proximal" else "joint"
+        yield Field(
+            f"{name}_{side}", "m/rad", -most, most, value,
+            f"displacement of the {side} end per angle of the {end}, signed, not 0",
+        )  # fmt: skip
+    for parameter, value in zip(PARAMETERS, own.cable.scalars, strict=True):
+        low, high = _bounds(parameter)
+        if own.cable.path == "open" and parameter.name.startswith("seal_"):
+            high = 0.0
+        if law.needs_slope and parameter.name == "friction":
+            low = friction_slope.MIN_BELIEVED_FRICTION
+        meaning = parameter.meaning
+        if parameter.name in still:
+            low, high, meaning = value, value, meaning + "; fixed by the export"
+        yield Field(
+            f"{name}_{parameter.name}", parameter.unit, low, high, value, meaning,
+        )  # fmt: skip
+    for i, section in enumerate(own.cable.conduit):
+        yield Field(
+            f"{name}_length_{i}", "m", least, most, section.length,
+            f"length of section {i} of the conduit, from the motor",
+        )  # fmt: skip
+        yield Field(
+            f"{name}_radius_{i}", "m", least, math.inf, section.radius,
+            "its bend radius; infinite where it is straight",
+        )  # fmt: skip

@@ -1,0 +1,306 @@
+"""Functions for C: the laws of `control._compiled_laws` on the memory of the caller.
+
+    init(memory, shape, parameters, least, most)    # 0, or 1 + what is wrong
+    torque = step(memory, shape, tables, readings)
+
+`shape` says how many cables there are, then the segments of each, then the sections of
+each. `tables` are numbers of the controller that no parameter changes. `parameters` are
+the gains; then, of every cable, its arms at motor and joint, its
+scalars and its sections. Memory is numbers only; `places` says what stands where.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+from numba.extending import intrinsic
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal, types
+from cc_mujoco.cable import _friction as friction
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control._cable_model import follow, stiffness
+from cc_mujoco.control._compensation import SCRATCH_ROWS
+
+FIRST_STEP, JOINT_ANGLE, STIFFNESS = 0, 1, 2
+"""Places in the memory: whether no step was taken yet, angle of the joint since the
+start as the model finds it [rad], stiffness of all cables there [N m/rad]."""
+OWN_MEMORY = 3
+"""Numbers before those that are a controller's own."""
+MAX_READING = 1e6
+"""Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
+larger one is never unlearnt."""
+_N_GAINS, _N_INPUTS = len(compiled_laws.GAINS), len(compiled_laws.LAW_INPUTS)
+_GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
+_CABLES = _GAINS + _N_GAINS
+_CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
+
+_RATIO, _LOW, _HIGH = (
+    [gain.name for gain in compiled_laws.GAINS].index(name)
+    for name in ("ratio", "low", "high")
+)
+_FRICTION = friction.INDEX["friction"]
+_STATIC = friction.INDEX["static_friction"]
+_PRETENSION = friction.INDEX["pretension"]
+_EXPONENT = friction.INDEX["tension_exponent"]
+
+NUMBERS = types.CPointer(types.float64)
+COUNTS = types.CPointer(types.int64)
+INIT_SIGNATURE = types.int64(NUMBERS, COUNTS, NUMBERS, NUMBERS, NUMBERS)
+STEP_SIGNATURE = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
+
+
+@compiled
+def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
+    """Return the places of numbers in the memory, given the most segments of a cable.
+
+    Returns:
+        First numbers of what the laws need to compute with, of the packed parameters,
+        the states, the states after a step, the scratch; and how many numbers there
+        are.
+    """
+    scratch = _CABLES + _CABLE_ROWS * cables
+    packed = scratch + SCRATCH_ROWS * cables
+    state = packed + cables * kernel.parameter_size(most)
+    new = state + cables * kernel.state_size(most)
+    work = new + cables * kernel.state_size(most)
+    return scratch, packed, state, new, work, work + kernel.work_size(most)
+
+
+@intrinsic
+def _offset_pointer(context: Any, pointer: Any, count: Any) -> Any:
+    """Return a pointer advanced by `count` numbers."""
+
+    def codegen(context: Any, builder: Any, called: Any, args: Any) -> Any:
+        return builder.gep(args[0], [args[1]])
+
+    return pointer(pointer, types.int64), codegen
+
+
+pointer_at: Any = _offset_pointer
+
+
+@internal
+def first_out_of_range(
+    first: int, end: int, parameters: Any, least: Any, most: Any
+) -> int:
+    """Return 1 + the index of a parameter out of its range, 0 if there is none."""
+    for i in range(first, end):
+        if not least[i] <= parameters[i] <= most[i]:
+            return i + 1
+    return 0
+
+
+@internal
+def wrong_motor(
+    parameters: Any,
+    least: Any,
+    most: Any,
+    count: int,
+    ratio: int,
+    low: int,
+    high: int,
+) -> int:
+    """Return 1 + the index of an impossible motor parameter, 0 if there is none.
+
+    Args:
+        parameters: of a controller; those of its cables are behind the first `count`.
+        least: of every parameter.
+        most: of every parameter.
+        count: how many there are.
+        ratio: place of the ratio.
+        low: place of the least torque.
+        high: place of the greatest.
+    """
+    wrong = first_out_of_range(0, count, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    if parameters[ratio] == 0.0:
+        return ratio + 1
+    if not parameters[low] < parameters[high]:
+        return high + 1
+    return 0
+
+
+@internal
+def _consistent(values: FloatArray) -> int:
+    """Return 1 + the index of a cable's contradictory scalar, 0 if there is none."""
+    if 0.0 < values[_STATIC] < values[_FRICTION]:
+        return _STATIC + 1
+    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
+        return _EXPONENT + 1
+    return 0
+
+
+@internal
+def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int) -> int:
+    """Return 1 + the index of an impossible cable parameter, 0 if there is none.
+
+    Those of the cables begin at `first`.
+    """
+    cables, count = shape[0], first
+    for k in range(cables):
+        count += 2 + SCALARS + 2 * shape[1 + cables + k]
+    wrong = first_out_of_range(first, count, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    for k in range(cables):
+        if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
+            return first + (1 if parameters[first] == 0.0 else 2)
+        wrong = _consistent(carray(pointer_at(parameters, first + 2), SCALARS))
+        if wrong != 0:
+            return first + 2 + wrong
+        first += 2 + SCALARS + 2 * shape[1 + cables + k]
+    return 0
+
+
+@internal
+def _store_parameters(memory: Any, parameters: Any) -> None:
+    for i in range(_N_GAINS):
+        memory[_GAINS + i] = parameters[i]
+
+
+def set_gains(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the gains of a controller without a model.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
+    if wrong == 0:
+        _store_parameters(memory, parameters)
+        memory[STIFFNESS] = parameters[compiled_laws.STIFFNESS]
+    return wrong
+
+
+def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the gains of a controller with a model, and its cables.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
+    if wrong == 0:
+        wrong = wrong_cables(shape, parameters, least, most, _N_GAINS)
+    if wrong != 0:
+        return wrong
+    cables, longest = shape[0], 0
+    for k in range(cables):
+        longest = max(longest, shape[1 + k])
+    _store_parameters(memory, parameters)
+    _, packed, _, _, _, _ = places(cables, longest)
+    size = kernel.parameter_size(longest)
+    first = _N_GAINS
+    for k in range(cables):
+        memory[_CABLES + k] = parameters[first]
+        memory[_CABLES + cables + k] = parameters[first + 1]
+        sections = shape[1 + cables + k]
+        kernel.pack(
+            carray(pointer_at(parameters, first + 2), SCALARS),
+            carray(pointer_at(parameters, first + 2 + SCALARS), (sections, 2)),
+            shape[1 + k],
+            carray(pointer_at(memory, packed + k * size), size),
+        )
+        first += 2 + SCALARS + 2 * sections
+    memory[STIFFNESS] = stiffness(
+        carray(pointer_at(memory, packed), (cables, size)),
+        carray(pointer_at(memory, _CABLES + cables), cables),
+    )
+    return 0
+
+
+@internal
+def is_possible(reading: float) -> bool:
+    """Return whether a reading is a number that a sensor can mean."""
+    return bool(abs(reading) <= MAX_READING)
+
+
+@internal
+def all_possible(readings: Any, count: int) -> bool:
+    """Return whether all that is read is possible."""
+    for i in range(count):
+        if not is_possible(readings[i]):
+            return False
+    return True
+
+
+def step_proportional_integral(
+    memory: Any, shape: Any, tables: Any, readings: Any
+) -> float:
+    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    if not all_possible(readings, _N_INPUTS):
+        return np.nan
+    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
+    if memory[FIRST_STEP] != 0.0:
+        law[:] = 0.0
+        memory[FIRST_STEP] = 0.0
+    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
+    return compiled_laws.guarded_torque(
+        gains, memory[STIFFNESS], law, carray(readings, _N_INPUTS)
+    )
+
+
+@internal
+def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> float:
+    if not all_possible(readings, _N_INPUTS):
+        return np.nan
+    count, longest = shape[0], 0
+    for k in range(count):
+        longest = max(longest, shape[1 + k])
+    scratch, packed, first, after, work, end = places(count, longest)
+    size, width = kernel.parameter_size(longest), kernel.state_size(longest)
+    seen = carray(readings, _N_INPUTS)
+    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
+    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
+    proximal = carray(pointer_at(memory, _CABLES), count)
+    distal = carray(pointer_at(memory, _CABLES + count), count)
+    arm = carray(pointer_at(memory, _CABLES + 2 * count), count)
+    direction = carray(pointer_at(memory, _CABLES + 3 * count), count)
+    gain = carray(pointer_at(memory, _CABLES + 4 * count), count)
+    law_scratch = carray(pointer_at(memory, scratch), (SCRATCH_ROWS, count))
+    prm = carray(pointer_at(memory, packed), (count, size))
+    state = carray(pointer_at(memory, first), (count, width))
+    new = carray(pointer_at(memory, after), (count, width))
+    n = carray(pointer_at(shape, 1), count)
+    cables = stepper.Cables(prm, n, proximal, proximal, distal)
+    if memory[FIRST_STEP] != 0.0:
+        stepper.set_rest(cables, seen[compiled_laws.ANGLE], 0.0, state)
+        law[:] = 0.0
+        direction[:] = 0.0
+        gain[:] = 1.0
+        memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
+    memory[JOINT_ANGLE] = follow(
+        cables,
+        state,
+        seen[compiled_laws.ANGLE],
+        seen[compiled_laws.TORQUE],
+        memory[JOINT_ANGLE],
+        direction,
+        gain,
+        arm,
+        gains[compiled_laws.PERIOD],
+        new,
+        carray(pointer_at(memory, work), end - work),
+    )
+    if with_stiction:
+        return compiled_laws.stiction(
+            gains, memory[STIFFNESS], prm, n, distal, arm, state, law, seen, law_scratch
+        )
+    return compiled_laws.model_based(
+        gains, memory[STIFFNESS], prm, n, distal, arm, state, direction, gain, 0.0, law,
+        seen, law_scratch,
+    )  # fmt: skip
+
+
+def step_model_based(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    return _step_model(memory, shape, readings, False)
+
+
+def step_stiction(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    return _step_model(memory, shape, readings, True)

@@ -1,0 +1,79 @@
+"""The folder of an exported controller, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.compilation import bitcode
+from cc_mujoco.export import _c_source as c_source
+from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.export._targets import Target, emit
+
+HEADER_FILE, OBJECT_FILE = "cc_controller.h", "cc_controller.o"
+TEXT_FILES = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
+EXPORT_FILES = (HEADER_FILE, OBJECT_FILE, *TEXT_FILES, atomic_io.MANIFEST)
+"""Files that a folder holds."""
+
+
+def require_ours(folder: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether a controller may be written to a folder.
+
+    Raises:
+        CableError: It may not.
+    """
+    header = _existing_header(Path(folder))
+    atomic_io.require_ours(
+        folder, EXPORT_FILES, lambda _: header.startswith(c_source.HEADER_MARK)
+    )
+    atomic_io.require_unmodified(folder, (HEADER_FILE, OBJECT_FILE, *TEXT_FILES))
+
+
+def _existing_header(folder: Path) -> str:
+    """Return the header of an earlier export; empty without one."""
+    try:
+        return (folder / HEADER_FILE).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def write(
+    folder: str | os.PathLike[str], plan: ExportPlan, target: Target, what: str
+) -> None:
+    """Compile a controller and write it with all that C needs.
+
+    Args:
+        folder: Where; what an earlier export left there is replaced unless a user
+            changed it.
+        plan: The controller.
+        target: The machine.
+        what: Of which controller, for what scene and machine; stands in the header.
+
+    Raises:
+        CableError: It cannot be compiled for that machine, or not be written there.
+    """
+    require_ours(folder)
+    law = plan.law
+    functions = {
+        one.name: one
+        for entry, signature in (
+            (law.set_parameters, entry_points.INIT_SIGNATURE),
+            (law.step, entry_points.STEP_SIGNATURE),
+        )
+        for one in bitcode(entry.__name__, entry, signature)
+    }
+    assembly = c_source.interface(
+        plan, target.bits, law.set_parameters.__name__, law.step.__name__
+    )
+    compiled = emit(target, assembly, functions.values())
+    texts = c_source.parameters(plan), c_source.example(plan), c_source.CMAKE_TEXT
+    with atomic_io.replacing_folder(folder) as partial:
+        (partial / OBJECT_FILE).write_bytes(compiled)
+        names = HEADER_FILE, *TEXT_FILES
+        for name, text in zip(
+            names, (c_source.header(plan, what), *texts), strict=True
+        ):
+            (partial / name).write_text(text, encoding="utf-8", newline="\n")
+        atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])

@@ -1,0 +1,254 @@
+"""Functions of `predictive` for C: `control._planning` on the caller's memory.
+
+`shape` goes on behind that of `entries` by the number of delays that may be, and of the
+knots of a plan. `tables` are the gains of the plans, those of the unexplained torque
+and the weights of accelerations, for every delay. The memory also keeps the cables as
+they were given, because they are packed anew whenever their friction is found to be
+another. Parameters that are given between two steps are packed in the next one, with
+the friction that was learned.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+
+from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _planner_parameters as planner_parameters
+from cc_mujoco.control import _planning as planning
+from cc_mujoco.control._cable_model import has_changed, pack, stiffness
+from cc_mujoco.control._predictive import PLANNER_INPUTS
+from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export._entry_points import pointer_at
+
+_TUNING_START = entry_points.OWN_MEMORY
+TUNING_SIZE = len(planner_parameters.TUNING)
+"""Parameters before those of the cables."""
+_PARAMETERS_CHANGED = _TUNING_START + TUNING_SIZE + 1
+_ARMS = _PARAMETERS_CHANGED + 1
+INPUT_COUNT = len(PLANNER_INPUTS)
+"""Numbers that are read."""
+
+
+@compiled
+def places(
+    cables: int, most: int, sections: int, delays: int, knots: int
+) -> tuple[int, int, int, int, int, int]:
+    """Return the places of numbers in the memory, like `_entry_points.places`.
+
+    Args:
+        cables: How many there are.
+        most: Segments of the longest.
+        sections: Of all of them.
+        delays: That may be.
+        knots: Of a plan.
+    """
+    state = kernel.state_size(most)
+    kept = planning.FRICTION + cables
+    given = _ARMS + 3 * cables
+    scratch = given + cables * SCALARS + 2 * sections
+    scratch += kept + delays * (planning.OBSERVER_SIZE + 1)
+    packed = scratch + SCALARS + 2 * (knots + 1) + kept + 3 * cables * state
+    packed += knots * (4 + knots + planning.WORK_ROWS)
+    first = packed + cables * kernel.parameter_size(most)
+    new = first + cables * state
+    work = new + cables * state
+    return scratch, packed, first, new, work, work + kernel.work_size(most)
+
+
+@internal
+def longest_cable(shape: Any) -> tuple[int, int]:
+    """Return the segments of the longest cable, and sections of all of them."""
+    cables, most, sections = shape[0], 0, 0
+    for k in range(cables):
+        most = max(most, shape[1 + k])
+        sections += shape[1 + cables + k]
+    return most, sections
+
+
+@internal
+def memory_places(shape: Any) -> tuple[int, int, int, int, int, int]:
+    """Return the places of numbers in the memory; see `places`."""
+    cables = shape[0]
+    most, sections = longest_cable(shape)
+    return places(cables, most, sections, shape[1 + 2 * cables], shape[2 + 2 * cables])
+
+
+@internal
+def friction_factor_place(shape: Any) -> int:
+    """Return the place of the initial friction factor, until there is a plan."""
+    cables = shape[0]
+    kept, knots = planning.FRICTION + cables, shape[2 + 2 * cables]
+    return int(memory_places(shape)[0] + SCALARS + 2 * (knots + 1) + kept)
+
+
+@internal
+def cable_place(shape: Any, cable: int) -> int:
+    """Return the place of the given scalars of a cable, followed by its sections."""
+    cables = shape[0]
+    given = _ARMS + 3 * cables
+    for k in range(cable):
+        given += SCALARS + 2 * shape[1 + cables + k]
+    return int(given)
+
+
+@internal
+def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
+    """Pack a cable with a multiple of the friction that was given for it."""
+    cables, given = shape[0], cable_place(shape, cable)
+    scratch, packed, _, _, _, _ = memory_places(shape)
+    size = kernel.parameter_size(longest_cable(shape)[0])
+    pack(
+        carray(pointer_at(memory, given), SCALARS),
+        carray(pointer_at(memory, given + SCALARS), (shape[1 + cables + cable], 2)),
+        shape[1 + cable],
+        factor,
+        carray(pointer_at(memory, scratch), SCALARS),
+        carray(pointer_at(memory, packed + cable * size), size),
+    )
+
+
+@internal
+def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Return 1 + the index of an impossible parameter, 0 if there is none."""
+    wrong = entry_points.wrong_motor(
+        parameters,
+        least,
+        most,
+        TUNING_SIZE,
+        planner_parameters.RATIO,
+        planner_parameters.LOW,
+        planner_parameters.HIGH,
+    )
+    if wrong != 0:
+        return wrong
+    return entry_points.wrong_cables(shape, parameters, least, most, TUNING_SIZE)
+
+
+def set_plan(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the tuning and the cables.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    wrong = wrong_plan(shape, parameters, least, most)
+    if wrong == 0:
+        store_plan(memory, shape, parameters)
+    return wrong
+
+
+@internal
+def store_plan(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take parameters that can be."""
+    for i in range(TUNING_SIZE):
+        memory[_TUNING_START + i] = parameters[i]
+    cables = shape[0]
+    first, kept = TUNING_SIZE, _ARMS + 3 * cables
+    for k in range(cables):
+        memory[_ARMS + k] = parameters[first]
+        memory[_ARMS + cables + k] = parameters[first + 1]
+        count = SCALARS + 2 * shape[1 + cables + k]
+        for i in range(count):
+            memory[kept + i] = parameters[first + 2 + i]
+        first, kept = first + 2 + count, kept + count
+    memory[_PARAMETERS_CHANGED] = 1.0
+
+
+def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    if not entry_points.all_possible(readings, INPUT_COUNT):
+        return np.nan
+    cables = shape[0]
+    _, sections = longest_cable(shape)
+    law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
+    kept = carray(pointer_at(memory, law), planning.FRICTION + cables)
+    if memory[entry_points.FIRST_STEP] != 0.0:
+        kept[:] = 0.0
+    planning.friction_factors(
+        kept, carray(pointer_at(memory, friction_factor_place(shape)), cables)
+    )
+    return plan(memory, shape, tables, readings)
+
+
+@internal
+def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Return the motor torque of the next step [N m].
+
+    Where `friction_factor_place` says, the memory has what the friction of every cable
+    is to be multiplied by.
+    """
+    cables = shape[0]
+    most, sections = longest_cable(shape)
+    delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
+    scratch, packed, first, after, work, end = memory_places(shape)
+    size, width = kernel.parameter_size(most), kernel.state_size(most)
+    kept, states = planning.FRICTION + cables, (cables, width)
+    law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
+    device = planning.PlannerMemory(
+        carray(pointer_at(memory, law), kept),
+        carray(pointer_at(memory, law + kept), (delays, planning.OBSERVER_SIZE)),
+        carray(
+            pointer_at(memory, law + kept + delays * planning.OBSERVER_SIZE), delays
+        ),
+    )
+    state = carray(pointer_at(memory, first), states)
+    arm = carray(pointer_at(memory, _ARMS), cables)
+    distal = carray(pointer_at(memory, _ARMS + cables), cables)
+    n = carray(pointer_at(shape, 1), cables)
+    prm = carray(pointer_at(memory, packed), (cables, size))
+    model = stepper.Cables(prm, n, arm, arm, distal)
+    free = friction_factor_place(shape)
+    is_fresh = memory[entry_points.FIRST_STEP] != 0.0
+    factors = carray(pointer_at(memory, _ARMS + 2 * cables), cables)
+    found = carray(pointer_at(memory, free), cables)
+    if is_fresh:
+        device.memory[:] = 0.0
+        device.applied[:] = 0.0
+        factors[:] = 1.0
+    for k in range(cables):
+        if has_changed(found[k], factors[k]):
+            factors[k] = found[k]
+            _pack(memory, shape, k, factors[k])
+        elif is_fresh or memory[_PARAMETERS_CHANGED] != 0.0:
+            _pack(memory, shape, k, factors[k])
+    if memory[_PARAMETERS_CHANGED] != 0.0:
+        memory[_TUNING_START + planner_parameters.STIFFNESS] = stiffness(prm, distal)
+        memory[_PARAMETERS_CHANGED] = 0.0
+    if is_fresh:
+        stepper.set_rest(model, readings[0], 0.0, state)
+        memory[entry_points.JOINT_ANGLE], memory[entry_points.FIRST_STEP] = 0.0, 0.0
+    own = packed - knots * (4 + knots + planning.WORK_ROWS)
+    plan_scratch = planning.PlannerWorkspace(
+        carray(pointer_at(memory, after), states),
+        carray(pointer_at(memory, free), states),
+        carray(pointer_at(memory, free + cables * width), states),
+        carray(pointer_at(memory, free + 2 * cables * width), states),
+        carray(pointer_at(memory, scratch + SCALARS), knots + 1),
+        carray(pointer_at(memory, scratch + SCALARS + knots + 1), knots + 1),
+        carray(pointer_at(memory, scratch + SCALARS + 2 * (knots + 1)), kept),
+        carray(pointer_at(memory, own), knots),
+        carray(pointer_at(memory, own + knots), knots),
+        carray(pointer_at(memory, own + 2 * knots), knots),
+        carray(pointer_at(memory, own + 3 * knots), knots),
+        carray(pointer_at(memory, own + 4 * knots), (knots, knots)),
+        carray(
+            pointer_at(memory, own + (4 + knots) * knots), (planning.WORK_ROWS, knots)
+        ),
+        carray(pointer_at(memory, work), end - work),
+    )
+    plans = delays * knots * (2 + knots)
+    plan_tables = planning.Tables(
+        carray(tables, (delays, knots, 2 + knots)),
+        carray(pointer_at(tables, plans), delays),
+        carray(pointer_at(tables, plans + delays), delays),
+        carray(pointer_at(memory, _TUNING_START), TUNING_SIZE + 1),
+    )
+    return planning.motor_torque(
+        model, state, carray(pointer_at(memory, entry_points.JOINT_ANGLE), 1), device,
+        carray(readings, INPUT_COUNT), plan_tables, plan_scratch,
+    )  # fmt: skip

@@ -1,0 +1,145 @@
+"""Limits that are never exceeded: the limiter directly before the motor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError
+
+MAX_PERIOD, MIN_PERIOD = 1.0 / 500.0, 1.0 / 2000.0
+"""Periods of a loop [s]."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a run, which is stopped if a measured value exceeds one."""
+
+    torque: float
+    """Largest torque of the motor, either way [N m]."""
+    torque_rate: float
+    """Largest rate of the motor's torque [N m/s]."""
+    motor_speed: float
+    """[rad/s]"""
+    joint_range: tuple[float, float]
+    """Least and greatest angle [rad]."""
+    joint_torque: float = math.inf
+    """Largest torque that the transmission puts into the joint, either way [N m]."""
+    tension: float = math.inf
+    """Anywhere in a cable, by what the model in the scene makes of the motor's angle
+    and the joint's torque [N]."""
+    soft_start: float = 1.0
+    """Time over which the share of the controller grows from 0 to 1 [s]."""
+    stop_time: float = 0.1
+    """Time in which the torque goes to zero after a stop [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that cannot be."""
+        for name in ("torque", "torque_rate", "motor_speed"):
+            require_parameter(self, name, 1e-9, 1e9, "")
+        low, high = self.joint_range
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise CableError(
+                "Limits.joint_range must be two finite angles in rad, the lower first, "
+                f"not {self.joint_range!r}."
+            )
+        if max(-low, high) > math.tau:
+            raise CableError(
+                "Limits.joint_range must lie within a turn to either side, in rad, "
+                f"not {self.joint_range!r}; {high:g} degrees are "
+                f"{math.radians(high):.3g} rad."
+            )
+        for name, unit in (("joint_torque", "N m"), ("tension", "N")):
+            if not getattr(self, name) > 0.0:
+                raise CableError(
+                    f"Limits.{name} must be above 0 {unit}, not "
+                    f"{getattr(self, name)!r}."
+                )
+        require_parameter(self, "soft_start", 0.0, 600.0, "s")
+        require_parameter(self, "stop_time", 0.0, 10.0, "s")
+
+    def stop_steps(self, period: float) -> int:
+        """Return the cycles in which the torque goes to zero.
+
+        Raises:
+            CableError: The torque's rate does not allow to be that fast.
+        """
+        steps = max(1, math.floor(self.stop_time / period + 1e-9))
+        if self.torque > self.torque_rate * period * steps * (1.0 + 1e-9):
+            least = self.torque / self.torque_rate
+            raise CableError(
+                f"stop_time = {self.stop_time:g} s is too short for a torque of "
+                f"{self.torque:g} N m that may change by {self.torque_rate:g} N m/s; "
+                f"it must be at least {math.ceil(least / period - 1e-9) * period:g} s."
+            )
+        return steps
+
+
+class Limiter:
+    """Limiter of a motor's torque, given the torque that a controller wishes.
+
+    For any request, two torques in a row differ by at most rate times period, and none
+    is beyond the limit; it begins at zero. Time is counted in cycles, so a late loop
+    makes no larger steps.
+    """
+
+    def __init__(self, limits: Limits, period: float) -> None:
+        """Begin at zero torque.
+
+        Args:
+            limits: That are kept.
+            period: Between two torques [s].
+
+        Raises:
+            CableError: A stop cannot be as fast as requested.
+        """
+        self._limit = limits.torque
+        self._max_torque_step = limits.torque_rate * period
+        self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0
+        self._stop_steps = limits.stop_steps(period)
+        self._cycles = 0
+        self._stop_rate = 0.0
+        self.torque = 0.0
+        """The last that was given out [N m]."""
+        self.is_rate_limited = False
+        """True if the limit of the rate kept it from where it was to go."""
+
+    @property
+    def share(self) -> float:
+        """Share of the controller in the last torque, 1 after the soft start."""
+        return min(1.0, self._cycles * self._share)
+
+    def limited(self, wish: float) -> float:
+        """Return the next torque [N m].
+
+        Args:
+            wish: Torque that the controller requests [N m], finite.
+
+        Raises:
+            CableError: It is not.
+        """
+        if not math.isfinite(wish):
+            raise CableError(f"the controller asked for {wish!r} N m.")
+        self._cycles += 1
+        self._stop_rate = 0.0
+        return self._towards(self.share * wish)
+
+    def stopping(self) -> float:
+        """Return the next torque of a ramp to zero within `stop_time` [N m]."""
+        if self._stop_rate == 0.0:
+            self._stop_rate = abs(self.torque) / self._stop_steps
+        left = abs(self.torque) - self._stop_rate
+        # What rounding leaves of the last step is no torque.
+        goal = left if left > 1e-9 * self._limit else 0.0
+        return self._towards(math.copysign(goal, self.torque))
+
+    def _towards(self, goal: float) -> float:
+        within = min(max(goal, -self._limit), self._limit)
+        low, high = (
+            self.torque - self._max_torque_step,
+            self.torque + self._max_torque_step,
+        )
+        self.torque = min(max(within, low), high)
+        self.is_rate_limited = self.torque != within
+        return self.torque

@@ -1,0 +1,229 @@
+"""The log of a run shown as an episode is: a recording for Rerun and a figure.
+
+    replay("runs/first/log.csv", "bench")
+
+A rig has no sensors inside its cables. What is shown there is what the model in the
+scene makes of the motor's angle and the joint's torque, as in the controllers; angles,
+torques and their time are those that were measured.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_ours
+from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.control._cable_model import CableModel
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, scene_of
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._drive_model import bench_drive
+from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
+from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.simulation._log_columns import DEVICE_COLUMNS, MODEL_XML
+
+Array = NDArray[np.float64]
+
+REQUIRED_COLUMNS = RUN_COLUMNS[:8]
+"""Columns that a log must have."""
+RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
+_MAX_TWIST = 0.5
+"""Difference of the angles of motor and joint, at the joint, that no cable of a scene
+that fits would allow: more than slack, stretch and offsets of the encoders [rad]."""
+
+
+def files_for(log: Path) -> tuple[Path, Path]:
+    """Return the paths of a log's recording and figure, next to the log.
+
+    They begin with the name of the log unless it is `DEFAULT_LOG_NAME`.
+    """
+    first = "" if log.stem == DEFAULT_LOG_NAME else f"{log.stem}_"
+    return log.with_name(first + RECORDING_FILE), log.with_name(first + SUMMARY_FIGURE)
+
+
+def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
+    """Write the recording and the figure of a run next to its log.
+
+    Args:
+        log: `log.csv` of a run or of a trial, or the same as Parquet.
+        scene: Name of a scene, or the file of one.
+
+    Returns:
+        The two files.
+
+    Raises:
+        CableError: The log cannot be read or lacks a column, or the scene does not fit.
+    """
+    path = Path(log)
+    if is_marked(path):
+        made = path.with_name(RECORDING_FILE)
+        if not made.is_file():
+            raise CableError(
+                f"{path} is no log of a run; `cc-mujoco run` leaves those."
+            )
+        raise CableError(
+            f"{path} is the log of an episode; open its recording: rerun {made}"
+        )
+    ran = scene_of(path)
+    if ran != scene and {ran, scene} <= {*SCENES}:
+        raise CableError(
+            f"{path} was recorded with scene {ran!r}, not {scene!r}; name that one, or "
+            "a file of it."
+        )
+    rows = read_rows(path)
+    model, episode = as_episode(rows, scene, path)
+    written = files_for(path)
+    about = files_of(path.stem)[1]
+    require_ours(
+        path.parent,
+        [each.name for each in written],
+        lambda place: (place / about).is_file(),
+    )
+
+    from cc_mujoco.viz._rerun_file import write_recording
+    from cc_mujoco.viz._summary import write_summary
+
+    with replacing_folder(path.parent) as partial:
+        write_summary(partial / written[1].name, episode)
+        write_recording(partial / written[0].name, episode, model)
+    return written
+
+
+def read_rows(path: Path) -> dict[str, Array]:
+    """Return the columns of a log by name (T,) each, from all whole lines.
+
+    Raises:
+        CableError: It cannot be read, has no row, lacks a column or has cells that are
+            no numbers.
+    """
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    try:
+        if path.suffix.lower() == ".parquet":
+            table = pyarrow.parquet.read_table(path)
+        else:
+            content = path.read_bytes()
+            # A process that is killed while it writes may leave a part of a line.
+            whole = content[: content.rfind(b"\n") + 1]
+            table = pyarrow.csv.read_csv(pa.BufferReader(whole))
+    except (OSError, pa.ArrowInvalid) as error:
+        reason = " ".join(str(error).split())
+        raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
+    missing = [name for name in REQUIRED_COLUMNS if name not in table.column_names]
+    if missing:
+        raise CableError(
+            f"{path} has no column {', '.join(missing)}; it must be a log that "
+            "`cc-mujoco run` wrote."
+        )
+    if len(table) < 2:
+        raise CableError(f"{path} has {len(table)} rows; a log needs two or more.")
+    found: dict[str, Array] = {}
+    for name in REQUIRED_COLUMNS:
+        try:
+            values = table.column(name).cast(pa.float64()).to_numpy()
+        except pa.ArrowInvalid as error:
+            raise CableError(f"{path}, column {name}: {error}") from None
+        may_lack = name == "desired_torque_nm"  # none while a run is stopped
+        if not may_lack and not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise CableError(
+                f"{path}, line {row + 2}, column {name}: {values[row]} must be a "
+                "finite number."
+            )
+        found[name] = np.asarray(values, dtype=np.float64)
+    if (np.diff(found["time_s"]) <= 0.0).any():
+        row = int(np.flatnonzero(np.diff(found["time_s"]) <= 0.0)[0])
+        raise CableError(f"{path}, line {row + 3}, column time_s: time must rise.")
+    return found
+
+
+def as_episode(
+    rows: dict[str, Array], scene: str, path: Path
+) -> tuple[mujoco.MjModel, EpisodeLog]:
+    """Return the scene, and a run as an episode in it.
+
+    Args:
+        rows: See `read_rows`.
+        scene: Name of a scene, or the file of one.
+        path: Of the log, for the errors.
+
+    Raises:
+        CableError: The scene has no such drive, or its ratio is not that of the angles.
+    """
+    place = scene_path(scene) if scene in SCENES else Path(scene)
+    if not place.is_file():
+        raise CableError.unknown("scene", scene, SCENES)
+    bench = Bench.of(place)
+    if bench.lever is not None:
+        raise CableError(
+            f"scene {scene}: its cable pulls a lever; a log is shown in a scene whose "
+            "cables run on pulleys."
+        )
+    time, count = rows["time_s"], rows["time_s"].size
+    period = float(np.median(np.diff(time)))
+    drive = bench_drive(place, period)
+    twist = rows["motor_angle_rad"] / drive.ratio - rows["joint_angle_rad"]
+    if np.ptp(twist) > _MAX_TWIST:
+        raise CableError(
+            f"{path} does not fit scene {scene}: the motor over {drive.ratio:.3g} and "
+            f"the joint drift {np.ptp(twist):.2g} rad apart; give the rig's own scene."
+        )
+    model = mujoco.MjModel.from_xml_path(str(place))
+    columns: dict[str, NDArray[Any]] = {
+        column.name: rows.get(column.name, np.full(count, np.nan))
+        for column in DEVICE_COLUMNS
+        if not column.listed
+    }
+    qpos = np.tile(model.qpos0, (count, 1))
+    for name, angle in ((bench.motor, "motor"), (bench.joint, "joint")):
+        qpos[:, int(model.joint(name).qposadr[0])] += rows[f"{angle}_angle_rad"]
+    columns["qpos"] = qpos
+    observer = CableModel(drive)
+    states = []
+    for motor, torque in zip(
+        rows["motor_angle_rad"].tolist(), rows["joint_torque_nm"].tolist(), strict=True
+    ):
+        observer.follow([motor], [torque])
+        states.append(
+            [
+                (
+                    observer.tension(k)[0],
+                    observer.slip(k)[0],
+                    *observer.state[0, k, 2:4],
+                )
+                for k in range(len(bench.names))
+            ]
+        )
+    for k, cable in enumerate(bench.names):
+        nodes = np.array([state[k][0] for state in states])
+        slip = np.array([state[k][1] for state in states])
+        columns |= {
+            f"tension_{cable}_proximal_n": nodes[:, 0],
+            f"tension_{cable}_distal_n": nodes[:, -1],
+            f"moving_{cable}_fraction": np.mean(slip != 0, axis=1),
+            f"slack_{cable}_m": np.array([state[k][3] for state in states]),
+            f"dissipated_{cable}_j": np.array([state[k][2] for state in states]),
+            f"tension_{cable}_nodes_n": nodes,
+            f"slip_{cable}_direction": slip,
+        }
+    about = {
+        "scene": scene,
+        "run": str(path),
+        "tensions": "by the scene's model, from motor angle and joint torque",
+        RATIO: 1.0 / drive.ratio,
+        "cables": {
+            name: cable.to_config()
+            for name, cable in zip(bench.names, bench.cables, strict=True)
+        },
+        MODEL_XML: place.read_text(encoding="utf-8"),
+    }
+    return model, EpisodeLog(columns, about)

@@ -1,0 +1,147 @@
+"""A rig as the loop sees it, and one at the other end of a link of packets."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from typing import Protocol, runtime_checkable
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._packet import Command, Readings, Status
+
+END_PACKETS = 10
+"""Packets that say that the run is over; some may be lost."""
+_CLOCK_STEP_AGE = 1_000_000_000
+"""Age from which an older time is a step of the rig's clock, and is looked at [ns]."""
+_END_PACKET_INTERVAL = 1e-3
+"""Time between them [s]."""
+
+
+@runtime_checkable
+class Rig(Protocol):
+    """Interface that drives a motor and reads its sensors.
+
+    A class of your own needs these three methods and is made by `module:Class` with the
+    other keys of `[rig]` as keywords. No method may block for long: the loop waits for
+    it. It may have a `ignored`, a `Counter` of what was received and not used, by why,
+    and a `where`, the address at which it is looked for.
+    """
+
+    def read(self) -> Readings | None:
+        """Return the newest reading, or None if none came since the last call."""
+
+    def write(self, torque: float) -> None:
+        """Command a torque of the motor [N m]."""
+
+    def close(self) -> None:
+        """Leave the motor without torque, for good."""
+
+
+class Link(Protocol):
+    """Carrier of packets between two ends; nothing of it waits."""
+
+    ignored: Counter[str]
+    """Packets that it received and did not hand on, by why."""
+    where: str
+    """The address of the other end."""
+
+    def receive(self) -> bytes | None:
+        """Return the next packet, or None if there is none.
+
+        Raises:
+            OSError: It could not be received; the next one may.
+            CableError: Nothing can be any more.
+        """
+
+    def send(self, data: bytes) -> None:
+        """Send a packet.
+
+        Raises:
+            OSError: It could not be sent; the next one may.
+            CableError: Nothing can be any more.
+        """
+
+    def close(self) -> None:
+        """Leave it; a second time does nothing."""
+
+
+class PacketRig:
+    """A rig at the other end of a link: it validates packets and sends commands.
+
+    A zero command that is not enabled comes first; torque follows once it was heard.
+    """
+
+    def __init__(self, link: Link) -> None:
+        """Take a link; nothing is sent yet."""
+        self.ignored = link.ignored
+        """Packets that were not used: corrupt, repeated, reordered, overtaken; and
+        what the link did not carry."""
+        self.where = link.where
+        """The address at which it is looked for."""
+        self._link = link
+        self._sequence = 0
+        self._last: packet.Packet | None = None
+        self._closed = False
+
+    def read(self) -> Readings | None:
+        """Return the newest valid reading that is newer than the last; see `Rig`.
+
+        Raises:
+            CableError: The link carries nothing any more.
+        """
+        newest = None
+        while (data := self._receive()) is not None:
+            found = packet.read_reading(data)
+            if found is None:
+                self.ignored["corrupt"] += 1
+                continue
+            last = self._last
+            if last is not None and not packet.is_newer(found.sequence, last.sequence):
+                same = found.sequence == last.sequence
+                self.ignored["repeated" if same else "reordered"] += 1
+                continue
+            if last is not None and 0 <= last.stamp - found.stamp < _CLOCK_STEP_AGE:
+                self.ignored["stamp stands still"] += 1
+                continue
+            self.ignored["overtaken"] += newest is not None
+            self._last, newest = found, found.readings
+        return newest
+
+    def write(self, torque: float) -> None:
+        """Send a command, enabled once the rig has been heard; see `Rig`.
+
+        Raises:
+            CableError: The link carries nothing any more.
+        """
+        heard = self._last is not None
+        self._send(torque, Status.ENABLED if heard else Status.NONE)
+
+    def close(self) -> None:
+        """Send several times that the run is over; see `Rig`."""
+        if self._closed:
+            return
+        self._closed = True
+        for _ in range(END_PACKETS):
+            with contextlib.suppress(CableError):
+                self._send(0.0, Status.STOPPED)
+            time.sleep(_END_PACKET_INTERVAL)
+        self._link.close()
+
+    def _receive(self) -> bytes | None:
+        try:
+            return self._link.receive()
+        except OSError:
+            self.ignored["unreachable"] += 1
+            return None
+
+    def _send(self, torque: float, status: Status) -> None:
+        self._sequence += 1
+        echo = 0 if self._last is None else self._last.stamp
+        command = Command(self._sequence, echo, torque, status)
+        try:
+            self._link.send(packet.pack_command(command))
+        except OSError:
+            # As good as lost on the way; readings stop, too, and that is watched.
+            self.ignored["unsent"] += 1

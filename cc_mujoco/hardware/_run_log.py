@@ -1,0 +1,212 @@
+"""Log of a run: its rows as they come, and a page on how it went.
+
+`log.csv` grows block by block, so that a killed process loses no more than the last
+block; one that is killed while it writes may leave a part of a line. Its columns are
+those of an episode log (`cc_mujoco.simulation._log_columns`) as far as a rig has them,
+so it is data for `cc-mujoco diagnose`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, RUN_MARK, page_of
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._packet import Readings
+
+RUN_COLUMNS = (
+    "time_s",
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "motor_torque_nm",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+    "command_torque_nm",
+    "controller_torque_nm",
+    "late_s",
+    "work_s",
+    "cycle",
+)
+"""Columns of a row: time by the rig's clock; what it measured; `motor_torque_nm`, the
+torque that it had been commanded by then; that of the task; the one commanded in this
+cycle; the one that the controller requested (NaN if it was not called); how late the
+cycle began and how long it took until the command was sent; the number of the cycle."""
+_HEADER_LINE = (",".join(RUN_COLUMNS) + "\n").encode()
+RESERVED_BYTES = 4096
+"""Blanks in the page of a run while it goes on: a full disk leaves no place for its
+outcome [bytes]."""
+BLOCK_TIME = 0.1
+"""Length of a block [s]."""
+
+
+def files_of(name: str) -> tuple[str, str]:
+    """Return the names of the two files of a run: its rows and its run record."""
+    rows = f"{name}.csv"
+    return rows, page_of(Path(rows)).name
+
+
+def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -> None:
+    """Find out, before a rig is touched, whether a run may be written to a folder.
+
+    Args:
+        folder: Where.
+        name: Of the run's files.
+
+    Raises:
+        CableError: It cannot be written, or has a run's files: other than results of
+            a computation, measured data cannot be made again.
+    """
+    atomic_io.require_ours(folder, (), lambda _: True)
+    if _is_empty(Path(folder), name):
+        return
+    for file in files_of(name):
+        if os.path.lexists(Path(folder, file)):
+            raise CableError(
+                f"{folder} holds {file}; measured data are never replaced, name "
+                "another folder to write to."
+            )
+
+
+def _is_empty(folder: Path, name: str) -> bool:
+    """Return whether a run of ours ended there before anything was measured."""
+    rows, page = (folder / file for file in files_of(name))
+    try:
+        bare = (
+            rows.stat().st_size == len(_HEADER_LINE)
+            and rows.read_bytes() == _HEADER_LINE
+        )
+        return bare and page.read_text(encoding="utf-8")[:1] == "{"
+    except (OSError, ValueError):
+        return False
+
+
+class RunLog:
+    """The rows of a run, and what it was."""
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        about: Mapping[str, Any],
+        rows: int,
+        name: str = DEFAULT_LOG_NAME,
+    ) -> None:
+        """Begin both files.
+
+        Args:
+            folder: Where; made if need be.
+            about: The settings of the run, as JSON.
+            rows: Of a block.
+            name: Of the files.
+
+        Raises:
+            CableError: As `require_free`.
+        """
+        require_free(folder, name)
+        rows_file, about_file = files_of(name)
+        self._folder = Path(folder)
+        self._page = self._folder / about_file
+        self._about = {**RUN_MARK, **about}
+        self._rows = rows
+        self._block: list[str] = []
+        self._start: float | None = None
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._tell({"outcome": "running, or killed"}, RESERVED_BYTES)
+        self._path = self._folder / rows_file
+        if _is_empty(self._folder, name):
+            os.unlink(self._path)
+        # Unbuffered: what is written is the system's, not this process's.
+        self._file = open(self._path, "xb", buffering=0)
+        self._size = 0
+        self._disk_is_full = False
+        try:
+            self._write(_HEADER_LINE)
+        except CableError:
+            self._file.close()
+            self._path.unlink()
+            self._page.unlink()
+            raise
+
+    def row(self, seen: Readings, before: float, *others: float) -> None:
+        """Add a row.
+
+        Args:
+            seen: The reading of this cycle.
+            before: Torque that the motor had been commanded by then [N m].
+            others: The columns from `desired_torque_nm` on.
+        """
+        if self._start is None:
+            self._start = seen.time
+        _, angle, velocity, *joint, _ = seen
+        row = (seen.time - self._start, angle, velocity, before, *joint, *others)
+        self._block.append(",".join(repr(float(value)) for value in row))
+        if len(self._block) >= self._rows:
+            self.flush()
+
+    def close(self, outcome: Mapping[str, Any]) -> None:
+        """End both files.
+
+        Args:
+            outcome: How it went, as JSON.
+
+        Raises:
+            CableError: The rows left over, or the page, cannot be written.
+        """
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            self._tell(outcome)
+
+    def flush(self) -> None:
+        """Write the rows that are left over.
+
+        Raises:
+            CableError: They cannot be written.
+        """
+        data = "".join(f"{row}\n" for row in self._block).encode()
+        self._block.clear()
+        if data and not self._disk_is_full:
+            self._write(data)
+
+    def _write(self, data: bytes) -> None:
+        """Write whole lines; where a disk is full, those that it takes.
+
+        Raises:
+            CableError: Not all of them could be written; there is no more to come.
+        """
+        done = 0
+        try:
+            while done < len(data):
+                done += self._file.write(data[done:]) or 0
+        except OSError as error:
+            self._disk_is_full = True
+            self._size += data[:done].rfind(b"\n") + 1
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file.fileno(), self._size)
+            raise CableError(
+                f"{self._path} cannot be written: {error.strerror or error}; it ends "
+                "with its last whole line."
+            ) from error
+        self._size += done
+
+    def _tell(self, outcome: Mapping[str, Any], spare: int = 0) -> None:
+        """Write the run record, with blanks behind it for later entries."""
+        text = json.dumps({**self._about, **outcome}, indent=1) + "\n"
+        data = text.encode() + b" " * spare
+        try:
+            with atomic_io.replacing(self._page) as partial:
+                partial.write_bytes(data)
+        except CableError:
+            # A full disk still has the bytes that the page has.
+            if not self._page.is_file() or self._page.stat().st_size < len(data):
+                raise
+            with open(self._page, "r+b", buffering=0) as page:
+                page.write(data.ljust(self._page.stat().st_size))

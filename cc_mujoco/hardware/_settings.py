@@ -1,0 +1,319 @@
+"""`rig.toml`: the rig, its limits and what it is to do.
+
+scene = "bench"                 # that the controller knows: a name or an MJCF file
+period = 0.002                  # s, 0.0005 to 0.002
+# motor_lag = 0.003             # s, time constant of the torque; the scene's by default
+
+[rig]
+address = "192.168.7.2:5005"    # of a rig behind UDP
+# address = "can:can0"          # or on CAN FD: the channel, and by default
+# interface = "socketcan"       # of python-can
+# command_id = 0x110            # above 0x7ff: 29 bits
+# reading_id = 0x111
+# bus = {}                      # what else the interface needs: data_bitrate, ...
+# class = "my_rig:Rig"          # or of your own, made with the other keys
+
+[limits]                        # the first four must be given
+torque = 2.0                    # N m, of the motor
+torque_rate = 40.0              # N m/s
+motor_speed = 30.0              # rad/s
+joint_range = [-1.0, 1.0]       # rad
+joint_torque = 8.0              # N m; no limit unless given
+tension = 200.0                 # N, by the scene's model; no limit unless given
+soft_start = 1.0                # s
+stop_time = 0.1                 # s
+
+[watchdog]                      # cycles in a row, see `Watchdog`
+missed_readings = 10
+missed_deadlines = 10
+frozen_readings = 20
+frozen_torque = 0.2             # of the torque's limit
+frozen_angle = 0.2              # rad
+twist = 0.5                     # rad
+
+[task]                          # desired torque at the joint, one of
+torque = 0.5                    # N m, constant
+# csv = "torque.csv"            # columns time_s and torque_nm, linear between
+# name = "spring"               # of the joint's motion, as in `cc-mujoco play`
+# trajectory = "sine"           # its course in time, of this amplitude
+# amplitude = 0.5               # N m
+
+[servo]                         # of the trials of a plan; by the motor's inertia
+# stiffness = 50.0              # N m/rad, unless given, see `Stiffness`
+# damping = 0.15                # N m s/rad
+# integral = 4000.0             # N m/(rad s)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+import os
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cc_mujoco.datasets._toml_table import Table, finite
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._address import CanAddress, UdpAddress, address_of
+from cc_mujoco.hardware._can_rig import CanRig
+from cc_mujoco.hardware._drive_model import drive_of
+from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
+from cc_mujoco.hardware._references import (
+    Desired,
+    Virtual,
+    constant_course,
+    course_from_csv,
+    course_from_trajectory,
+)
+from cc_mujoco.hardware._rig import Rig
+from cc_mujoco.hardware._servo import Stiffness
+from cc_mujoco.hardware._udp_rig import UdpRig
+from cc_mujoco.hardware._watchdog import Watchdog
+
+Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
+
+MAX_MOTOR_TIME_CONSTANT = 0.02
+"""Greatest time constant of a motor's torque that a loop is made for [s]."""
+_TASK_KEYS = ("torque", "csv", "name", "trajectory")
+_REQUIRED_LIMITS = ("torque", "torque_rate", "motor_speed", "joint_range")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The contents of a `rig.toml`."""
+
+    path: Path
+    scene: str
+    """Name of a scene, or the file of one."""
+    period: float
+    """Period of the loop [s]."""
+    rig: Table
+    """The table `[rig]`."""
+    limits: Limits
+    watchdog: Watchdog
+    task: Table
+    """The table `[task]`."""
+    servo: Table
+    """The table `[servo]`."""
+    motor_lag: float | None = None
+    """Time constant of the motor's torque [s]; None is that of the scene."""
+
+    def address(self) -> UdpAddress | CanAddress | None:
+        """Return the address of the rig, None for a rig with a class of its own."""
+        return address_of(self.rig) if "address" in self.rig.content else None
+
+    def connect(self) -> Rig:
+        """Make the rig that `[rig]` names.
+
+        Raises:
+            CableError: It cannot be made.
+        """
+        address = self.address()
+        if address is None:
+            return _user_rig(self.rig, self.rig.text("class") or "")
+        try:
+            if isinstance(address, CanAddress):
+                return CanRig(address)
+            return UdpRig(address.host, address.port)
+        except CableError as error:
+            raise CableError(f"{self.rig.where}: {error}") from None
+
+    def drive(self) -> Drive:
+        """Return the prior knowledge of a controller about the rig.
+
+        Raises:
+            CableError: There is no such scene, or it is not one that has such a drive.
+        """
+        return drive_of(
+            self.scene,
+            self.path.parent,
+            self.period,
+            self.limits.torque,
+            joint_torque=self.limits.joint_torque,
+            torque_rate=self.limits.torque_rate,
+            motor_lag=self.motor_lag,
+        )
+
+    def firm(self, drive: Drive) -> Stiffness:
+        """Return the stiffness with which the motor is held on the course of a trial.
+
+        Args:
+            drive: Of the rig.
+
+        Raises:
+            CableError: The motor's inertia is not known and `[servo]` does not say all.
+        """
+        given = _numbers(self.servo, Stiffness)
+        if len(given) == len(dataclasses.fields(Stiffness)):
+            return _construct(Stiffness, self.servo, given)
+        usual = dataclasses.asdict(Stiffness.of(drive))
+        return _construct(Stiffness, self.servo, {**usual, **given})
+
+    def desired(self, duration: float) -> Desired:
+        """Make the desired torque that `[task]` names.
+
+        Args:
+            duration: Of the run [s].
+
+        Raises:
+            CableError: It cannot be made.
+        """
+        table = self.task
+        if (torque := table.number("torque")) is not None:
+            return constant_course(torque)
+        if (file := table.text("csv")) is not None:
+            return course_from_csv(self.path.parent / file)
+        try:
+            if (name := table.text("name")) is not None:
+                return Virtual.named(name)
+            shape = table.text("trajectory") or ""
+            return course_from_trajectory(
+                shape, table.number("amplitude") or 0.0, duration
+            )
+        except CableError as error:
+            raise CableError(f"{table.where}: {error}") from None
+
+
+def read_settings(path: str | Path) -> Settings:
+    """Read a `rig.toml`.
+
+    Raises:
+        CableError: It cannot be read, lacks a key, or has one or a value that cannot
+            be; says where.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise CableError(f"cannot read {path}: {error.strerror}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    top = Table(str(path), content)
+    top.only(
+        "scene", "period", "motor_lag", "rig", "limits", "watchdog", "task", "servo"
+    )
+    scene = _require_value(top, "scene", top.text("scene"))
+    period = _require_value(top, "period", top.number("period"))
+    if not MIN_PERIOD * (1 - 1e-9) <= period <= MAX_PERIOD * (1 + 1e-9):
+        raise top.wrong(
+            "period", f"{MIN_PERIOD:g} to {MAX_PERIOD:g} s (500 Hz to 2 kHz)"
+        )
+    lag = top.number("motor_lag")
+    if lag is not None and not 0.0 <= lag <= MAX_MOTOR_TIME_CONSTANT:
+        raise top.wrong(
+            "motor_lag", f"0 to {MAX_MOTOR_TIME_CONSTANT:g} s; 3 ms are 0.003"
+        )
+    limits = _limits(top.table("limits"))
+    try:
+        limits.stop_steps(period)
+    except CableError as error:
+        raise CableError(f"{path}, [limits]: {error}") from None
+    dog = top.table("watchdog")
+    return Settings(
+        path,
+        scene,
+        period,
+        _rig(top.table("rig")),
+        limits,
+        _construct(Watchdog, dog, _numbers(dog, Watchdog)),
+        _task(top.table("task")),
+        _servo(top.table("servo")),
+        lag,
+    )
+
+
+def _limits(table: Table) -> Limits:
+    for key in _REQUIRED_LIMITS:
+        _require_value(table, key, table.content.get(key))
+    pair = table.content["joint_range"]
+    ends = [finite(end) for end in pair] if isinstance(pair, list) else []
+    if len(ends) != 2 or None in ends:
+        raise table.wrong("joint_range", "two angles in rad, [least, greatest]")
+    given = _numbers(table, Limits, "joint_range")
+    return _construct(Limits, table, {**given, "joint_range": tuple(ends)})
+
+
+def _rig(table: Table) -> Table:
+    own, address = table.text("class"), table.text("address")
+    if (own is None) == (address is None):
+        raise CableError(f"{table.where} needs either `address` or `class`.")
+    if address is not None:
+        address_of(table)
+    return table
+
+
+def _servo(table: Table) -> Table:
+    _numbers(table, Stiffness)
+    return table
+
+
+def _task(table: Table) -> Table:
+    table.only(*_TASK_KEYS, "amplitude")
+    given = [key for key in _TASK_KEYS if key in table.content]
+    if len(given) != 1:
+        raise CableError(f"{table.where} needs one of {', '.join(_TASK_KEYS)}.")
+    if ("amplitude" in table.content) != (given == ["trajectory"]):
+        raise CableError(
+            f"{table.where}: `amplitude`, in N m, belongs to `trajectory` and to "
+            "nothing else."
+        )
+    return table
+
+
+def _require_value(table: Table, key: str, value: Any) -> Any:
+    if value is None:
+        raise CableError(f"{table.where} needs `{key}`.")
+    return value
+
+
+def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
+    """Return the numbers of a table whose keys are the fields of a dataclass."""
+    names = [field.name for field in dataclasses.fields(kind)]
+    table.only(*names)
+    found = {}
+    for name in names:
+        if name in others or (value := table.number(name)) is None:
+            continue
+        found[name] = value
+        if isinstance(getattr(kind, name, None), int):
+            if value != math.floor(value):
+                raise table.wrong(name, "a whole number of cycles")
+            found[name] = int(value)
+    return found
+
+
+def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
+    try:
+        return kind(**given)
+    except CableError as error:
+        raise CableError(f"{table.where}: {error}") from None
+
+
+def _user_rig(table: Table, name: str) -> Rig:
+    """Return a rig of a class that is importable, also from the current folder."""
+    place, _, attribute = name.partition(":")
+    here = os.getcwd()
+    sys.path.insert(0, here)
+    others = {key: value for key, value in table.content.items() if key != "class"}
+    try:
+        made = getattr(importlib.import_module(place), attribute)(**others)
+    except CableError:
+        raise
+    except Exception as error:
+        raise CableError(
+            f"{table.where}, class {name!r} cannot be made: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    finally:
+        sys.path.remove(here)
+    if not isinstance(made, Rig):
+        raise CableError(
+            f"{table.where}, class {name!r} makes no rig; it needs read(), "
+            "write(torque) and close()."
+        )
+    return made

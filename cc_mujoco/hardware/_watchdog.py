@@ -1,0 +1,288 @@
+"""Causes that stop a run: sensors lost, impossible or frozen, and lost time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.control._cable_model import CableModel
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._limits import Limits
+from cc_mujoco.hardware._packet import Readings, Status
+from cc_mujoco.hardware._torque_sensor import TorqueSensor
+
+MIN_CLOCK_STEP = 1.0
+"""Least step of the rig's clock against that of the host that ends a run [s]."""
+
+
+@dataclass(frozen=True)
+class Watchdog:
+    """Longest times that something may be amiss, in cycles in a row."""
+
+    missed_readings: int = 10
+    """Cycles without a new reading."""
+    missed_deadlines: int = 10
+    """Cycles that were skipped because the host was late."""
+    frozen_readings: int = 20
+    """Equal readings while the torque commands differ."""
+    frozen_torque: float = 0.2
+    """Difference of those torques, as a share of the torque's limit [-]."""
+    frozen_angle: float = 0.2
+    """Most that one encoder may turn, at the joint, while the other has not changed by
+    a bit [rad]: more than play, stretch and slack of the cables."""
+    twist: float = 0.5
+    """Largest twist between motor and joint, at the joint [rad]: more than play and
+    stretch of a pair of cables. A single one may be slack and is not looked at."""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible settings."""
+        for name in ("missed_readings", "missed_deadlines", "frozen_readings"):
+            require_parameter(self, name, 1, 1e6, "cycles")
+        require_parameter(self, "frozen_torque", 1e-6, 2.0, "of the torque's limit")
+        require_parameter(self, "frozen_angle", 1e-6, 1e3, "rad")
+        require_parameter(self, "twist", 1e-6, 1e9, "rad")
+
+
+def tension_model(drive: Drive, limit: float) -> CableModel:
+    """Return the model that predicts tensions, compiled before the first cycle.
+
+    Raises:
+        CableError: Other joints than the one that is measured wind the cable too, or
+            the limit is within the pretension [N].
+    """
+    most = max(each.cable.pretension for each in drive.cables)
+    if limit <= most:
+        raise CableError(
+            f"[limits] tension must be above the scene's pretension of {most:g} N, not "
+            f"{limit:g}."
+        )
+    if drive.crossed:
+        raise CableError(
+            "[limits] tension needs to know how joint "
+            f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of one "
+            "joint; leave it out."
+        )
+    model = CableModel(drive)
+    model.follow([0.0], [0.0])
+    model.reset()
+    return model
+
+
+class Watch:
+    """Watchdog of every cycle; it returns the reason to stop, in one sentence."""
+
+    def __init__(self, limits: Limits, watchdog: Watchdog, drive: Drive) -> None:
+        """Begin with the first cycle.
+
+        Args:
+            limits: Of what is measured.
+            watchdog: How long something may be amiss.
+            drive: Of the rig.
+
+        Raises:
+            CableError: Tension is limited, and the model cannot tell it, or the cables
+                have more to begin with.
+        """
+        self._limits, self._watchdog, self._drive = limits, watchdog, drive
+        limited = math.isfinite(limits.tension)
+        self._cables = tension_model(drive, limits.tension) if limited else None
+        self._twist: float | None = None
+        self._late = 0
+        self._without = 0
+        self._enabled = False
+        self._disabled = 0
+        self._last: Readings | None = None
+        self._equal = 0
+        self._asked = (0.0, 0.0)
+        self._still = [0, 0]
+        self._held = [0.0, 0.0]
+        self._times: tuple[float, float] | None = None
+        self.has_stepped = False
+        """True if the rig's clock has stepped: times of its readings are wrong."""
+        # Of other joints that wind the cables no rig tells.
+        self._sensor = (
+            TorqueSensor(
+                drive,
+                watchdog.frozen_readings,
+                watchdog.frozen_torque * limits.torque * abs(drive.ratio),
+            )
+            if drive.cables and not drive.crossed
+            else None
+        )
+
+    def deadline(self, missed: int) -> str | None:
+        """Look at the time.
+
+        Args:
+            missed: Cycles skipped before this one.
+        """
+        self._late = self._late + missed if missed else 0
+        if self._late < self._watchdog.missed_deadlines:
+            return None
+        return f"the host was late: {self._late} cycles in a row were missed."
+
+    def reading(self, found: Readings | None, torque: float, now: float) -> str | None:
+        """Look at the sensors.
+
+        Args:
+            found: The new reading, None if there is none.
+            torque: The last torque command of the motor [N m].
+            now: Time by the clock of the host [s].
+        """
+        if found is None:
+            self._without += 1
+            if self._without < self._watchdog.missed_readings:
+                return None
+            return f"the rig is silent: no new reading in {self._without} cycles."
+        self._without = 0
+        return (
+            self._check_rig_status(found)
+            or self._impossible(found)
+            or self._stepped(found.time, now)
+            or self._frozen(found, torque)
+            or self._twist_fault(found)
+            or self._tension_fault(found)
+            or self._felt(found)
+        )
+
+    def _stepped(self, time: float, now: float) -> str | None:
+        """Return that the rig's clock went on by another time than the host's."""
+        before, self._times = self._times, (time, now)
+        if before is None:
+            return None
+        step = (time - before[0]) - (now - before[1])
+        if abs(step) < MIN_CLOCK_STEP:
+            return None
+        self.has_stepped = True
+        return (
+            f"the rig's clock stepped by {step:+.4g} s; what it measures from there on "
+            "is not logged."
+        )
+
+    def _felt(self, found: Readings) -> str | None:
+        """Return the fault of the torque sensor."""
+        if self._sensor is None:
+            return None
+        return self._sensor.reading(
+            found.motor_angle, found.joint_angle, found.joint_torque
+        )
+
+    def _check_rig_status(self, found: Readings) -> str | None:
+        status = found.status
+        if status is None:
+            return None
+        if status & Status.FAULT:
+            return "the rig reports a fault."
+        if status & Status.STOPPED:
+            return "the rig was stopped at its own side."
+        if status & Status.ENABLED:
+            self._enabled = True
+            return None
+        if self._enabled:
+            return "the rig has disabled its motor; did its own watchdog end?"
+        self._disabled += 1
+        if self._disabled < self._watchdog.missed_readings:
+            return None
+        return f"the rig does not enable its motor: {self._disabled} readings say so."
+
+    def _impossible(self, found: Readings) -> str | None:
+        limits = self._limits
+        for name in Readings._fields[:6]:
+            value = getattr(found, name)
+            if not math.isfinite(value):
+                return f"the reading of {name} is {value!r}, no finite number."
+        low, high = limits.joint_range
+        if not low <= found.joint_angle <= high:
+            return (
+                f"the joint is at {found.joint_angle:.4g} rad, outside its range of "
+                f"{low:g} to {high:g} rad."
+            )
+        for name, unit, limit in (
+            ("motor_velocity", "rad/s", limits.motor_speed),
+            ("joint_torque", "N m", limits.joint_torque),
+        ):
+            value = getattr(found, name)
+            if abs(value) > limit:
+                return f"{name} is {value:.4g} {unit}, beyond its limit of {limit:g}."
+        return None
+
+    def _frozen(self, found: Readings, torque: float) -> str | None:
+        last, self._last = self._last, found
+        if last is None:
+            self._held = [found.motor_angle, found.joint_angle]
+            return None
+        if found[1:6] == last[1:6]:
+            self._equal += 1
+            self._asked = min(self._asked[0], torque), max(self._asked[1], torque)
+        else:
+            self._equal, self._asked = 0, (torque, torque)
+        change = self._asked[1] - self._asked[0]
+        dog = self._watchdog
+        if (
+            self._equal >= dog.frozen_readings
+            and change >= dog.frozen_torque * self._limits.torque
+        ):
+            return (
+                f"the sensors are frozen: {self._equal} equal readings while the "
+                f"torque changed by {change:.3g} N m."
+            )
+        return self._frozen_encoder_fault(found, last)
+
+    def _frozen_encoder_fault(self, found: Readings, last: Readings) -> str | None:
+        """Return the fault if one encoder stands still while the other goes on."""
+        now = found.motor_angle, found.joint_angle
+        before = last.motor_angle, last.joint_angle
+        for one, scale in ((0, 1.0), (1, 1.0 / self._drive.ratio)):
+            other = 1 - one
+            if now[one] != before[one]:
+                # From here on is counted how far the other one turns.
+                self._still[one], self._held[other] = 0, now[other]
+                continue
+            self._still[one] += 1
+            turned = abs((now[other] - self._held[other]) * scale)
+            if (
+                self._still[one] >= self._watchdog.frozen_readings
+                and turned > self._watchdog.frozen_angle
+            ):
+                names = ("motor", "joint")
+                return (
+                    f"the encoder of the {names[one]} is frozen: that of the "
+                    f"{names[other]} turned by {turned:.3g} rad at the joint."
+                )
+        return None
+
+    def _tension_fault(self, found: Readings) -> str | None:
+        """Return the fault if a cable carries more than it may, by the model."""
+        model = self._cables
+        if model is None:
+            return None
+        model.follow([found.motor_angle], [found.joint_torque])
+        for k in range(model.segments.size):
+            most = float(model.tension(k).max())
+            if most > self._limits.tension:
+                which = "the cable" if model.segments.size == 1 else f"cable {k + 1}"
+                return (
+                    f"{which} carries {most:.4g} N by the scene's model, beyond its "
+                    f"limit of {self._limits.tension:g}."
+                )
+        return None
+
+    def _twist_fault(self, found: Readings) -> str | None:
+        """Return the fault if motor and joint twist more than cables let them."""
+        drive = self._drive
+        # One cable may be slack; of other joints that wind cables no rig tells.
+        if drive.one_way or drive.crossed:
+            return None
+        twist = found.motor_angle / drive.ratio - found.joint_angle
+        if self._twist is None:
+            self._twist = twist
+        parted = abs(twist - self._twist)
+        if parted <= self._watchdog.twist:
+            return None
+        return (
+            f"motor and joint have gone {parted:.3g} rad apart, at the joint, "
+            f"beyond twist = {self._watchdog.twist:g}: a cable is off, or the sign of "
+            f"an encoder or the scene's ratio of {drive.ratio:g} is wrong."
+        )

@@ -1,0 +1,216 @@
+"""Trajectories for system identification: sine, chirp, multisine.
+
+A carrier of unit amplitude is faded in by a minimum-jerk step, so that the motion
+starts at rest at angle 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._motion import (
+    Array,
+    Motion,
+    Scripted,
+    cycle_fraction,
+    episode_fraction,
+    minimum_jerk,
+)
+
+
+@dataclass(frozen=True)
+class Sine(Scripted):
+    """A sine that grows from rest to its full amplitude.
+
+    Phase: the sine's own period.
+    """
+
+    amplitude: float = 0.4
+    frequency: float = 0.5
+    """Frequency [Hz]."""
+    fade: float = 1.0
+    """Time in which the amplitude grows from 0 to its full value [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no motion."""
+        super().__post_init__()
+        require_parameter(self, "frequency", 1e-3, 50.0, "Hz")
+        require_parameter(self, "fade", 0.01, 1e4, "s")
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        omega = 2 * math.pi * self.frequency
+        sine, cosine = np.sin(omega * time), np.cos(omega * time)
+        return _fade_in(
+            time,
+            (sine, omega * cosine, -(omega**2) * sine),
+            self.amplitude,
+            self.fade,
+            cycle_fraction(time, 1 / self.frequency),
+        )
+
+
+@dataclass(frozen=True)
+class Chirp(Scripted):
+    """A sine whose frequency grows exponentially over the episode.
+
+    Every octave takes the same time. Phase: fraction of the episode.
+    """
+
+    amplitude: float = 0.3
+    low: float = 0.1
+    """Frequency at the start [Hz]."""
+    high: float = 2.0
+    """Frequency at the end of the episode [Hz]."""
+    fade: float = 1.0
+    """Time in which the amplitude grows from 0 to its full value [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no motion."""
+        super().__post_init__()
+        require_parameter(self, "fade", 0.01, 1e4, "s")
+        _require_band(self)
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        growth = math.log(self.high / self.low) / duration
+        omega = 2 * math.pi * self.low * np.exp(growth * time)
+        turn = 2 * math.pi * self.low * np.expm1(growth * time) / growth
+        sine, cosine = np.sin(turn), np.cos(turn)
+        return _fade_in(
+            time,
+            (sine, omega * cosine, omega * growth * cosine - omega**2 * sine),
+            self.amplitude,
+            self.fade,
+            episode_fraction(time, duration),
+        )
+
+
+@dataclass(frozen=True)
+class Multisine(Scripted):
+    """Sines at every multiple of 1 / period in a band, of random phase.
+
+    Amplitudes fall as 1 / frequency, so that every line carries the same velocity. Of
+    `draws` random sets of phases the one of lowest crest factor (peak over RMS) is
+    kept, which makes most of the amplitude allowed. Phase: the signal's own period.
+    """
+
+    amplitude: float = 0.4
+    low: float = 0.1
+    """Lowest frequency [Hz]."""
+    high: float = 1.5
+    """Highest frequency [Hz]."""
+    period: float = 10.0
+    """Period of the signal [s]."""
+    draws: int = 32
+    """Number of sets of phases that compete [-]."""
+    fade: float = 1.0
+    """Time in which the amplitude grows from 0 to its full value [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no motion."""
+        super().__post_init__()
+        require_parameter(self, "fade", 0.01, 1e4, "s")
+        require_parameter(self, "period", 0.01, 1e4, "s")
+        require_parameter(self, "draws", 1, 10_000, "sets of phases")
+        _require_band(self)
+        lines = self._lines().size
+        if not 1 <= lines <= 1000:
+            raise CableError(
+                f"Multisine must have 1 to 1000 lines, but {lines} multiples of "
+                f"1 / {self.period:g} s lie in {self.low:g} to {self.high:g} Hz."
+            )
+
+    def _lines(self) -> Array:
+        """Return the multiples of 1 / period in the band, its bounds included."""
+        first = max(math.ceil(self.low * self.period - 1e-9), 1)
+        last = math.floor(self.high * self.period + 1e-9)
+        return np.arange(first, last + 1, dtype=np.float64)
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        lines = self._lines()
+        # Between equidistant samples a trigonometric polynomial of degree n rises at
+        # most by 1 / cos(pi n / samples) above the largest of them (Ehlich and Zeller,
+        # 1964), so that the true peak is known to 0.2 %.
+        per_cycle = 50
+        samples = per_cycle * int(lines[-1])
+        grid = 2 * math.pi * np.arange(samples) / samples
+        # A Fourier transform gives the sum far faster than the lines one by one do, and
+        # to far within 1e-9, so that it shows which draws may be the best.
+        spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+        rivals: list[tuple[float, Array]] = []
+        lowest = math.inf
+        for _ in range(self.draws):
+            phases = rng.uniform(0.0, 2 * math.pi, lines.size)
+            spectrum[lines.astype(np.intp)] = samples / 2 * np.exp(1j * phases) / lines
+            rough = float(np.abs(np.fft.irfft(spectrum, samples)).max())
+            lowest = min(rough, lowest)
+            if rough <= (1 + 1e-9) * lowest:
+                rivals.append((rough, phases))
+        # All draws have one RMS, so the lowest peak is the lowest crest factor.
+        best, peak = np.zeros_like(lines), math.inf
+        for rough, phases in rivals:
+            if rough <= (1 + 1e-9) * lowest:
+                found = np.abs(_sum_of_cosines(grid, lines, 1 / lines, phases)).max()
+                if found < peak:
+                    best, peak = phases, float(found)
+        weights = math.cos(math.pi / per_cycle) / peak / lines
+        omega = 2 * math.pi / self.period
+        turn = omega * time
+        quarter = math.pi / 2
+        carrier = (
+            _sum_of_cosines(turn, lines, weights, best),
+            omega * _sum_of_cosines(turn, lines, weights * lines, best + quarter),
+            omega**2
+            * _sum_of_cosines(turn, lines, weights * lines**2, best + 2 * quarter),
+        )
+        return _fade_in(
+            time, carrier, self.amplitude, self.fade, cycle_fraction(time, self.period)
+        )
+
+
+def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) -> Array:
+    """Return the sum of weight cos(line turn + phase)."""
+    total = np.zeros_like(turn)
+    for line, weight, phase in zip(lines, weights, phases, strict=True):
+        total += weight * np.cos(line * turn + phase)
+    return total
+
+
+def _require_band(owner: Chirp | Multisine) -> None:
+    require_parameter(owner, "low", 1e-3, 50.0, "Hz")
+    require_parameter(owner, "high", 1e-3, 50.0, "Hz")
+    if owner.high <= owner.low:
+        where = type(owner).__name__
+        raise CableError(
+            f"{where}.high must be above {where}.low = {owner.low:g} Hz, "
+            f"not {owner.high:g} Hz."
+        )
+
+
+def _fade_in(
+    time: Array,
+    carrier: tuple[Array, Array, Array],
+    amplitude: float,
+    fade: float,
+    phase: Array,
+) -> Motion:
+    """Multiply a carrier, given with two derivatives, by a growing envelope."""
+    step = minimum_jerk(time / fade)
+    value, rate, curvature = carrier
+    envelope_rate, envelope_curvature = step.rate / fade, step.curvature / fade**2
+    return Motion(
+        time,
+        amplitude * step.value * value,
+        amplitude * (envelope_rate * value + step.value * rate),
+        amplitude
+        * (
+            envelope_curvature * value
+            + 2 * envelope_rate * rate
+            + step.value * curvature
+        ),
+        phase,
+    )

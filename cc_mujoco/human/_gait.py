@@ -1,0 +1,94 @@
+"""Level walking as a few harmonics: joint angles and the assistance of a soft exosuit.
+
+    >>> from cc_mujoco.human._gait import GAIT_ANGLES, assistance
+    >>> round(GAIT_ANGLES["ankle"](0.5), 2)          # rad, dorsiflexed before push-off
+    0.23
+    >>> round(assistance(0.1), 2), round(assistance(0.52), 1)
+    (0.0, 1.0)
+
+The gait cycle runs from one heel strike (phase 0) to the next of the same leg. Angles
+are in the convention of the data: ankle positive in dorsiflexion, knee negative in
+flexion, hip positive in flexion. `gait_table` states the source and the fit errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.human import _gait_table as gait_table
+
+Real = TypeVar("Real", float, NDArray[np.float64])
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """A smooth function of the phase with period 1.
+
+    f(p) = sum over k of a_k cos(2 pi k p) + b_k sin(2 pi k p), k = 0 .. n.
+    """
+
+    coefficients: tuple[tuple[float, float], ...]
+    """Pairs (a_k, b_k), from k = 0."""
+
+    def __call__(self, phase: Real) -> Real:
+        """Evaluate f, elementwise; scalars and arrays give the same bits."""
+        turn = 2 * np.pi * phase
+        cosine, sine = np.cos(turn), np.sin(turn)
+        if not isinstance(turn, np.ndarray):
+            cosine, sine = float(cosine), float(sine)
+        # Horner's rule on the real part of sum (a_k - i b_k) z^k with z = exp(i turn).
+        # In real arithmetic, because complex products round differently in vectors.
+        last_a, last_b = self.coefficients[-1]
+        real, imaginary = last_a + 0 * cosine, -last_b + 0 * cosine
+        for a, b in reversed(self.coefficients[:-1]):
+            real, imaginary = (
+                real * cosine - imaginary * sine + a,
+                real * sine + imaginary * cosine - b,
+            )
+        return real
+
+    def derivative(self) -> Harmonics:
+        """Return the derivative with respect to the phase."""
+        return Harmonics(
+            tuple(
+                (2 * np.pi * k * b, -2 * np.pi * k * a)
+                for k, (a, b) in enumerate(self.coefficients)
+            )
+        )
+
+
+GAIT_ANGLES = {
+    "ankle": Harmonics(gait_table.ANKLE),
+    "knee": Harmonics(gait_table.KNEE),
+    "hip": Harmonics(gait_table.HIP),
+}
+"""Joint angles [rad] over the gait cycle."""
+
+ANKLE_MOMENT = Harmonics(gait_table.ANKLE_MOMENT)
+"""Moment of the muscles about the ankle over the gait cycle [N m], of the same walk;
+negative in plantarflexion."""
+
+GAIT_PERIOD = gait_table.PERIOD
+"""Duration of a gait cycle of the measured walk [s]."""
+
+_ASSISTANCE_ROOT = Harmonics(gait_table.ASSISTANCE_ROOT)
+
+
+def assistance(phase: Real) -> Real:
+    """Return the plantarflexion assistance over the gait cycle, 0 to 1, elementwise.
+
+    It is the square of a harmonic series, hence smooth and never negative: at most 0.01
+    where the source has none.
+
+    Args:
+        phase: Fraction of the gait cycle [-].
+
+    Returns:
+        Assistance as a fraction of its peak [-].
+    """
+    root = _ASSISTANCE_ROOT(phase)
+    return root * root

@@ -1,0 +1,111 @@
+"""The assistance of the ankle as four numbers that a search can set.
+
+>>> from cc_mujoco.human._profile import Profile
+>>> Profile(peak_time=50.0, peak_torque=20.0).torque(0.0, 0.0, phase=0.5)
+-20.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._pace import TOE_OFF
+from cc_mujoco.human._tasks import Real, Task
+
+MAX_PEAK_TORQUE = 1e3
+"""Largest peak torque [N m]."""
+
+
+@dataclass(frozen=True)
+class Profile(Task):
+    """Plantarflexion that rises from onset to a peak and falls to nothing by toe-off.
+
+    Two cubics through onset, peak and end, level at each of the three (assumed); the
+    torque is negative, as the ankle counts dorsiflexion positive, and 0 outside. Time
+    is in per cent of the stride from heel strike. Peak torque, peak time, rise time
+    (here `peak_time` - `onset`) and fall time are the parameters of J. Zhang et al.,
+    "Human-in-the-loop optimization of exoskeleton assistance during walking", Science
+    356, 2017, pp. 1280-1284. The defaults are nearest to the shape of `Assist`, within
+    2 % of its peak (RMS over the stride).
+    """
+
+    of_phase = True
+    onset: float = 30.5
+    """Time at which the torque begins [% of the stride]."""
+    peak_time: float = 53.4
+    """Time at which it is largest [% of the stride]."""
+    peak_torque: float = 30.0
+    """Largest size of the torque [N m]."""
+    fall: float = 11.9
+    """Time from the peak to where it ends [% of the stride]."""
+    toe_off: float = 100.0 * TOE_OFF
+    """Time at which the foot leaves the ground, the latest end [% of the stride]."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are no profile, and name possible ones."""
+        require_parameter(self, "toe_off", 1.0, 100.0, "% of the stride")
+        require_parameter(self, "peak_torque", 0.0, MAX_PEAK_TORQUE, "N m")
+        require_parameter(self, "onset", 0.0, 100.0, "% of the stride")
+        require_parameter(self, "peak_time", 0.0, 100.0, "% of the stride")
+        require_parameter(self, "fall", 0.1, 100.0, "% of the stride")
+        if not self.peak_time - self.onset >= 0.1:
+            raise CableError(
+                f"the torque begins at {self.onset:g} % of the stride and peaks at "
+                f"{self.peak_time:g} %; `onset` must be 0.1 % or more before "
+                "`peak_time`."
+            )
+        if not self.end <= self.toe_off:
+            left = self.toe_off - self.peak_time
+            way = (
+                f"`fall` must be at most {left:.3g} %"
+                if left >= 0.1
+                else f"`peak_time` must be below {self.toe_off - 0.1:.3g} %"
+            )
+            raise CableError(
+                f"the torque ends at {self.end:.4g} % of the stride, after toe-off at "
+                f"{self.toe_off:.3g} %; {way}."
+            )
+
+    @property
+    def end(self) -> float:
+        """Time at which the torque is back at nothing [% of the stride]."""
+        return self.peak_time + self.fall
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque of the assistance [N m]; see `Task.torque`."""
+        peak, end = self.peak_time, self.end
+        found: Real = _profile_torque(phase, self.onset, peak, end, self.peak_torque)
+        return found
+
+
+class Profiles(Task):
+    """A profile for each of n devices, with the same bits as each by itself."""
+
+    of_phase = True
+
+    def __init__(self, profiles: Sequence[Profile]) -> None:
+        """Put profiles together, in the order of the devices."""
+        names = ("onset", "peak_time", "end", "peak_torque")
+        self._rows = [np.array([getattr(p, name) for p in profiles]) for name in names]
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque of every device [N m], (n,); see `Task.torque`."""
+        found: Real = _profile_torque(phase, *self._rows)
+        return found
+
+
+def _profile_torque(phase: Any, onset: Any, peak: Any, end: Any, size: Any) -> Any:
+    """Return the profile, elementwise; its times in per cent."""
+    now = 100.0 * phase
+    since, left = (now - onset) / (peak - onset), (end - now) / (end - peak)
+    near: NDArray[np.float64] = np.minimum(np.minimum(since, left), 1.0)
+    x = np.maximum(near, 0.0)
+    torque = -size * (x * x * (3.0 - 2.0 * x)) + 0.0
+    return torque if isinstance(torque, np.ndarray) else float(torque)

@@ -1,0 +1,208 @@
+"""Feel that a device should give its wearer: virtual environments by name.
+
+    >>> from cc_mujoco.human import TASKS
+    >>> TASKS["tunnel"].torque(angle=0.25, velocity=0.0, phase=0.0)
+    -0.1
+
+A task maps joint angle [rad], joint velocity [rad/s] and phase of the cycle [-] to the
+torque that the device should put into the joint [N m], in the joint's own direction. It
+works elementwise on scalars and arrays and gives the same bits for both.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import look_up
+from cc_mujoco.human import _gait as gait
+
+Real = TypeVar("Real", float, NDArray[np.float64])
+
+
+class Task(ABC):
+    """A virtual environment; subclasses are frozen dataclasses of its parameters."""
+
+    of_phase: ClassVar[bool] = False
+    """True if its torque follows from the phase alone."""
+
+    @abstractmethod
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque that the device should put into the joint.
+
+        Args:
+            angle: Joint angle [rad].
+            velocity: Joint velocity [rad/s].
+            phase: Fraction of the gait cycle or of the trajectory's period [-].
+
+        Returns:
+            Desired torque [N m], of the shape of the arguments.
+        """
+
+
+@dataclass(frozen=True)
+class Tunnel(Task):
+    """A free band with a soft wall on each side, thesis equation 2.29.
+
+    0 inside the band; outside, the stiffness times the depth in the wall, towards the
+    band, and never more than the limit, which by default is reached at 0.45 rad.
+    """
+
+    half_width: float = 0.05
+    """Half the width of the free band [rad]."""
+    stiffness: float = 0.5
+    """Stiffness of the walls [N m/rad]."""
+    limit: float = 0.2
+    """Largest torque [N m]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        require_parameter(self, "half_width", 0.0, 10.0, "rad")
+        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
+        require_parameter(self, "limit", 0.0, 1e6, "N m")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the walls [N m]; see `Task.torque`."""
+        return tunnel_torque(angle, self.half_width, self.stiffness, self.limit)
+
+
+@dataclass(frozen=True)
+class Spring(Task):
+    """A spring to angle 0: torque = -stiffness angle (thesis section 4.3.2)."""
+
+    stiffness: float = 1.0
+    """Stiffness [N m/rad]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the spring [N m]; see `Task.torque`."""
+        return spring_torque(angle, self.stiffness)
+
+
+@dataclass(frozen=True)
+class Transparent(Task):
+    """Nothing: the device should not be felt."""
+
+    of_phase = True
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return zero torque [N m]; see `Task.torque`."""
+        # Adding 0.0 turns -0.0 into 0.0.
+        return 0.0 * angle + 0.0
+
+
+@dataclass(frozen=True)
+class Assist(Task):
+    """Help of the ankle's push-off, following the gait cycle.
+
+    torque = -peak assistance(phase): plantarflexion, negative because the ankle counts
+    dorsiflexion positive. The shape is `assistance`.
+    """
+
+    of_phase = True
+    peak: float = 30.0
+    """Largest torque [N m]; about a quarter of the biological moment of that walk."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        require_parameter(self, "peak", 0.0, 1e6, "N m")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque of the assistance [N m]; see `Task.torque`."""
+        return -self.peak * gait.assistance(phase)
+
+
+@dataclass(frozen=True)
+class Swing(Task):
+    """Help of the hip's swing, following the gait cycle.
+
+    torque = peak (1 - x^2)^3 with x the phase less that of the peak over half the width
+    of the pulse, and 0 outside: flexion. It begins in late stance, as the biological
+    moment does, and ends as the leg swings; peak and timing are assumed.
+    """
+
+    of_phase = True
+    peak: float = 10.0
+    """Largest torque [N m]; about a seventh of the biological moment."""
+    middle: float = 0.58
+    """Phase of the peak [-]."""
+    half_width: float = 0.18
+    """Phase from the peak to where the help ends [-]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or describe no pulse."""
+        require_parameter(self, "peak", 0.0, 1e6, "N m")
+        require_parameter(self, "middle", 0.0, 1.0, "")
+        require_parameter(self, "half_width", 0.01, 0.5, "")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the help [N m]; see `Task.torque`."""
+        away = clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
+        inside = 1.0 - away * away
+        return self.peak * (inside * inside * inside)
+
+
+@dataclass(frozen=True)
+class Hold(Task):
+    """A constant torque, as of a fingertip that presses on something."""
+
+    of_phase = True
+    pull: float = -0.15
+    """Torque [N m]; by default 2.7 N at 55 mm from a knuckle, in extension."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers."""
+        require_parameter(self, "pull", -1e6, 1e6, "N m")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque to hold [N m]; see `Task.torque`."""
+        return 0.0 * angle + self.pull
+
+
+TASKS: dict[str, Task] = {
+    "tunnel": Tunnel(),
+    "spring": Spring(),
+    "transparent": Transparent(),
+    "assist": Assist(),
+    "swing": Swing(),
+    "hold": Hold(),
+}
+"""Every virtual environment with its default parameters."""
+
+
+def task(name: str) -> Task:
+    """Look a task up.
+
+    Raises:
+        CableError: If there is no such task; names the nearest and all others.
+    """
+    return look_up("task", name, TASKS)
+
+
+# `simulation._compiled_episode` compiles what follows.
+def tunnel_torque(
+    angle: Real, half_width: float, stiffness: float, limit: float
+) -> Real:
+    """Return the torque of `Tunnel` at a joint angle [rad]; see there."""
+    wall = stiffness * (clamp(angle, -half_width, half_width) - angle)
+    return clamp(wall, -limit, limit)
+
+
+def spring_torque(angle: Real, stiffness: float) -> Real:
+    """Return the torque of `Spring` at a joint angle [rad]; see there."""
+    return -stiffness * angle
+
+
+def clamp(value: Real, low: float, high: float) -> Real:
+    """Limit to [low, high]; NumPy's own clip is slow on scalars."""
+    if isinstance(value, np.ndarray):
+        return np.clip(value, low, high)
+    return min(max(value, low), high)

@@ -1,0 +1,144 @@
+"""Definition of a metric, and of the record of an episode that it is computed from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+
+Array = NDArray[np.float64]
+Better = Literal["low", "high", ""]
+Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
+"""Episode that a metric is computed from; the last is none, but the parts alone."""
+
+RATIO = "ratio"
+"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
+DRIVEN = "driven"
+"""Metadata key: names of the cables that the motor winds; all where it is missing."""
+PULL_PULL, SPRING = "pull_pull", "spring"
+"""Metadata keys: whether two cables pull against each other, and whether the task asks
+for a spring."""
+STRENGTH, SAFE_TORQUE = "strength", "safe_torque"
+"""Metadata keys: breaking load of each cable by name [N], and the largest joint torque
+that is safe [N m]."""
+CONTINUOUS_TORQUE, WINDING_RESISTANCE = "continuous_torque", "winding_resistance"
+TORQUE_CONSTANT, GEARING = "torque_constant", "gearing"
+"""Metadata keys: data sheet of the motor [N m], [ohm], [N m/A], and turns of its rotor
+per turn of its pulley."""
+PACE, MOMENT_RATIO = "pace", "ankle_moment"
+"""Metadata keys: `Pace` of the walk, and the moment of the wearer's ankle over that of
+the wearer of the scene."""
+
+
+class LogLike(Protocol):
+    """Record of one episode: an `EpisodeLog`, or a row of a batch as `ArrayLog`."""
+
+    @property
+    def cables(self) -> tuple[str, ...]:
+        """Names of the cables."""
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Constants of the device and of the episode."""
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column of the episode log (T, ...), its first axis time."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayLog:
+    """Columns and constants of one episode, views of a batch for example."""
+
+    columns: Mapping[str, NDArray[Any]]
+    cables: tuple[str, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column.
+
+        Raises:
+            CableError: There is no such column; names the nearest match.
+        """
+        if name not in self.columns:
+            raise CableError.unknown("column", name, self.columns)
+        return self.columns[name]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of an episode or of a design.
+
+        PEAK_ANGLE = Metric("peak_angle", "rad", "largest |joint angle|",
+                            lambda log: abs(log["joint_angle_rad"]).max())
+
+    It is the same wherever it is computed: `play`, a what-if or the benchmark.
+    """
+
+    name: str
+    """Name of its column; `{cable}` stands for the name of a cable."""
+    unit: str
+    """SI unit, `1` for a pure number."""
+    meaning: str
+    """One line for a reader."""
+    compute: Callable[..., float]
+    """Function of a `LogLike`, and of `cable` where the name has one.
+
+    It gives NaN where the episode has no such number.
+    """
+    better: Better = "low"
+    """Direction that is better; empty where neither is."""
+    test: Test = "episode"
+    needs: tuple[str, ...] = ()
+    """Metadata keys without which there is no such number, and that not every device
+    has."""
+
+    @property
+    def high(self) -> bool:
+        """Return whether more is better."""
+        return self.better == "high"
+
+    @property
+    def driven(self) -> bool:
+        """Return whether the controller influences it."""
+        return self.test in ("episode", "bandwidth")
+
+    @property
+    def per_cable(self) -> bool:
+        """Return whether every cable has one."""
+        return "{cable}" in self.name
+
+    def of(self, cable: str) -> Metric:
+        """Return this metric for the cable of that name."""
+        return replace(
+            self,
+            name=self.name.format(cable=cable),
+            meaning=self.meaning.format(cable=cable),
+            compute=partial(self.compute, cable=cable),
+        )
+
+
+def driven_cables(log: LogLike) -> tuple[str, ...]:
+    """Return the names of the cables that the motor winds."""
+    return tuple(log.metadata.get(DRIVEN, log.cables))
+
+
+def metadata_constant(log: LogLike, key: str) -> float:
+    """Return a constant of the metadata, NaN where it is missing."""
+    return float(log.metadata.get(key, math.nan))
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def peak(values: Array) -> float:
+    """Return the largest absolute value."""
+    return float(np.max(np.abs(values)))

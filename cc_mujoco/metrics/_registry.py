@@ -1,0 +1,273 @@
+"""Table of all metrics, and metrics of the user.
+
+    METRICS["rms_torque_error"].compute(log)       # of an `EpisodeLog` or `ArrayLog`
+    find_metric("my_module:PEAK_ANGLE")            # a `Metric` of the user
+    measure(log, [METRICS["efficiency"]])          # value by metric
+
+A value that an episode cannot give is NaN; it is never made up.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterable
+from numbers import Real
+
+import numpy as np
+
+from cc_mujoco._utils.user_code import named_object, user_errors
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.metrics import _clamped as clamped
+from cc_mujoco.metrics import _torque as torque
+from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW
+from cc_mujoco.metrics._efficiency import efficiency
+from cc_mujoco.metrics._gait import RATE_WINDOW, stride_metrics
+from cc_mujoco.metrics._metric import (
+    CONTINUOUS_TORQUE,
+    PACE,
+    PULL_PULL,
+    TORQUE_CONSTANT,
+    WINDING_RESISTANCE,
+    Better,
+    LogLike,
+    Metric,
+    driven_cables,
+    metadata_constant,
+    peak,
+    rms,
+)
+from cc_mujoco.metrics._signals import MEAN_WINDOW
+from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, TAUT_SHARE
+from cc_mujoco.report import _markdown as markdown
+
+WINDING_KEYS = (WINDING_RESISTANCE, TORQUE_CONSTANT)
+
+
+def _constant(
+    name: str, unit: str, meaning: str, better: Better = "low", *needs: str
+) -> Metric:
+    """Define a metric that is a constant of the design."""
+    compute: Callable[[LogLike], float] = lambda log: metadata_constant(log, name)  # noqa: E731
+    return Metric(name, unit, meaning, compute, better, "parts", needs)
+
+
+def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
+    """Define a metric of the strides of an ankle that walks."""
+    compute: Callable[[LogLike], float] = lambda log: getattr(stride_metrics(log), name)  # noqa: E731
+    return Metric(name, unit, meaning, compute, better, needs=(PACE,))
+
+
+METRICS: dict[str, Metric] = {
+    metric.name: metric
+    for metric in (
+        Metric("rms_torque_error", "N m", "RMS of joint torque minus desired torque",
+               lambda log: rms(torque.torque_error(log))),
+        Metric("peak_torque_error", "N m", "largest |joint torque minus desired "
+               "torque|", lambda log: peak(torque.torque_error(log))),
+        Metric("torque_lag", "s", "delay of the joint torque after the desired torque, "
+               "by cross-correlation, negative where it leads; none where the "
+               "coefficient stays below 0.5", torque.torque_lag, better=""),
+        Metric("rms_angle_error", "rad", "RMS of joint angle minus the angle that the "
+               "wearer aims for",
+               lambda log: rms(log["joint_angle_rad"] - log["reference_angle_rad"])),
+        Metric("peak_joint_torque", "N m", "largest |joint torque|",
+               lambda log: peak(log["joint_torque_nm"]), better=""),
+        Metric("rms_joint_torque", "N m", "RMS of the joint torque",
+               lambda log: rms(log["joint_torque_nm"]), better=""),
+        Metric("reflected_torque", "N m", "RMS of the joint torque while the wearer "
+               "moves the device and the motor gives none",
+               lambda log: rms(log["joint_torque_nm"]), test="backdrive"),
+        Metric("peak_motor_torque", "N m", "largest |torque| at the motor pulley",
+               lambda log: peak(log["motor_torque_nm"])),
+        Metric("rms_motor_torque", "N m", "RMS of the torque at the motor pulley; a "
+               "constant torque of that size heats the winding as much",
+               lambda log: rms(log["motor_torque_nm"])),
+        Metric("chatter", "N m", "RMS of the torque at the motor pulley minus its mean "
+               f"over {1e3 * MEAN_WINDOW:g} ms", torque.chatter),
+        Metric("peak_motor_power", "W", "largest power that the motor gives",
+               lambda log: float(np.max(torque.motor_power(log)))),
+        Metric("thermal_load", "1", "RMS of the motor's torque per torque that it can "
+               "give for ever; above 1 it becomes too hot in the end",
+               torque.thermal_load, needs=(CONTINUOUS_TORQUE,)),
+        Metric("motor_heat", "W", "mean heat of the motor's winding: resistance times "
+               "(torque over gearing and torque constant)^2",
+               lambda log: float(np.mean(torque.motor_heat(log))), needs=WINDING_KEYS),
+        Metric("electrical_power", "W", "mean power drawn from a supply that takes "
+               "none back: what the motor gives and the heat of its winding",
+               lambda log: float(np.mean(np.maximum(
+                   torque.motor_power(log) + torque.motor_heat(log), 0.0))),
+               needs=WINDING_KEYS),
+        Metric("efficiency", "1", "work delivered to the side that the task means to "
+               "receive it, over that work plus all that friction took; none where "
+               "none arrives", lambda log: efficiency(log).overall, better="high"),
+        Metric("efficiency_motor_drives", "1", "efficiency from motor to joint: "
+               "friction while the motor gives more power",
+               lambda log: efficiency(log).motor_drives, better="high"),
+        Metric("efficiency_wearer_drives", "1", "efficiency from joint to motor: "
+               "friction while the wearer gives more power",
+               lambda log: efficiency(log).wearer_drives, better="high"),
+        Metric("motor_share", "1", "part of all work put into the cables that came "
+               "from the motor", lambda log: efficiency(log).motor_share, better=""),
+        Metric("dissipated_energy_{cable}", "J", "energy that cable {cable} lost to "
+               "friction", torque.dissipated_energy),
+        Metric("twist_backlash", "rad", "width at zero torque of the loop of joint "
+               "torque against twist", torque.twist_backlash),
+        Metric("spring_backlash", "rad", "between the angles at which the joint torque "
+               "crosses zero on the way out and back, means over "
+               f"{1e3 * MEAN_WINDOW:g} ms; where a spring is asked for",
+               torque.spring_backlash),
+        Metric("held_backlash", "rad", "joint held, motor torque swung slowly: width "
+               "at half height of the loop of joint torque against twist",
+               clamped.held_backlash, test="backlash"),
+        Metric("slack_margin", "N", "least tension anywhere in a cable; 0 is slack",
+               lambda log: float(torque.least_tension(log).min()), better="high"),
+        Metric("slack_share", "1", "part of the time in which some of a cable carries "
+               "no tension",
+               lambda log: float(np.mean(torque.least_tension(log) <= 0.0))),
+        Metric("slack_under_load", "1", "share of the time with a slack cable where "
+               f"more than {TAUT_SHARE:g} of the largest torque is asked for; of two "
+               "cables that pull against each other, both slack",
+               torque.slack_under_load, needs=(PULL_PULL,)),
+        Metric("slack_time_{cable}", "s", "time for which some of cable {cable} hung "
+               "slack", torque.slack_time),
+        Metric("peak_tension", "N", "largest tension at an end of a cable",
+               lambda log: max(torque.peak_tension(log, c)
+                               for c in driven_cables(log))),
+        Metric("strength_used", "1", "peak tension per breaking load of the cable",
+               torque.strength_used),
+        Metric("failed", "1", "episodes that diverged, or put more than the device's "
+               f"`safe_torque` into the joint for {1e3 * MAX_UNSAFE_TIME:g} ms, or "
+               "tore a "
+               "cable", torque.failed),
+        Metric("bandwidth", "Hz", "where the joint torque, the joint held, falls 3 dB "
+               f"below its response at {CHIRP_LOW:g} Hz; {CHIRP_HIGH:g} where it does "
+               "not, 0 where nothing arrives", clamped.bandwidth, "high", "bandwidth"),
+        Metric("response", "1", "joint torque per desired torque, the joint held, at "
+               f"{CHIRP_LOW:g} Hz, which `bandwidth` goes by; friction makes it small",
+               lambda log: float(clamped.torque_response(log)[1][0]), "high",
+               "bandwidth"),
+        _constant("reflected_inertia", "kg m^2", "inertia of rotor and motor pulley "
+              "as the joint feels it; goes with the square of the ratio"),
+        _constant("cable_mass", "kg", "mass of rope and conduit over the length of the "
+              "conduits; goes with the square of the diameter", "low", "rope_density"),
+        _constant("mass", "kg", "mass of motor, ropes, conduits and pulleys; gears, "
+              "levers, fittings and frames left out", "low", "rope_density",
+              "motor_mass"),
+        _constant("bend_ratio", "1", "diameter of the tightest bend of conduit or "
+              "pulley per diameter of the rope, D/d", "high"),
+        _constant("bending_stress", "N/m^2", "stress of a wire that goes from straight "
+              "into the tightest bend, by Reuleaux; none for fibres", "low",
+              "material"),
+        _constant("cost", "1", "cost of motor, pulleys, ropes, conduits and fittings "
+              "by the table of costs, in its money"),
+        _stride("wearer_work", "J", "positive work per stride of the muscles of the "
+                "ankle, if its motion and its moment in all stay those of the measured "
+                "walk: that moment less the torque of the cables"),
+        _stride("wearer_work_change", "1", "wearer_work minus what it is without help, "
+                "over the latter; below 0 the wearer is helped"),
+        _stride("assistance_work", "J", "positive work per stride of the cables on the "
+                "ankle", "high"),
+        _stride("peak_assistance", "N m", "largest torque of the cables on the ankle, "
+                "in plantarflexion"),
+        _stride("torque_rate", "N m/s", "fastest change of the torque of the cables on "
+                f"the ankle, over {1e3 * RATE_WINDOW:g} ms"),
+        _stride("swing_torque", "N m", "largest |torque| of the cables on the ankle "
+                "from toe-off to heel strike, which hinders the swing"),
+    )
+}  # fmt: skip
+"""Every metric by name, those of the user once `find_metric` has found them."""
+
+_BUILT_IN = frozenset(METRICS)
+_ORIGINS: dict[str, str | Metric] = {}
+"""Metrics of the user as they were given, by name."""
+
+
+def find_metric(given: str | Metric) -> Metric:
+    """Return a metric: a name, `MODULE:NAME` of a metric of the user, or the metric.
+
+    One of the user is in `METRICS` from now on.
+
+    Raises:
+        CableError: There is no such metric, or its name cannot be that of a column.
+    """
+    found: object = given
+    if isinstance(given, str):
+        if ":" not in given:
+            return look_up("metric", given, METRICS)
+        found = named_object("metric", given, "metric")
+    if not isinstance(found, Metric):
+        raise CableError(f"metric {given!r} must be a Metric, not {found!r}.")
+    if METRICS.get(found.name) is found and found.name in _BUILT_IN:
+        return found
+    if not re.fullmatch(r"[^\W\d]\w*", found.name) or found.name in _BUILT_IN:
+        raise CableError(
+            f"metric {given!r} is called {found.name!r}; it needs a name of letters, "
+            "digits and _ that no metric of the package has."
+        )
+    _ORIGINS[found.name] = _importable(found) or given
+    METRICS[found.name] = found
+    return found
+
+
+def user_metrics(names: Iterable[str]) -> tuple[str | Metric, ...]:
+    """Return the `MODULE:NAME` of the user's metrics among these names."""
+    return tuple(_ORIGINS[name] for name in names if name in _ORIGINS)
+
+
+def metric_key(given: str | Metric) -> str:
+    """Return a text that is the same for the same metric of the user.
+
+    It is `MODULE:NAME`, or else a digest of the source, or else of this object alone.
+    """
+    if isinstance(given, str):
+        return given
+    try:
+        source = inspect.getsource(given.compute)
+    except (OSError, TypeError):
+        source = str(id(given))
+    about = repr((given.unit, given.meaning, given.better, given.test, source))
+    return hashlib.sha256(about.encode()).hexdigest()[:24]
+
+
+def _importable(metric: Metric) -> str:
+    """Return `MODULE:NAME` of a metric in the module of its function, or ""."""
+    place = getattr(metric.compute, "__module__", "")
+    inside = vars(sys.modules[place]) if place in sys.modules else {}
+    names = (name for name, value in inside.items() if value is metric)
+    name = "" if place == "__main__" else next(names, "")
+    return f"{place}:{name}" if name else ""
+
+
+def as_table(metrics: Iterable[Metric]) -> str:
+    """Return a Markdown table of metrics with unit, direction and meaning."""
+    rows = [(f"`{m.name}`", m.unit, m.better or "-", m.meaning) for m in metrics]
+    return markdown.table(("metric", "unit", "better", "meaning"), rows)
+
+
+def expand_cable_metrics(
+    metrics: Iterable[Metric], cables: Iterable[str]
+) -> list[Metric]:
+    """Return metrics with those of a cable once for every cable, in a block."""
+    metrics = tuple(metrics)
+    each = [metric for metric in metrics if metric.per_cable]
+    found = [metric for metric in metrics if not metric.per_cable]
+    return found + [metric.of(cable) for cable in cables for metric in each]
+
+
+def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
+    """Return the value of each metric of an episode.
+
+    Raises:
+        CableError: A metric of the user raises, or gives what is no real number.
+    """
+    found: dict[Metric, float] = {}
+    for metric in metrics:
+        with user_errors(f"metric {metric.name!r}"):
+            value = metric.compute(log)
+        if not isinstance(value, Real):
+            raise CableError(f"metric {metric.name!r} gave {value!r}, not a number.")
+        found[metric] = float(value)
+    return found

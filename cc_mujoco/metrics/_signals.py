@@ -1,0 +1,149 @@
+"""Measures on pairs of signals: the width of a loop, the delay of one after another."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MEAN_WINDOW = 0.05
+"""Window of `moving_mean` [s]."""
+
+
+def moving_mean(values: Array, period: float) -> Array:
+    """Return the mean over `MEAN_WINDOW`, where the window fits.
+
+    Args:
+        values: Samples (T,).
+        period: Time between samples [s].
+    """
+    width = max(1, round(MEAN_WINDOW / period))
+    return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
+
+
+def loop_width(angle: Array, torque: Array) -> float:
+    """Return the width of a torque-angle loop at zero torque.
+
+    The torque visits zero when it enters the band of 5 % of its peak and leaves it
+    again; what chatters inside the band is one visit. Each visit gives the angles at
+    which the torque changes sign (interpolated) or is below 0.1 % of its peak (a dead
+    zone). The width is the range of these angles over all visits.
+
+    Args:
+        angle: Angle (T,), rad.
+        torque: Torque (T,), any unit.
+
+    Returns:
+        Width in rad: hysteresis and dead zone together. NaN if the torque does not
+        come back through zero, so that there is no loop.
+    """
+    peak = float(np.max(np.abs(torque)))
+    if not peak > 0:
+        return math.nan
+    outside = np.flatnonzero(np.abs(torque) > 0.05 * peak)
+    touched: list[float] = []
+    visits = returns = 0
+    for first, last in itertools.pairwise(outside):
+        crosses = torque[first] * torque[last] < 0
+        if last - first == 1 and not crosses:
+            continue
+        part, at = torque[first : last + 1], angle[first : last + 1]
+        here = list(at[np.abs(part) <= 1e-3 * peak])
+        change = np.flatnonzero(part[:-1] * part[1:] < 0)
+        share = part[change] / (part[change] - part[change + 1])
+        here += list(at[change] + share * (at[change + 1] - at[change]))
+        if here:
+            touched += here
+            visits += 1
+            returns += not crosses
+    if visits < 2 and not returns:
+        return math.nan
+    return float(max(touched) - min(touched))
+
+
+def loop_opening(angle: Array, torque: Array) -> float:
+    """Return the distance between a torque-angle loop's zeros of torque, out and back.
+
+    It is the difference between the mean angle at which the torque changes sign while
+    the angle falls and that while it rises. Friction F on a spring k opens the loop by
+    2 F/k, and by all of the motion where F exceeds the spring. `loop_width` is the
+    range of all crossings instead, which a torque that chatters about zero fills.
+
+    Args:
+        angle: Angle (T,), rad.
+        torque: Torque (T,), any unit.
+
+    Returns:
+        Opening in rad, at least 0; NaN if the torque does not cross zero both ways.
+    """
+    change = np.flatnonzero(torque[:-1] * torque[1:] < 0)
+    share = torque[change] / (torque[change] - torque[change + 1])
+    step = angle[change + 1] - angle[change]
+    at = angle[change] + share * step
+    rising = step > 0
+    if rising.all() or not rising.any():
+        return math.nan
+    return abs(float(np.mean(at[~rising]) - np.mean(at[rising])))
+
+
+def signal_lag(
+    time: Array, desired: Array, actual: Array, *, signed: bool = False
+) -> float:
+    """Return the delay of one signal after another, in seconds.
+
+    It is the shift, at most a quarter of the episode and at most 1 s, at which the
+    correlation coefficient peaks, refined by a parabola; of several peaks within 5 %,
+    as a periodic signal has, the nearest to 0.
+
+    Args:
+        time: Equally spaced times (T,), s.
+        desired: Signal that should be followed (T,).
+        actual: Signal that follows (T,).
+        signed: Whether a signal that leads has a negative delay; else it has 0.
+
+    Returns:
+        Delay in seconds; NaN if the best coefficient is below 0.5 or at the largest
+        shift, for then the one signal does not follow the other.
+    """
+    count = len(time)
+    if count < 8:
+        return math.nan
+    step = float(time[-1] - time[0]) / (count - 1)
+    reach = max(1, min(count // 4, round(1.0 / step)))
+    shifts = np.arange(-reach if signed else 0, reach + 1)
+    score = np.array(
+        [_shifted_correlation(desired, actual, k) for k in shifts.tolist()]
+    )
+    before = np.concatenate([[-1.0], score[:-1]])
+    rising = score >= before
+    falling = np.concatenate([score[:-1] >= score[1:], [True]])
+    peaks = np.flatnonzero(rising & falling & (score >= 0.95 * score.max()))
+    if peaks.size == 0:
+        return math.nan
+    best = int(peaks[np.argmin(np.abs(shifts[peaks]))])
+    if abs(shifts[best]) == reach or score[best] < 0.5:
+        return math.nan
+    if best == 0:
+        return 0.0
+    left, middle, right = score[best - 1 : best + 2]
+    bend = left - 2 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float((shifts[best] + offset) * step)
+
+
+def _shifted_correlation(desired: Array, actual: Array, shift: int) -> float:
+    """Return the correlation of a signal with another `shift` samples later."""
+    count = len(desired)
+    if shift < 0:
+        return _correlation(desired[-shift:], actual[: count + shift])
+    return _correlation(desired[: count - shift], actual[shift:])
+
+
+def _correlation(one: Array, other: Array) -> float:
+    one, other = one - one.mean(), other - other.mean()
+    scale = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 1e-12 else -1.0

@@ -1,0 +1,184 @@
+"""Metrics of torque, slack and tension along an episode."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.metrics._efficiency import work_between_samples
+from cc_mujoco.metrics._metric import (
+    CONTINUOUS_TORQUE,
+    GEARING,
+    PULL_PULL,
+    RATIO,
+    SAFE_TORQUE,
+    SPRING,
+    STRENGTH,
+    TORQUE_CONSTANT,
+    WINDING_RESISTANCE,
+    Array,
+    LogLike,
+    driven_cables,
+    metadata_constant,
+    rms,
+)
+from cc_mujoco.metrics._signals import loop_opening, loop_width, moving_mean, signal_lag
+
+LAG_STEP = 5e-3
+"""Step of the correlation of `torque_lag`, which is refined beyond it [s]."""
+TAUT_SHARE = 0.1
+"""Share of the largest desired torque above which a cable that only pulls is taut."""
+MAX_UNSAFE_TIME = 0.01
+"""Time for which a torque beyond what is safe is a failure [s]."""
+
+
+def torque_error(log: LogLike) -> Array:
+    """Return joint torque minus desired torque (T,) [N m]."""
+    error: Array = log["joint_torque_nm"] - log["desired_torque_nm"]
+    return error
+
+
+def torque_lag(log: LogLike) -> float:
+    """Return the lag of the joint torque behind the desired torque [s]."""
+    thin = slice(None, None, max(1, round(LAG_STEP / _period(log))))
+    names = ("time_s", "desired_torque_nm", "joint_torque_nm")
+    return signal_lag(*(log[name][thin] for name in names), signed=True)
+
+
+def twist_backlash(log: LogLike) -> float:
+    r"""Return how far the joint can lag the motor with no torque between them [rad].
+
+    The twist is \(\theta_m\,\rho - \theta_j\), with \(\rho\) the joint angle per motor
+    angle of an unstretched cable. Against twist, not against joint angle, the loop
+    shows the transmission and not the virtual environment that the task displays. The
+    width is `loop_width`; NaN without a ratio.
+    """
+    ratio = log.metadata.get(RATIO)
+    if ratio is None:
+        return math.nan
+    twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]
+    return loop_width(twist, log["joint_torque_nm"])
+
+
+def spring_backlash(log: LogLike) -> float:
+    """Return the distance of the zero crossings of a rendered spring's torque [rad]."""
+    if not log.metadata.get(SPRING):
+        return math.nan
+    names = ("joint_angle_rad", "joint_torque_nm")
+    return loop_opening(*(moving_mean(log[name], _period(log)) for name in names))
+
+
+def chatter(log: LogLike) -> float:
+    """Return the RMS of the motor torque minus its moving mean [N m]."""
+    motor = log["motor_torque_nm"]
+    mean = moving_mean(motor, _period(log))
+    first = (motor.size - mean.size) // 2
+    return rms(motor[first : first + mean.size] - mean)
+
+
+def motor_power(log: LogLike) -> Array:
+    """Return the power that the motor gives (T,) [W]."""
+    power: Array = log["motor_torque_nm"] * log["motor_velocity_rad_s"]
+    return power
+
+
+def motor_heat(log: LogLike) -> Array:
+    """Return the heat of the winding, R (torque / (gearing k))^2 (T,) [W]."""
+    gear = metadata_constant(log, GEARING) * metadata_constant(log, TORQUE_CONSTANT)
+    current = log["motor_torque_nm"] / gear
+    heat: Array = metadata_constant(log, WINDING_RESISTANCE) * current**2
+    return heat
+
+
+def thermal_load(log: LogLike) -> float:
+    """Return the RMS torque of the rotor per torque that it can give for ever."""
+    rated = metadata_constant(log, GEARING) * metadata_constant(log, CONTINUOUS_TORQUE)
+    return rms(log["motor_torque_nm"]) / rated
+
+
+def least_tension(log: LogLike, *cables: str) -> Array:
+    """Return the least tension in some cables, by default the wound (T,) [N]."""
+    found: Array = np.min(
+        [log[f"tension_{c}_nodes_n"].min(axis=1) for c in cables or driven_cables(log)],
+        axis=0,
+    )
+    return found
+
+
+def slack(log: LogLike, cable: str) -> NDArray[np.bool_]:
+    """Return when some of a cable carries no tension (T,)."""
+    return least_tension(log, cable) <= 0.0
+
+
+def slack_time(log: LogLike, cable: str) -> float:
+    """Return for how many seconds some of a cable carried no tension."""
+    return float(
+        work_between_samples(log["time_s"], slack(log, cable).astype(float)).sum()
+    )
+
+
+def slack_under_load(log: LogLike) -> float:
+    """Return the share of the time in which slack matters."""
+    hanging = [slack(log, cable) for cable in driven_cables(log)]
+    if log.metadata.get(PULL_PULL):
+        return float(np.mean(np.all(hanging, axis=0)))
+    desired = np.abs(log["desired_torque_nm"])
+    return float(
+        np.mean(np.any(hanging, axis=0) & (desired > TAUT_SHARE * desired.max()))
+    )
+
+
+def peak_tension(log: LogLike, cable: str) -> float:
+    """Return the largest tension at an end of a cable [N]."""
+    ends = (log[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
+    return max(float(end.max()) for end in ends)
+
+
+def strength_used(log: LogLike, *cables: str) -> float:
+    """Return peak tension per breaking load of some cables, by default the wound."""
+    strength: Mapping[str, float] = log.metadata.get(STRENGTH, {})
+    return max(
+        peak_tension(log, cable) / strength.get(cable, math.nan)
+        for cable in cables or driven_cables(log)
+    )
+
+
+def failed(log: LogLike) -> float:
+    """Return 1 for an episode that diverged, was unsafe or tore a cable, else 0."""
+    torque = log["joint_torque_nm"]
+    if not np.all(np.isfinite(torque)):
+        return 1.0
+    if SAFE_TORQUE not in log.metadata:
+        return math.nan
+    safe = metadata_constant(log, SAFE_TORQUE)
+    unsafe = first_unsafe_sample(torque, safe, _period(log)) is not None
+    return float(unsafe or strength_used(log, *log.cables) > 1.0)
+
+
+def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
+    """Return the sample from which a joint torque is unsafe; None where it never is.
+
+    Args:
+        torque: Of the cables on the joint (samples,) [N m].
+        safe: Most that is safe, either way [N m]; more for `MAX_UNSAFE_TIME` is a
+            failure.
+        period: Time between samples [s].
+    """
+    beyond = np.concatenate([[False], np.abs(torque) > safe, [False]])
+    first, end = np.flatnonzero(np.diff(beyond)).reshape(-1, 2).T
+    # Times that are differences of sums are off by rounding.
+    unsafe = first[(end - first) * period >= MAX_UNSAFE_TIME * (1.0 - 1e-9)]
+    return int(unsafe[0]) if unsafe.size else None
+
+
+def dissipated_energy(log: LogLike, cable: str) -> float:
+    """Return the energy that a cable lost to friction [J]."""
+    return float(np.diff(log[f"dissipated_{cable}_j"]).sum())
+
+
+def _period(log: LogLike) -> float:
+    time = log["time_s"]
+    return float(time[-1] - time[0]) / (len(time) - 1)

@@ -1,0 +1,317 @@
+"""The configuration of a plugin instance, read by compiled code.
+
+`Cable.from_config` accepts and refuses the same texts in Python. MuJoCo passes
+attributes on as one block of zero-terminated values in the order of `KEYS`, where an
+absent key and an empty value look the same; so the keys without which a cable has no
+meaning, `REQUIRED`, must be given, and an empty one is refused with them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from cc_mujoco._utils.compilation import exported, types
+from cc_mujoco.cable._parameters import (
+    BEND_ALLOWED,
+    BENDS,
+    CONDUIT_ALLOWED,
+    ENDS,
+    ENDS_ALLOWED,
+    KEYS,
+    MAX_LENGTH,
+    MAX_SECTIONS,
+    MAX_SEGMENTS,
+    MAX_WRAP,
+    MOUTH_ALLOWED,
+    PARAMETERS,
+    PATH_ALLOWED,
+    PATHS,
+    SEGMENTS_ALLOWED,
+    Cable,
+)
+from cc_mujoco.plugin._ffi import Bytes, append, internal, quote, text
+from cc_mujoco.plugin._parse_float import is_digit, is_space, number, strip
+
+PLUGIN = "cc_mujoco.cable"
+"""Name of the engine plugin."""
+
+REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
+"""Keys that an MJCF instance must give; other effects are off unless given."""
+
+VALID_CONFIGURATION = -1
+"""Key that `read` returns when the configuration can be used."""
+
+SCALARS = len(PARAMETERS)
+SEGMENTS = KEYS.index("segments")
+CONDUIT = KEYS.index("conduit")
+ROUTE = KEYS.index("route")
+BEND = KEYS.index("bend")
+PATH = KEYS.index("path")
+MOUTH = KEYS.index("mouth")
+ENDS_KEY = KEYS.index("ends")
+_SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
+FRICTION = KEYS.index("friction")
+VISCOUS = KEYS.index("viscous_friction")
+LOAD_INDEPENDENT = KEYS.index("load_independent_friction")
+GREASE_DRAG = KEYS.index("grease_drag")
+WRAP_GROWTH = KEYS.index("wrap_growth")
+_STATIC = KEYS.index("static_friction")
+_PRETENSION = KEYS.index("pretension")
+_EXPONENT = KEYS.index("tension_exponent")
+ECCENTRICITY = KEYS.index("eccentricity")
+ECCENTRICITY_PHASE = KEYS.index("eccentricity_phase")
+OVALITY = KEYS.index("ovality")
+OVALITY_PHASE = KEYS.index("ovality_phase")
+_DEFAULT_SEGMENTS = Cable.segments
+_LOW = np.array([p.low for p in PARAMETERS])
+_HIGH = np.array([p.high for p in PARAMETERS])
+_LOW_OPEN = np.array([p.low_open for p in PARAMETERS])
+_DEFAULT = np.array([p.default for p in PARAMETERS])
+_REQUIRED = np.array([key in REQUIRED for key in KEYS])
+
+
+def constant(content: str) -> Bytes:
+    """Return text as an array that compiled code can hold."""
+    return np.frombuffer(content.encode(), np.uint8)
+
+
+_NO_SEAL = ", and 0 (off) where `path` is `open`"
+
+
+def _allowed(key: str) -> str:
+    special = {
+        "static_friction": "0 (off) or at least `friction`, and "
+        + PARAMETERS[_STATIC].allowed,
+        "tension_exponent": "0 (off) where `pretension` is 0, and "
+        + PARAMETERS[_EXPONENT].allowed,
+        "eccentricity": PARAMETERS[ECCENTRICITY].allowed
+        + ", less than the `gear` of the proximal end",
+        "ovality": PARAMETERS[OVALITY].allowed
+        + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
+        "segments": SEGMENTS_ALLOWED,
+        "conduit": CONDUIT_ALLOWED,
+        "route": "the name of a spatial tendon of the model",
+        "bend": BEND_ALLOWED,
+        "path": PATH_ALLOWED,
+        "mouth": MOUTH_ALLOWED,
+        "ends": ENDS_ALLOWED,
+        "seal_proximal": PARAMETERS[_SEALS[0]].allowed + _NO_SEAL,
+        "seal_distal": PARAMETERS[_SEALS[1]].allowed + _NO_SEAL,
+    }
+    return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
+
+
+_REFUSALS = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
+_REFUSAL_TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _REFUSALS))
+_NAMES = constant("".join(f"{key}\0" for key in KEYS))
+_MISSING = constant("missing or empty")
+_INF = constant("inf")
+_FIXED, _ROUTED = (constant(bend) for bend in BENDS)
+_AUTO, _EXPLICIT = (constant(ends) for ends in ENDS)
+_GUIDED, _OPEN, _MIXED = (constant(path) for path in PATHS)
+
+
+@internal
+def key_text(block: int, key: int) -> Bytes:
+    """Return the text of a key in the attribute block of an instance."""
+    for _ in range(key):
+        block += text(block).size + 1
+    return text(block)
+
+
+@internal
+def block_size(block: int) -> int:
+    """Return the bytes of the attribute block of an instance, zeros included."""
+    start = block
+    for _ in range(len(KEYS)):
+        block += text(block).size + 1
+    return block - start
+
+
+@internal
+def segment_count(block: int) -> int:
+    """Return the number of segments, or 0 if the text is no allowed number."""
+    written = strip(key_text(block, SEGMENTS))
+    if key_text(block, SEGMENTS).size == 0:
+        return _DEFAULT_SEGMENTS
+    count = 0
+    for character in written:
+        if not is_digit(character):
+            return 0
+        count = min(10 * count + (character - 48), MAX_SEGMENTS + 1)
+    return count if count <= MAX_SEGMENTS else 0
+
+
+@internal
+def bends_with_route(block: int) -> bool:
+    """Return whether the bends of the conduit follow its route."""
+    return equal_text(key_text(block, BEND), _ROUTED)
+
+
+@internal
+def is_open(block: int) -> bool:
+    """Return whether the cable leaves its conduit or has none: open or mixed `path`."""
+    written = key_text(block, PATH)
+    return equal_text(written, _OPEN) or equal_text(written, _MIXED)
+
+
+@internal
+def is_explicit(block: int) -> bool:
+    """Return whether the ends are never to be implicit."""
+    return equal_text(key_text(block, ENDS_KEY), _EXPLICIT)
+
+
+@internal
+def is_mixed(block: int) -> bool:
+    """Return whether the cable leaves its conduit: `path` is mixed."""
+    return equal_text(key_text(block, PATH), _MIXED)
+
+
+@internal
+def length(block: int) -> float:
+    """Return the length of the conduit [m]; the configuration must be valid."""
+    sections = np.empty((MAX_SECTIONS, 2))
+    count = _sections(key_text(block, CONDUIT), sections)
+    return float(sections[:count, 0].sum())
+
+
+@internal
+def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
+    """Return the number of sections read, or 0 if the text is no conduit."""
+    count, i = 0, 0
+    while True:
+        while i < written.size and is_space(written[i]):
+            i += 1
+        if i == written.size:
+            return count
+        begin, colon = i, -1
+        while i < written.size and not is_space(written[i]):
+            if written[i] == 58 and colon < 0:
+                colon = i
+            i += 1
+        if colon < 0 or count == MAX_SECTIONS:
+            return 0
+        length = number(written[begin:colon])
+        bend = written[colon + 1 : i]
+        radius = math.inf if equal_text(bend, _INF) else number(bend)
+        if not (0.0 < length <= MAX_LENGTH and length <= MAX_WRAP * radius):
+            return 0
+        sections[count, 0] = length
+        sections[count, 1] = radius
+        count += 1
+
+
+@internal
+def equal_text(a: Bytes, b: Bytes) -> bool:
+    """Return whether two texts are equal."""
+    if a.size != b.size:
+        return False
+    for i in range(a.size):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@internal
+def append_key(message: Bytes, used: int, key: int) -> int:
+    """Add the name of a key.
+
+    Returns:
+        The new length.
+    """
+    start = 0
+    for _ in range(key):
+        while _NAMES[start] != 0:
+            start += 1
+        start += 1
+    end = start
+    while _NAMES[end] != 0:
+        end += 1
+    return append(message, used, _NAMES[start:end])
+
+
+@internal
+def explain(message: Bytes, used: int, block: int, key: int) -> int:
+    """Append why a key cannot be used: its name, its value and the allowed values.
+
+    Returns:
+        The new length.
+    """
+    piece, start = 0, 0
+    while piece < 2 * key:
+        piece += _REFUSAL_TEXT[start] == 0
+        start += 1
+    middle = start
+    while _REFUSAL_TEXT[middle] != 0:
+        middle += 1
+    end = middle + 1
+    while _REFUSAL_TEXT[end] != 0:
+        end += 1
+    used = append(message, used, _REFUSAL_TEXT[start:middle])
+    written = key_text(block, key)
+    if written.size == 0:
+        used = append(message, used, _MISSING)
+    else:
+        used = quote(message, used, written)
+    return append(message, used, _REFUSAL_TEXT[middle + 1 : end])
+
+
+@exported(
+    types.UniTuple(types.int64, 2)(
+        types.intp, types.float64[::1], types.float64[:, ::1]
+    )
+)
+def read(
+    block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
+) -> tuple[int, int]:
+    """Read the attribute block of an instance.
+
+    Args:
+        block: address of the attribute block.
+        values: out, scalar parameters in the order of `PARAMETERS`.
+        sections: out, (`MAX_SECTIONS`, 2) length and bend radius [m].
+
+    Returns: Index of the first key that cannot be used or `VALID_CONFIGURATION`; number
+        of sections.
+    """
+    for key in range(SCALARS):
+        written = key_text(block, key)
+        if written.size == 0:
+            if _REQUIRED[key]:
+                return key, 0
+            values[key] = _DEFAULT[key]
+            continue
+        x = number(written)
+        above = x > _LOW[key] if _LOW_OPEN[key] else x >= _LOW[key]
+        if not (above and x <= _HIGH[key]):
+            return key, 0
+        values[key] = x
+    if 0.0 < values[_STATIC] < values[FRICTION]:
+        return _STATIC, 0
+    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
+        return _EXPONENT, 0
+    if segment_count(block) == 0:
+        return SEGMENTS, 0
+    bend = key_text(block, BEND)
+    follows = bends_with_route(block) and key_text(block, ROUTE).size > 0
+    if not (bend.size == 0 or equal_text(bend, _FIXED) or follows):
+        return BEND, 0
+    path = key_text(block, PATH)
+    free = is_open(block)
+    if not (path.size == 0 or equal_text(path, _GUIDED) or free):
+        return PATH, 0
+    if free and key_text(block, ROUTE).size == 0:
+        return PATH, 0
+    if (key_text(block, MOUTH).size > 0) != is_mixed(block):
+        return MOUTH, 0
+    ends = key_text(block, ENDS_KEY)
+    if not (ends.size == 0 or equal_text(ends, _AUTO) or is_explicit(block)):
+        return ENDS_KEY, 0
+    for seal in _SEALS:
+        if values[seal] != 0.0 and equal_text(path, _OPEN):
+            return seal, 0
+    count = _sections(key_text(block, CONDUIT), sections)
+    return (VALID_CONFIGURATION if count > 0 else CONDUIT), count

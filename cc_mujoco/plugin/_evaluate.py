@@ -1,0 +1,277 @@
+"""One evaluation of a cable from its committed state, compiled."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin._ffi import (
+    copy_words,
+    fill,
+    floats,
+    internal,
+    load_byte,
+    load_real,
+    load_word,
+    same_words,
+    store_real,
+    store_word,
+    types,
+)
+from cc_mujoco.plugin._instance_data import (
+    CHECKED_STIFFNESS,
+    DISTAL,
+    EARLY_PULL,
+    FIRST_STAGE_VALID,
+    INPUT_POSITIONS,
+    INPUT_VELOCITIES,
+    INPUTS,
+    PATH_EVALUATION,
+    PROXIMAL,
+    RESULT_VALID,
+    SEGMENTS,
+    SHAPE_BYTES,
+    TEXT_SIZE,
+    committed_time_at,
+    first_stage_at,
+    is_open,
+    new_at,
+    old_at,
+    parameters_at,
+    path_memory,
+    pose_at,
+    proximal_winding,
+    shape_at,
+    text_at,
+    work_at,
+)
+from cc_mujoco.plugin._routing import follow
+
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+PACK = types.int32(types.intp, types.intp, types.int32)
+repack = types.ExternalFunction("cc_mujoco_pack", PACK)
+
+
+@internal
+def update_parameters(block: int, model: int, instance: int) -> bool:
+    """Update the packed parameters by the configuration of the model.
+
+    They are unless a batch gives its simulations different models; then the text of the
+    configuration differs from the copy that was packed last.
+    """
+    attributes = mj_struct.attributes(model, instance)
+    seen = text_at(block, load_word(block + SEGMENTS))
+    size = load_word(block + TEXT_SIZE)
+    i = 0
+    while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
+        i += 8
+    while i < size and load_byte(seen + i) == load_byte(attributes + i):
+        i += 1
+    if size > 0 and i == size:
+        return True
+    packed: bool = repack(block, model, instance) == 1
+    return packed
+
+
+@internal
+def path_unchanged(block: int) -> bool:
+    """Return whether the path is the same as at the last stage of RK4."""
+    n = load_word(block + SEGMENTS)
+    now, last = shape_at(block, n, 0), shape_at(block, n, 4)
+    return same_words(now, last, load_word(block + SHAPE_BYTES) // 8)
+
+
+@internal
+def origin(block: int, model: int, data: int, instance: int) -> tuple[int, float]:
+    """Return the state that an evaluation begins from, and the time since then [s].
+
+    The committed state, a time step ago; at the later stages of RK4 that of the first
+    one. So a motion that turns at the start of the step is followed to there and back.
+
+    Returns:
+        Address of the state, and half a step, a step or, where there was no first
+        stage, up to two.
+    """
+    state, step = mj_struct.state(model, data, instance), mj_struct.timestep(model)
+    if mj_struct.integrator(model) != RK4:
+        return state, step
+    n = load_word(block + SEGMENTS)
+    committed, first = committed_time_at(state, n), first_stage_at(block)
+    halves = np.rint(2.0 * (mj_struct.time(data) - load_real(committed)) / step)
+    if not 3.0 <= halves <= 4.0:
+        return state, step
+    between = load_real(committed_time_at(first, n)) - load_real(committed)
+    if (
+        load_word(block + FIRST_STAGE_VALID) != 0
+        and np.rint(2.0 * between / step) == 2.0
+        and load_word(pose_at(first, n)) == load_word(pose_at(state, n))
+    ):
+        return first, 0.5 * (halves - 2.0) * step
+    return state, 0.5 * halves * step
+
+
+@internal
+def save_first_stage(block: int, data: int, state: int) -> None:
+    """Keep the state that was found last as that of the first stage of RK4.
+
+    It began from the state at address `state`.
+    """
+    n, first = load_word(block + SEGMENTS), first_stage_at(block)
+    copy_words(new_at(block, n), first, kernel.state_size(n))
+    store_real(committed_time_at(first, n), mj_struct.time(data))
+    store_word(pose_at(first, n), load_word(pose_at(state, n)))
+    if is_open(block):
+        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+        open_path.save_path(shape, n, path_memory(first, n))
+
+
+@internal
+def evaluation_inputs(at: int) -> tuple[float, float, tuple[float, float], float]:
+    """Return the inputs of an evaluation: displacements, compliances, and dt."""
+    yields = load_real(at + 16), load_real(at + 24)
+    return load_real(at), load_real(at + 8), yields, load_real(at + 32)
+
+
+@internal
+def save_motion(block: int, data: int, u_proximal: float, u_distal: float) -> None:
+    """Save positions and speeds of the ends at the evaluation of the cable."""
+    store_real(block + INPUT_POSITIONS, u_proximal)
+    store_real(block + INPUT_POSITIONS + 8, u_distal)
+    for end in range(2):
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+        store_real(block + INPUT_VELOCITIES + 8 * end, speed)
+
+
+@internal
+def is_evaluated(
+    block: int, data: int, state: int, u_proximal: float, u_distal: float
+) -> bool:
+    """Return whether the last evaluation is that of this state and motion of the ends.
+
+    What an implicit end looks ahead to depends on its velocity, too.
+    """
+    n = load_word(block + SEGMENTS)
+    same = load_word(block + RESULT_VALID) == 1
+    same = same and load_real(block + INPUT_POSITIONS) == u_proximal
+    same = same and load_real(block + INPUT_POSITIONS + 8) == u_distal
+    for end in range(2):
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+        same = same and load_real(block + INPUT_VELOCITIES + 8 * end) == speed
+    return same and same_words(old_at(block, n), state, kernel.state_size(n))
+
+
+@internal
+def evaluate(
+    block: int,
+    state: int,
+    u_proximal: float,
+    u_distal: float,
+    yield_proximal: float,
+    yield_distal: float,
+    dt: float,
+) -> bool:
+    """Evaluate from the committed state at address `state`, unless that is known.
+
+    The parameters must be up to date. Arguments as in `cable._kernel.step` and
+    `cable._pack.expect_yielding`.
+
+    Returns:
+        Whether the new state, in the block, is finite.
+    """
+    n = load_word(block + SEGMENTS)
+    old = old_at(block, n)
+    size = kernel.state_size(n)
+    known = load_word(block + RESULT_VALID) == 1
+    given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
+    for i in range(5):
+        before = load_word(block + INPUTS + 8 * i)
+        store_real(block + INPUTS + 8 * i, given[i])
+        known = known and before == load_word(block + INPUTS + 8 * i)
+    if known and same_words(old, state, size):
+        return True
+    store_word(block + EARLY_PULL, 0)
+    copy_words(state, old, size)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    kernel.expect_yielding(prm, yield_proximal, yield_distal)
+    status = kernel.step(
+        prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
+        u_distal, dt, floats(new_at(block, n), size),
+        floats(work_at(block, n), kernel.work_size(n)),
+    )  # fmt: skip
+    store_word(block + RESULT_VALID, 1 if status == kernel.OK else 0)
+    return status == kernel.OK
+
+
+@internal
+def set_rest_state(
+    block: int,
+    model: int,
+    state: int,
+    proximal_length: float,
+    distal_length: float,
+    time: float,
+) -> None:
+    """Set the state at address `state` to rest with the lengths of both actuators [m].
+
+    The parameters must be up to date.
+    """
+    n = load_word(block + SEGMENTS)
+    kernel.initialize(
+        floats(parameters_at(block), kernel.parameter_size(n)),
+        n,
+        proximal_winding(model, block, proximal_length)[0],
+        distal_length,
+        floats(state, kernel.state_size(n)),
+    )
+    before = time - mj_struct.timestep(model)
+    store_real(
+        committed_time_at(state, n),
+        before if mj_struct.integrator(model) == RK4 else 0.0,
+    )
+    if is_open(block):
+        fill(path_memory(state, n), 0.0)
+
+
+@internal
+def has_stiffened(block: int) -> bool:
+    """Return whether a piece is twice as stiff as when this was last true."""
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+    now = open_path.max_piece_stiffness(shape, kernel.node_stiffness(prm, n), n)
+    if now <= 2.0 * load_real(block + CHECKED_STIFFNESS):
+        return False
+    store_real(block + CHECKED_STIFFNESS, now)
+    return True
+
+
+@internal
+def follow_all_paths(model: int, data: int, instance: int) -> None:
+    """Lead all open cables along their paths, so that their meshes are known."""
+    for other in range(mj_struct.plugins(model)):
+        kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
+        if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
+            block = mj_struct.block(data, other)
+            if block != 0 and is_open(block):
+                state = origin(block, model, data, other)[0]
+                follow(block, model, data, state)
+
+
+@internal
+def follow_other_paths(model: int, data: int, instance: int, evaluation: int) -> None:
+    """Lead all open cables along their paths that were not in this evaluation."""
+    for other in range(mj_struct.plugins(model)):
+        kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
+        if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
+            block = mj_struct.block(data, other)
+            walked = block == 0 or load_word(block + PATH_EVALUATION) == evaluation
+            if not walked and is_open(block):
+                state = origin(block, model, data, other)[0]
+                follow(block, model, data, state)
+                store_word(block + PATH_EVALUATION, evaluation)

@@ -1,0 +1,610 @@
+"""Compiled prediction of the motion of the cable ends in the coming step.
+
+The force of a cable is due before MuJoCo knows where the step leads. An end is a stiff
+spring, and where the step is long for it, it takes the tension at
+
+    x + alpha h v + beta h^2 a(T)
+
+instead of at x, its displacement, with its velocity v and the acceleration a that
+MuJoCo is about to find, which falls with the tension T itself: a step of Newmark's
+method (J. Eng. Mech. Div. 85, 1959) in terms of displacements. The integrator then sees
+a spring of the frequency w/sqrt(1 + beta (h w)^2) in the place of w. With
+
+    beta = max(1/s - 1/(h w)^2, 0)
+
+that is no more than sqrt(s)/h, which is stable, and an end is implicit by as much as
+stability needs: not at all below. For Euler and its kin s is 2.5 and
+
+    alpha = 0.25 (s beta)^2,
+
+which damps what the step cannot resolve; they are stable below s (1 + 2 alpha) = 4. At
+s >= 2.4, beta is at most 1/6 where explicit ends are stable, so that the frequency is
+off by (beta - 1/12) (h w)^2 / 2, no more than theirs. RK4 damps by itself, most at s of
+6; there s is 5.8, of 8, alpha is 0, and each of its four stages looks ahead from its
+own displacement. All springs of a cable beyond its ends stay explicit,
+and all under `discrete`, whose constraints are known only after the actuators.
+
+`predict_acceleration` solves for a as MuJoCo does: smooth forces, with those of the
+cables as they were, and the constraints that are active at the acceleration of the step
+before, or, tried again, at the one found with them; a friction cone that slips keeps
+its force. So are the dampers that the integrator takes implicitly: those of joints,
+and, under `is_implicit` and `implicitfast`, those of tendons and of actuators of affine
+gain or bias.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin._evaluate import origin
+from cc_mujoco.plugin._ffi import (
+    add,
+    apply_force,
+    assign,
+    dot,
+    equal,
+    factorise,
+    fill,
+    floats,
+    full_inertia,
+    internal,
+    is_sparse,
+    is_zero,
+    load_integer,
+    load_real,
+    load_word,
+    multiply_inertia,
+    solve_factorised,
+    solve_inertia,
+    store_real,
+    store_word,
+)
+from cc_mujoco.plugin._instance_data import (
+    DISTAL,
+    END_ACTUATORS,
+    EVALUATION_COUNT,
+    EXPLICIT_ENDS,
+    GUIDED,
+    INSTANCE,
+    MOUTH,
+    PASSIVE_FRESH,
+    PREDICTION_AREA,
+    PROXIMAL,
+    ROUTE,
+    SCRATCH,
+    SEGMENTS,
+    STIFFNESS,
+    TIED_ENDS,
+    displacement,
+    is_open,
+    parameters_at,
+    proximal_winding,
+    pulls_at,
+    shape_at,
+)
+
+Floats = npt.NDArray[np.float64]
+
+_STABILITY_LIMIT, _STABILITY_LIMIT_RK4, _VELOCITY_GAIN = 2.5, 5.8, 0.25
+_IMPLICIT_LIMIT, _IMPLICIT_LIMIT_RK4 = 1.0, 2.0
+"""Square of step times frequency, in `qpos0`, above which an end may be implicit."""
+MAX_DOFS = 300
+"""Degrees of freedom up to which the ends are implicit: factors are dense."""
+_MAX_ROUNDS = 3
+
+_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
+_NO_EULER_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+_AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
+_AFFINE_GAIN = int(mujoco.mjtGain.mjGAIN_AFFINE)
+_PRM_SIZE = 10  # of gain and bias of an actuator
+_EQUALITY = 0
+_FRICTION_DOF, _FRICTION_TENDON, _ELLIPTIC = 1, 2, 7
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+_UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
+"""State of knowledge of the step: nothing; the acceleration, by MuJoCo's own factor of
+the inertia; by a factor with constraints; with dampers after them."""
+
+
+@internal
+def first_cable(model: int, instance: int) -> int:
+    """Return the first instance of the plugin that this instance belongs to."""
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
+    other = 0
+    while mj_struct.integer(model, mj_struct.PLUGIN, other) != kind:
+        other += 1
+    return other
+
+
+@internal
+def area_size(model: int) -> int:
+    """Return the bytes that the first cable of a model keeps for all of them."""
+    nv = mj_struct.dofs(model)
+    return 8 * (1 + 5 * nv + 3 * nv * nv) if nv <= MAX_DOFS else 0
+
+
+@internal
+def begin_evaluation(block: int) -> None:
+    """Begin another evaluation of the first cable, with a new prediction."""
+    store_word(block + EVALUATION_COUNT, load_word(block + EVALUATION_COUNT) + 1)
+    if load_word(block + PREDICTION_AREA) != 0:
+        store_word(block + load_word(block + PREDICTION_AREA), _UNKNOWN)
+
+
+@internal
+def is_unknown(area: int) -> bool:
+    """Return whether the step has not been analysed yet."""
+    return load_word(area) == _UNKNOWN
+
+
+@internal
+def is_implicit(model: int, block: int) -> bool:
+    """Return whether the step is so long that the ends of a cable must be implicit.
+
+    It may be where it is half of what is stable for an end, by the inertia of the pose
+    `qpos0`, so that a pose of less inertia is stable too.
+    """
+    if load_word(block + EXPLICIT_ENDS) != 0 or mj_struct.dofs(model) > MAX_DOFS:
+        return False
+    integrator = mj_struct.integrator(model)
+    if integrator == _DISCRETE:
+        return False
+    step = mj_struct.timestep(model)
+    most = _IMPLICIT_LIMIT_RK4 if integrator == _RK4 else _IMPLICIT_LIMIT
+    for end in range(2):
+        if load_word(block + TIED_ENDS + 8 * end) != 0:
+            continue
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
+        mobility = 0.0
+        if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _JOINT:
+            dof = mj_struct.integer(model, mj_struct.JNT_DOFADR, target)
+            mobility = mj_struct.real(model, mj_struct.DOF_INVWEIGHT0, dof)
+        else:
+            mobility = mj_struct.real(model, mj_struct.TENDON_INVWEIGHT0, target)
+        mobility *= attachments.pulley_radius(model, output) ** 2
+        if step * step * mobility * _stiffness(block, end) > most:
+            return True
+    return False
+
+
+@internal
+def _stiffness(block: int, end: int) -> float:
+    """Return the stiffness of an end that friction holds [N/m]."""
+    stiffness = load_real(block + STIFFNESS + 8 * end)
+    if stiffness == 0.0:
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        stiffness = kernel.end_stiffness(prm, n, end == 1)
+        store_real(block + STIFFNESS + 8 * end, stiffness)
+    return float(stiffness)
+
+
+@internal
+def _newmark_terms(
+    model: int, block: int, end: int, mobility: float
+) -> tuple[float, float]:
+    """Return alpha h [s] and beta h^2 [s^2] of an end, see above.
+
+    `mobility` is its acceleration per tension [1/kg].
+    """
+    runge_kutta = mj_struct.integrator(model) == _RK4
+    step, most = (
+        mj_struct.timestep(model),
+        _STABILITY_LIMIT_RK4 if runge_kutta else _STABILITY_LIMIT,
+    )
+    square = step * step * mobility * _stiffness(block, end)
+    share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
+    velocity = 0.0 if runge_kutta else _VELOCITY_GAIN * share * share * step
+    return velocity, share * step * step / most
+
+
+@internal
+def predict_acceleration(model: int, data: int, kind: int, area: int) -> None:
+    """Find the acceleration of the step, with all tensions as they are.
+
+    Args:
+        model: address of the model.
+        data: address of the data, with all that MuJoCo evaluates before plugins of
+            actuators, and all open cables led along their paths.
+        kind: MuJoCo's number of the plugin.
+        area: address of `area_size` bytes, of the first cable.
+    """
+    nv = mj_struct.dofs(model)
+    found, force = floats(area + 8, nv), floats(area + 8 + 8 * nv, nv)
+    scratch = floats(area + 8 + 16 * nv, nv)
+    inertia = area + 8 + 40 * nv
+    factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
+    _smooth_forces(model, data, kind, force, scratch)
+    integrator = mj_struct.integrator(model)
+    damping = floats(damped, nv * nv)
+    dampers = _damping_matrix(model, data, integrator, damping, scratch)
+    count = load_integer(data + mj_struct.NEFC)
+    if count == 0 and not dampers:
+        solve_inertia(model, data, found.ctypes.data, force.ctypes.data, 1)
+        store_word(area, _PLAIN)
+        return
+    full_inertia(model, data, inertia)
+    whole = floats(inertia, nv * nv)
+    if dampers:
+        step = mj_struct.timestep(model)
+        for i in range(nv * nv):
+            damping[i] = whole[i] + step * damping[i]
+    _solve_constrained(
+        model, data, count, whole, force, floats(factor, nv * nv), found, scratch
+    )
+    if not dampers:
+        store_word(area, _CONSTRAINED)
+        return
+    multiply_inertia(model, data, scratch.ctypes.data, found.ctypes.data)
+    factorise(damped, nv, 0.0)
+    solve_factorised(found.ctypes.data, damped, scratch.ctypes.data, nv)
+    store_word(area, _DAMPED)
+
+
+@internal
+def _smooth_forces(
+    model: int, data: int, kind: int, force: Floats, acted: Floats
+) -> None:
+    """Compute the sum of all forces without those of constraints (nv,)."""
+    nv = mj_struct.dofs(model)
+    assign(force, floats(load_word(data + mj_struct.QFRC_PASSIVE), nv))
+    add(force, floats(load_word(data + mj_struct.QFRC_BIAS), nv), -1.0)
+    add(force, floats(load_word(data + mj_struct.QFRC_APPLIED), nv), 1.0)
+    applied = load_word(data + mj_struct.XFRC_APPLIED)
+    for body in range(1, mj_struct.bodies(model)):
+        given = floats(applied + 48 * body, 6)
+        if not is_zero(given):
+            point = load_word(data + mj_struct.XIPOS) + 24 * body
+            apply_force(
+                model, data, applied + 48 * body, point, body, force.ctypes.data,
+                given[0], given[1], given[2],
+            )  # fmt: skip
+    fill(acted, 0.0)
+    for actuator in range(mj_struct.actuators(model)):
+        plugin = mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator)
+        if plugin >= 0 and mj_struct.integer(model, mj_struct.PLUGIN, plugin) == kind:
+            continue
+        first = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
+        number = mj_struct.integer(model, mj_struct.ACTUATOR_OUTNUM, actuator)
+        for output in range(first, first + number):
+            given_force = mj_struct.force(data, output)
+            if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
+                low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
+                high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
+                given_force = min(max(given_force, low), high)
+            _add_moment(data, output, given_force, acted)
+    for instance in range(mj_struct.plugins(model)):
+        block = 0
+        if mj_struct.integer(model, mj_struct.PLUGIN, instance) == kind:
+            block = mj_struct.block(data, instance)
+        if block == 0:
+            continue
+        n = load_word(block + SEGMENTS)
+        begin = origin(block, model, data, instance)[0]
+        state = floats(begin, kernel.state_size(n))
+        node = layout.tensions(state, n)
+        if load_word(block + TIED_ENDS) == 0:
+            lever = proximal_winding(model, block, displacement(data, block, PROXIMAL))[
+                1
+            ]
+            output = load_word(block + PROXIMAL)
+            _add_moment(data, output, max(node[0], 0.0) * lever, acted)
+        if load_word(block + TIED_ENDS + 8) == 0:
+            _add_moment(data, load_word(block + DISTAL), -max(node[n], 0.0), acted)
+        if is_open(block):
+            if load_word(block + PASSIVE_FRESH) == 0:
+                add(force, floats(pulls_at(block, n), nv), -1.0)
+            open_path.apply_pulls(
+                model, data, load_word(block + ROUTE), load_word(block + MOUTH),
+                floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
+                load_word(block + GUIDED), node, 0.0, -1, block + SCRATCH,
+                force.ctypes.data,
+            )  # fmt: skip
+    for joint in range(mj_struct.joints(model)):
+        dof = mj_struct.integer(model, mj_struct.JNT_DOFADR, joint)
+        if mj_struct.integer(model, mj_struct.JNT_TYPE, joint) < _SLIDE:
+            continue
+        if mj_struct.byte(model, mj_struct.JNT_ACTGRAVCOMP, joint) != 0:
+            acted[dof] += mj_struct.real(data, mj_struct.QFRC_GRAVCOMP, dof)
+        if mj_struct.byte(model, mj_struct.JNT_ACTFRCLIMITED, joint) != 0:
+            low = mj_struct.real(model, mj_struct.JNT_ACTFRCRANGE, 2 * joint)
+            high = mj_struct.real(model, mj_struct.JNT_ACTFRCRANGE, 2 * joint + 1)
+            acted[dof] = min(max(acted[dof], low), high)
+    add(force, acted, 1.0)
+
+
+@internal
+def _add_moment(data: int, output: int, force: float, target: Floats) -> None:
+    """Add the generalised force of an actuator's output."""
+    if force == 0.0:
+        return
+    start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
+    columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
+    values = load_word(data + mj_struct.ACTUATOR_MOMENT) + 8 * start
+    for i in range(mj_struct.integer(data, mj_struct.MOMENT_ROWNNZ, output)):
+        target[load_integer(columns + 4 * i)] += force * load_real(values + 8 * i)
+
+
+@internal
+def _damping_matrix(
+    model: int, data: int, integrator: int, out: Floats, scratch: Floats
+) -> bool:
+    """Write the damping that is integrated implicitly (nv * nv,); return if any."""
+    nv, any_damping = mj_struct.dofs(model), False
+    fill(out, 0.0)
+    if integrator == _RK4:
+        return False
+    euler = integrator == _EULER
+    if not mj_struct.disabled(model, _NO_DAMPER) and not (
+        euler and mj_struct.disabled(model, _NO_EULER_DAMPING)
+    ):
+        for i in range(nv):
+            out[i * nv + i] = mj_struct.real(model, mj_struct.DOF_DAMPING, i)
+            any_damping = any_damping or out[i * nv + i] != 0.0
+    if euler:
+        return any_damping
+    for actuator in range(mj_struct.actuators(model)):
+        if mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) >= 0:
+            continue
+        rate = 0.0
+        if (
+            mj_struct.integer(model, mj_struct.ACTUATOR_BIASTYPE, actuator)
+            == _AFFINE_BIAS
+        ):
+            rate -= mj_struct.real(
+                model, mj_struct.ACTUATOR_BIASPRM, _PRM_SIZE * actuator + 2
+            )
+        if (
+            mj_struct.integer(model, mj_struct.ACTUATOR_GAINTYPE, actuator)
+            == _AFFINE_GAIN
+        ):
+            control = mj_struct.integer(model, mj_struct.ACTUATOR_CTRLADR, actuator)
+            gain = mj_struct.real(
+                model, mj_struct.ACTUATOR_GAINPRM, _PRM_SIZE * actuator + 2
+            )
+            rate -= gain * mj_struct.real(data, mj_struct.CTRL, control)
+        if rate > 0.0:
+            fill(scratch, 0.0)
+            output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
+            _add_moment(data, output, 1.0, scratch)
+            _add_square(rate, scratch, out)
+            any_damping = True
+    for tendon in range(mj_struct.tendons(model)):
+        rate = mj_struct.real(model, mj_struct.TENDON_DAMPING, tendon)
+        if rate > 0.0 and not mj_struct.disabled(model, _NO_DAMPER):
+            fill(scratch, 0.0)
+            start = mj_struct.integer(model, mj_struct.TEN_J_ROWADR, tendon)
+            columns = load_word(model + mj_struct.TEN_J_COLIND) + 4 * start
+            values = load_word(data + mj_struct.TEN_J) + 8 * start
+            for i in range(mj_struct.integer(model, mj_struct.TEN_J_ROWNNZ, tendon)):
+                scratch[load_integer(columns + 4 * i)] = load_real(values + 8 * i)
+            _add_square(rate, scratch, out)
+            any_damping = True
+    return any_damping
+
+
+@internal
+def _add_square(rate: float, row: Floats, out: Floats) -> None:
+    """Add the product of a row (nv,) with itself to a matrix (nv * nv,)."""
+    nv = row.size
+    for i in range(nv):
+        for j in range(nv if row[i] != 0.0 else 0):
+            out[i * nv + j] += rate * row[i] * row[j]
+
+
+@internal
+def _solve_constrained(
+    model: int,
+    data: int,
+    count: int,
+    base: Floats,
+    force: Floats,
+    factor: Floats,
+    found: Floats,
+    right: Floats,
+) -> None:
+    """Compute the acceleration under smooth forces and constraints, with its factor.
+
+    Args:
+        model: address of the model.
+        data: address of the data.
+        count: number of scalar constraints.
+        base: inertia (nv * nv,).
+        force: smooth forces (nv,).
+        factor: out, of what inertia and active constraints make (nv * nv,).
+        found: out, acceleration (nv,).
+        right: scratch (nv,).
+    """
+    nv = mj_struct.dofs(model)
+    sparse = is_sparse(model) != 0
+    assign(found, floats(load_word(data + mj_struct.QACC_WARMSTART), nv))
+    state, before, given = np.zeros(count), np.full(count, -1.0), np.zeros(count)
+    weight = floats(load_word(data + mj_struct.EFC_D), count)
+    aim = floats(load_word(data + mj_struct.EFC_AREF), count)
+    jacobian = load_word(data + mj_struct.EFC_J)
+    columns = load_word(data + mj_struct.EFC_COLIND)
+    push = np.zeros(count)
+    for trial in range(_MAX_ROUNDS):
+        for i in range(count):
+            start, number = nv * i, nv
+            if sparse:
+                start = mj_struct.integer(data, mj_struct.EFC_ROWADR, i)
+                number = mj_struct.integer(data, mj_struct.EFC_ROWNNZ, i)
+            off = -aim[i]
+            for k in range(number):
+                a = load_integer(columns + 4 * (start + k)) if sparse else k
+                off += load_real(jacobian + 8 * (start + k)) * found[a]
+            given[i] = -weight[i] * off
+            push[i] = _constraint_force(data, i, given, state)
+        if trial > 0 and equal(state, before):
+            return
+        assign(before, state)
+        assign(factor, base)
+        assign(right, force)
+        for i in range(count):
+            start, number = nv * i, nv
+            if sparse:
+                start = mj_struct.integer(data, mj_struct.EFC_ROWADR, i)
+                number = mj_struct.integer(data, mj_struct.EFC_ROWNNZ, i)
+            stiff = weight[i] if state[i] != 0.0 else 0.0
+            pushed = stiff * aim[i] + push[i]
+            for k in range(number if stiff != 0.0 or push[i] != 0.0 else 0):
+                a = load_integer(columns + 4 * (start + k)) if sparse else k
+                own = load_real(jacobian + 8 * (start + k))
+                right[a] += own * pushed
+                for m in range(number if stiff != 0.0 and own != 0.0 else 0):
+                    b = load_integer(columns + 4 * (start + m)) if sparse else m
+                    other = load_real(jacobian + 8 * (start + m))
+                    factor[a * nv + b] += stiff * own * other
+        factorise(factor.ctypes.data, nv, 0.0)
+        solve_factorised(found.ctypes.data, factor.ctypes.data, right.ctypes.data, nv)
+
+
+@internal
+def _constraint_force(data: int, i: int, given: Floats, state: Floats) -> float:
+    """Set whether constraint i gives way like a spring, else return its force.
+
+    `given` are the forces of the constraints up to i if they all do.
+    """
+    force = given[i]
+    kind = mj_struct.integer(data, mj_struct.EFC_TYPE, i)
+    state[i] = 1.0
+    if kind == _EQUALITY:
+        return 0.0
+    if kind == _FRICTION_DOF or kind == _FRICTION_TENDON:
+        most = mj_struct.real(data, mj_struct.EFC_FRICTIONLOSS, i)
+        if abs(force) < most:
+            return 0.0
+        state[i] = 0.0
+        return math.copysign(most, force)
+    if kind == _ELLIPTIC:
+        contact = mj_struct.integer(data, mj_struct.EFC_ID, i)
+        place = load_word(data + mj_struct.CONTACT) + mj_struct.CONTACT_SIZE * contact
+        first = load_integer(place + mj_struct.CONTACT_EFC)
+        if i > first:
+            most = load_real(place + mj_struct.CONTACT_FRICTION + 8 * (i - first - 1))
+            normal = max(given[first], 0.0)
+            if abs(force) > most * normal:
+                state[i] = 0.0
+                return math.copysign(most * normal, force)
+            return 0.0
+    if force <= 0.0:
+        state[i] = 0.0
+    return 0.0
+
+
+@internal
+def predict_ends(
+    model: int, data: int, block: int, kind: int, area: int, out: Floats
+) -> None:
+    """Compute where to evaluate the ends of a cable, and how far they yield (4,).
+
+    Displacements [m] of the proximal and the distal end while their tensions stay as
+    they are, and by how much they go into the cable per tension [m/N]. How ends on the
+    same bodies move each other is added to what each does by itself.
+    """
+    nv = mj_struct.dofs(model)
+    known = load_word(area)
+    found = floats(area + 8, nv)
+    row, answer = floats(area + 8 + 16 * nv, nv), floats(area + 8 + 24 * nv, nv)
+    between = floats(area + 8 + 32 * nv, nv)
+    inertia = area + 8 + 40 * nv
+    factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
+    for end in range(2):
+        x, lever = _end_position(model, data, block, end)
+        out[end], out[2 + end] = x, 0.0
+        if load_word(block + TIED_ENDS + 8 * end) != 0:
+            continue
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        fill(row, 0.0)
+        _add_moment(data, output, lever, row)
+        if known == _PLAIN:
+            solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
+        else:
+            solve_factorised(answer.ctypes.data, factor, row.ctypes.data, nv)
+        if known == _DAMPED:
+            multiply_inertia(model, data, between.ctypes.data, answer.ctypes.data)
+            solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
+        mobility = _mobility(model, data, kind, answer)
+        velocity, acceleration = _newmark_terms(model, block, end, mobility)
+        out[end] += (
+            velocity * lever * mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+        )
+        out[end] += acceleration * dot(row, found)
+        out[2 + end] = acceleration * mobility
+
+
+@internal
+def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
+    """Compute the acceleration of all cable ends together per tension [1/kg].
+
+    `answer` (nv,) is the acceleration of the degrees of freedom by it.
+    """
+    total = 0.0
+    for other in range(mj_struct.plugins(model)):
+        block = 0
+        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
+            block = mj_struct.block(data, other)
+        for end in range(2 if block != 0 else 0):
+            if load_word(block + TIED_ENDS + 8 * end) == 0:
+                arm = _end_position(model, data, block, end)[1]
+                output = load_word(block + (DISTAL if end else PROXIMAL))
+                total += abs(arm * _output_motion(data, output, answer))
+    return total
+
+
+@internal
+def predicted_position(model: int, data: int, block: int, end: int) -> float:
+    """Return where an implicit end is evaluated [m], by the acceleration in `data`.
+
+    It is that of `predict_ends` where the acceleration is the one that MuJoCo finds.
+    """
+    x, lever = _end_position(model, data, block, end)
+    if load_word(block + TIED_ENDS + 8 * end) != 0:
+        return x
+    nv = mj_struct.dofs(model)
+    output = load_word(block + (DISTAL if end else PROXIMAL))
+    row, answer = np.zeros(nv), np.empty(nv)
+    _add_moment(data, output, lever, row)
+    solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, load_word(block + INSTANCE))
+    mobility = _mobility(model, data, kind, answer)
+    velocity, acceleration = _newmark_terms(model, block, end, mobility)
+    found = floats(load_word(data + mj_struct.QACC), nv)
+    moved = velocity * lever * mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+    return float(x + moved + acceleration * dot(row, found))
+
+
+@internal
+def _end_position(model: int, data: int, block: int, end: int) -> tuple[float, float]:
+    """Return the displacement of an end [m], and the lever of its tension."""
+    if end == 0:
+        return proximal_winding(model, block, displacement(data, block, PROXIMAL))
+    return displacement(data, block, DISTAL), 1.0
+
+
+@internal
+def _output_motion(data: int, output: int, motion: Floats) -> float:
+    """Return how far a motion of the degrees of freedom takes an actuator's output."""
+    start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
+    columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
+    values = load_word(data + mj_struct.ACTUATOR_MOMENT) + 8 * start
+    total = 0.0
+    for i in range(mj_struct.integer(data, mj_struct.MOMENT_ROWNNZ, output)):
+        total += load_real(values + 8 * i) * motion[load_integer(columns + 4 * i)]
+    return total

@@ -1,0 +1,191 @@
+"""Cables out of MJCF and into it.
+
+>>> import mujoco
+>>> from cc_mujoco.plugin import from_mjcf, to_mjcf
+>>> from cc_mujoco.cable import Cable, Section
+>>> spec = mujoco.MjSpec()
+>>> for name in ("motor", "wrist"):
+...     body = spec.worldbody.add_body(mass=1, inertia=[1, 1, 1])
+...     _ = body.add_joint(name=name)
+>>> cable = Cable(friction=0.2, conduit=(Section(2.0, 0.28),))
+>>> to_mjcf(spec, "flexor", cable, ("motor", -0.02), ("wrist", -0.104))
+>>> from_mjcf(spec.compile()) == {"flexor": cable}
+True
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._config import PLUGIN, REQUIRED
+from cc_mujoco.plugin._registration import plugin_slot
+
+End = tuple[Any, float]
+"""An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
+
+
+_UNUSED_DEFAULTS = (
+    "type", "dyntype", "dynprm", "gaintype", "gainprm", "biastype", "biasprm", "actdim",
+    "actearly", "actlimited", "actrange", "ctrllimited", "ctrlrange", "forcelimited",
+    "forcerange", "inheritrange", "lengthrange", "damping", "armature", "delay",
+    "nsample", "interp", "cranklength", "group",
+)  # fmt: skip
+"""Attributes that actuators take from a default and that a cable does not use."""
+
+
+def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
+    """Return the cables of a model, by instance name, in the order of the model.
+
+    Args:
+        source: a specification, a compiled model, the path of an MJCF file, or MJCF
+            text.
+
+    Raises:
+        CableError: a configuration cannot be used.
+    """
+    if isinstance(source, mujoco.MjModel):
+        return {
+            name: cable_of(source, index, name)
+            for name, index in instances(source).items()
+        }
+    if isinstance(source, Path) or (isinstance(source, str) and "<" not in source):
+        source = mujoco.MjSpec.from_file(str(source))
+    elif isinstance(source, str):
+        source = mujoco.MjSpec.from_string(source)
+    for actuator in source.actuators:
+        if actuator.plugin.plugin_name == PLUGIN and not actuator.plugin.name:
+            raise CableError(
+                f"plugin `{PLUGIN}`: the configuration inside actuator "
+                f"{actuator.name!r} has no partner end; declare an `instance` that two "
+                "actuators share"
+            )
+    return {
+        plugin.name: _parse(tuple(dict(plugin.config).items()), plugin.name)
+        for plugin in source.plugins
+        if plugin.plugin_name == PLUGIN
+    }
+
+
+def to_mjcf(
+    spec: mujoco.MjSpec,
+    name: str,
+    cable: Cable,
+    proximal: End | None = None,
+    distal: End | None = None,
+) -> None:
+    """Write a cable into a specification: a new instance, or an existing one anew.
+
+    A new instance gets two actuators, `<name>_proximal` and `<name>_distal`.
+
+    Args:
+        spec: the specification to change.
+        name: name of the plugin instance.
+        cable: its new configuration.
+        proximal: joint or spatial tendon of the motor's end, and the signed pulley
+            radius [m]; an existing instance keeps its own unless given.
+        distal: the same of the joint's end.
+
+    Raises:
+        CableError: an end is missing or names no joint or tendon.
+    """
+    found = [p for p in spec.plugins if p.plugin_name == PLUGIN and p.name == name]
+    used = [a for a in spec.actuators if found and a.plugin.name == name]
+    ends = {"proximal": proximal, "distal": distal}
+    targets = {
+        end: _target(spec, name, *given)
+        for end, given in ends.items()
+        if given is not None
+    }
+    if found and len(used) != 2:
+        raise CableError(
+            f"plugin `{PLUGIN}`, instance '{name}': it is used by {len(used)} "
+            "actuators; it must be used by two before it can be written anew"
+        )
+    if not found:
+        for end, given in ends.items():
+            if given is None:
+                raise CableError(
+                    f"cable {name!r} is new and has no {end} end; give the joint or "
+                    "tendon and the signed pulley radius"
+                )
+        spec.activate_plugin(PLUGIN)
+        found = [spec.add_plugin(name=name, plugin_name=PLUGIN, active=True)]
+        for end in ends:
+            actuator = spec.add_actuator(name=f"{name}_{end}", **_default_actuator())
+            actuator.plugin.name = name
+            actuator.plugin.plugin_name = PLUGIN
+            actuator.plugin.active = True
+            used.append(actuator)
+    found[0].config = cable.to_config()
+    for actuator, end in zip(used, ends, strict=True):
+        if end in targets:
+            actuator.trntype, actuator.target, gear = targets[end]
+            actuator.gear = [gear, 0, 0, 0, 0, 0]
+
+
+def _default_actuator() -> dict[str, Any]:
+    """Return the fields of an actuator that takes nothing from its model's defaults."""
+    pristine = mujoco.MjSpec().add_actuator()
+    return {field: getattr(pristine, field) for field in _UNUSED_DEFAULTS}
+
+
+def instances(model: mujoco.MjModel) -> dict[str, int]:
+    """Return the index of each cable's plugin instance in a compiled model, by name."""
+    own = plugin_slot()
+    return {
+        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_PLUGIN, index): index
+        for index in range(model.nplugin)
+        if model.plugin[index] == own
+    }
+
+
+def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
+    """Return the cable of a plugin instance of a compiled model."""
+    return _parse(tuple(_config(model, instance).items()), name)
+
+
+def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:
+    start = model.plugin_attradr[instance]
+    texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
+    return {key: text.decode() for key, text in zip(KEYS, texts, strict=False) if text}
+
+
+@lru_cache(maxsize=256)
+def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
+    given = dict(config)
+    where = f"plugin `{PLUGIN}`, instance '{name}'"
+    allowed = {p.name: p.allowed for p in PARAMETERS}
+    for key in REQUIRED:
+        if key not in given:
+            what = allowed.get(key, "sections `length:radius` in metres")
+            raise CableError(f"{where}: key `{key}` is missing; it must be {what}")
+    return Cable.from_config(given, where)
+
+
+def _target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
+    """Return the transmission type, name of the target, gear."""
+    if not (np.isfinite(gear) and gear != 0.0):
+        raise CableError(
+            f"cable {name!r}: gear {gear!r} is no pulley radius; it must be a signed "
+            "length in metres, not 0"
+        )
+    label = target if isinstance(target, str) else target.name
+    joint, tendon = spec.joint(label), spec.tendon(label)
+    if joint is not None and (tendon is None or target == joint):
+        return mujoco.mjtTrn.mjTRN_JOINT, label, gear
+    if tendon is not None and (joint is None or target == tendon):
+        return mujoco.mjtTrn.mjTRN_TENDON, label, gear
+    if joint is None:
+        names = [j.name for j in spec.joints] + [t.name for t in spec.tendons]
+        raise CableError.unknown("joint or tendon", str(label), names)
+    raise CableError(
+        f"cable {name!r}: {label!r} is both a joint and a tendon; pass the element "
+        "itself instead of its name"
+    )

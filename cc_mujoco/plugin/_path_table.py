@@ -1,0 +1,185 @@
+"""The path of a cable at every angle of one joint, as MuJoCo lays it.
+
+    angles = np.linspace(-0.9, 1.0, 2001)
+    course = compute_path_table(model, "extensor", "finger", angles)
+
+The table has the path that the plugin finds at these angles, with all other joints as
+in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._coupled_route import CoupledPath
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin._ffi import assign, fill, floats, load_word
+from cc_mujoco.plugin._instance_data import (
+    DISTAL,
+    GUIDED,
+    SEGMENTS,
+    displacement,
+    is_open,
+    parameters_at,
+    path_memory,
+    scratch_at,
+    shape_at,
+)
+from cc_mujoco.plugin._mjcf import cable_of, instances
+from cc_mujoco.plugin._routing import follow
+
+_TRIAL_TURN = 1e-3
+"""Turn by which a joint is tried [rad]."""
+_ROUNDING_RATE = 1e-6
+"""Change by rounding of a path that a joint does not move, per radian."""
+
+
+def compute_path_table(
+    model: mujoco.MjModel, cable: str, joint: str, angles: FloatArray
+) -> CoupledPath:
+    """Compute the course of a cable's path as a joint turns.
+
+    Args:
+        model: with the cable.
+        cable: its name.
+        joint: a hinge; no other joint may move the path, see `moving_joints`.
+        angles: (angles,) of the joint, by equal steps from 0 or below up [rad].
+
+    Raises:
+        CableError: the model has no such cable.
+    """
+    walk = _Walk(model, cable)
+    place = int(model.joint(joint).qposadr[0])
+    n, count = walk.wrap.size, angles.size
+    wrap, contact = np.empty((2, count, n))
+    gained, length = np.empty((2, count, n + 1))
+    distal = np.empty(count)
+    start = int(np.searchsorted(angles, 0.0))
+    pose = model.qpos0.copy()
+    for rows in (range(start, count), range(start - 1, -1, -1)):
+        pose[place] = 0.0
+        rest = walk.lay(pose)
+        total = np.zeros(n + 1)
+        for k in rows:
+            pose[place] = angles[k]
+            distal[k] = walk.lay(pose) - rest
+            total += walk.longer
+            wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
+            length[k] = walk.length
+    guided = walk.guided()
+    if guided == n:
+        length = np.empty((0, n + 1))
+    return CoupledPath(np.array(angles), wrap, contact, gained, distal, length, guided)
+
+
+def moving_joints(model: mujoco.MjModel, cable: str, poses: int = 8) -> list[str]:
+    """Return the joints that move the path or distal end of a cable in some pose.
+
+    Raises:
+        CableError: the model has no such cable.
+    """
+    walk = _Walk(model, cable)
+    random = np.random.default_rng(0)
+    found: dict[str, None] = {}
+    for _ in range(poses):
+        pose = model.qpos0.copy()
+        mujoco.mj_integratePos(model, pose, random.uniform(-0.5, 0.5, model.nv), 1.0)
+        for dof in range(model.nv):
+            turn, moved = np.zeros(model.nv), pose.copy()
+            turn[dof] = _TRIAL_TURN
+            mujoco.mj_integratePos(model, moved, turn, 1.0)
+            before, wrap = walk.lay(pose), walk.wrap.copy()
+            after = walk.lay(moved)
+            parts = (walk.wrap - wrap, walk.longer, np.array([after - before]))
+            if (
+                max(float(np.abs(part).max()) for part in parts)
+                > _ROUNDING_RATE * _TRIAL_TURN
+            ):
+                found[str(model.joint(int(model.dof_jntid[dof])).name)] = None
+    return list(found)
+
+
+class _Walk:
+    """A simulation whose cable is led along its path, pose by pose.
+
+    Attributes:
+        wrap: of the segments in the last pose (n,) [rad].
+        contact: length over which they rub (n,) [m].
+        longer: what the path gained at every node since the pose before (n + 1,) [m].
+        length: of an open path at every node (n + 1,) [m].
+    """
+
+    def __init__(self, model: mujoco.MjModel, cable: str) -> None:
+        """Lay the cable in `qpos0`.
+
+        Raises:
+            CableError: the model has no such cable.
+        """
+        known = instances(model)
+        if cable not in known:
+            raise CableError.unknown("cable", cable, known)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._instance = known[cable]
+        n = cable_of(model, self._instance, cable).segments
+        self.wrap, self.contact = np.empty((2, n))
+        self.longer, self.length = np.empty((2, n + 1))
+        self.lay(model.qpos0)
+
+    def lay(self, pose: FloatArray) -> float:
+        """Lay the cable along its path in a pose; return its distal displacement."""
+        self._data.qpos[:] = pose
+        mujoco.mj_fwdPosition(self._model, self._data)
+        return float(
+            _lay_path(
+                self._model._address,
+                self._data._address,
+                self._instance,
+                self.wrap,
+                self.contact,
+                self.longer,
+                self.length,
+            )
+        )
+
+    def guided(self) -> int:
+        """Return the number of segments in a conduit."""
+        return int(_guided_segments(self._data._address, self._instance))
+
+
+@compiled
+def _lay_path(
+    model: int,
+    data: int,
+    instance: int,
+    wrap: FloatArray,
+    contact: FloatArray,
+    longer: FloatArray,
+    length: FloatArray,
+) -> float:
+    block, state = (
+        mj_struct.block(data, instance),
+        mj_struct.state(model, data, instance),
+    )
+    n = load_word(block + SEGMENTS)
+    follow(block, model, data, state)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    assign(wrap, layout.segment_angles(prm, n))
+    assign(contact, layout.contact_length(prm, n))
+    fill(longer, 0.0)
+    if is_open(block):
+        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+        assign(longer, floats(scratch_at(block, n), n + 1))
+        assign(length, open_path.lengths(shape, n))
+        open_path.save_path(shape, n, path_memory(state, n))
+    return displacement(data, block, DISTAL)
+
+
+@compiled
+def _guided_segments(data: int, instance: int) -> int:
+    return load_word(mj_struct.block(data, instance) + GUIDED)

@@ -1,0 +1,313 @@
+"""Tensions, slip, slack and route of the cables in a simulation.
+
+    reading = read(model, data, "flexor")
+    reading.tension_distal, reading.moving_fraction, reading.slack
+
+A reading is of the committed state: after `mj_step`, that of the configuration for
+which the step computed its forces, so it agrees with `data.actuator_force` and with
+MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+
+import llvmlite.binding  # type: ignore[import-untyped]
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import compiled
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._instance_data import STATE_PATH
+from cc_mujoco.plugin._mjcf import cable_of, instances
+
+Floats = NDArray[np.float64]
+_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
+
+
+@dataclass(frozen=True)
+class CableReading:
+    """State of one cable, or of one cable in many simulations (leading axes).
+
+    Attributes:
+        tension: tension of the nodes from proximal to distal, (..., n + 1) [N].
+        slip: direction in which each segment slips, 0 where it rests, (..., n).
+        tension_proximal: tension at the motor's end [N].
+        tension_distal: tension at the joint's end [N].
+        moving_fraction: fraction of the segments that slip.
+        slack: length of cable that lies slack in the conduit [m].
+        dissipated: energy that friction has taken since reset [J].
+    """
+
+    tension: Floats
+    slip: NDArray[np.int8]
+    tension_proximal: float | Floats
+    tension_distal: float | Floats
+    moving_fraction: float | Floats
+    slack: float | Floats
+    dissipated: float | Floats
+
+
+def cables(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the names of the cables of a model."""
+    return tuple(instances(model))
+
+
+def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
+    """Return the state of a cable now; its arrays are copies.
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    reading = Reader(model, name).read(data.plugin_state)
+    return CableReading(
+        reading.tension,
+        reading.slip,
+        float(reading.tension_proximal),
+        float(reading.tension_distal),
+        float(reading.moving_fraction),
+        float(reading.slack),
+        float(reading.dissipated),
+    )
+
+
+def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableReading:
+    """Return the state of a cable from arrays of plugin states, such as a batch's.
+
+    Args:
+        model: the model.
+        name: the cable.
+        plugin_state: `mjData.plugin_state` of any number of simulations, (..., m).
+
+    Raises:
+        CableError: the model has no cable of that name, or the array does not fit it.
+    """
+    return Reader(model, name).read(plugin_state)
+
+
+class Reader:
+    """Reader of one cable of a model, with its lookups done once.
+
+    Each number is computed in the same way for one simulation and for many, so it has
+    the same bits in both.
+    """
+
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        """Look the cable up.
+
+        Args:
+            model: the model.
+            name: the cable.
+
+        Raises:
+            CableError: the model has no cable of that name.
+        """
+        index = _instance(model, name)
+        cable = cable_of(model, index, name)
+        self.name = name
+        self.start = int(model.plugin_stateadr[index])
+        """Start of the cable's state in `plugin_state`."""
+        first = self.start + kernel.STATE_HEADER
+        self.nodes = slice(first, first + cable.segments + 1)
+        """Places of the tensions of the nodes [N], below 0 where the cable is slack."""
+        self.energy = self.start + 2
+        """Place of the energy dissipated since reset [J]."""
+        self._segments = cable.segments
+        self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
+        if cable.path != PATHS[0]:
+            # The first that is remembered of a path, see `_instance_data.path_memory`.
+            self._lengths = self.start + kernel.state_size(cable.segments) + STATE_PATH
+            self._compliance, self._strain = _slack_compliance(cable)
+        self._total = int(model.npluginstate)
+
+    def read(self, plugin_state: Floats) -> CableReading:
+        """Return the state of the cable from arrays of plugin states (..., m).
+
+        Raises:
+            CableError: the array does not fit the model.
+        """
+        if plugin_state.shape[-1] != self._total:
+            raise CableError(
+                f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; "
+                f"this model has {self._total}"
+            )
+        states = plugin_state.reshape(-1, self._total)
+        shape, n = plugin_state.shape[:-1], self._segments
+        tension = np.empty((len(states), n + 1))
+        slip = np.empty((len(states), n), np.int8)
+        numbers = np.empty((5, len(states)))
+        _read(
+            states, self.start, self._lengths, self._compliance, self._strain, tension,
+            slip, numbers,
+        )  # fmt: skip
+        return CableReading(
+            tension.reshape(*shape, n + 1),
+            slip.reshape(*shape, n),
+            *(row.reshape(shape) for row in numbers),
+        )
+
+
+@compiled
+def _read(
+    states: Floats,
+    start: int,
+    lengths: int,
+    compliance: Floats,
+    strain: float,
+    tension: Floats,
+    slip: NDArray[np.int8],
+    numbers: Floats,
+) -> None:
+    """Read a cable whose state begins at `start` in each of some states (k, m).
+
+    `lengths` is where they have the lengths of an open path's nodes, or -1; then a
+    slack node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
+    `CableReading`.
+    """
+    n = slip.shape[1]
+    for row in range(states.shape[0]):
+        state = states[row, start:]
+        node, slipped = at.tensions(state, n), at.slips(state, n)
+        moving, slack = 0, 0.0
+        # A separate loop without calls, so that the compiler can vectorise it.
+        for i in range(n + 1):
+            tension[row, i] = 0.0 if node[i] < 0.0 else node[i]
+        for i in range(n + 1):
+            if not node[i] >= 0.0:
+                slack -= node[i] * compliance[i]
+                if lengths >= 0:
+                    stretched = 1.0 + node[i] * strain
+                    slack += states[row, lengths + i] * (1.0 / stretched - 1.0)
+        for j in range(n):
+            slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
+            moving += slipped[j] != 0.0
+        numbers[0, row], numbers[1, row] = tension[row, 0], tension[row, n]
+        numbers[2, row], numbers[3, row] = moving / n, slack
+        numbers[4, row] = state[2]
+
+
+def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+    """Return the path of a cable's conduit in space, from its route tendon.
+
+    Returns:
+        (P, 3) points [m], proximal to distal: sites, and where the tendon touches and
+        leaves the geoms that it wraps. Needs `mj_tendon` (part of `mj_forward`).
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    tendon = route_tendon(model, name)
+    start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
+    points = data.wrap_xpos.reshape(-1, 3)[start : start + count]
+    is_pulley = data.wrap_obj.reshape(-1)[start : start + count] == -2
+    return np.array(points[~is_pulley])
+
+
+def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
+    """Return the total turning angle of a cable's route [rad], with arcs around geoms.
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    call = ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_turn")
+    )
+    return float(call(model._address, data._address, route_tendon(model, name)))
+
+
+def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+    """Wrap angle of each segment of a cable (segments,) [rad], proximal to distal.
+
+    That of its sections, or of its route at the last evaluated position where the keys
+    `bend` or `path` say so. Needs `mj_tendon` (part of `mj_forward`).
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    instance = _instance(model, name)
+    cable = cable_of(model, instance, name)
+    if cable.bend == BENDS[0] and cable.path == PATHS[0]:
+        return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
+    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_wrap")
+    )
+    out = np.empty(cable.segments)
+    call(model._address, data._address, instance, out.ctypes.data)
+    return out
+
+
+def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
+    """Return the elastic energy of a cable and its bristles in the present state [J].
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    index = _instance(model, name)
+    segments = cable_of(model, index, name).segments
+    return float(_node_compliance(model, data, index, segments)[-1])
+
+
+def _node_compliance(
+    model: mujoco.MjModel, data: mujoco.MjData, instance: int, segments: int
+) -> Floats:
+    """Return the compliance of the nodes [m/N], then the elastic energy [J]."""
+    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_compliance")
+    )
+    out = np.empty(segments + 2)
+    call(model._address, data._address, instance, out.ctypes.data)
+    return out
+
+
+def route_tendon(model: mujoco.MjModel, name: str) -> int:
+    """Return the index of the spatial tendon that draws a cable's conduit.
+
+    In a model that was attached with a prefix or suffix the key `route` stands for the
+    tendon that came along with the cable, see `find_route`.
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    index = _instance(model, name)
+    wanted = cable_of(model, index, name).route
+    if not wanted:
+        raise CableError(
+            f"cable {name!r} has no route; set its key `route` to a spatial tendon"
+        )
+    find = ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_route")
+    )
+    tendon = int(find(model._address, index))
+    if tendon < 0:
+        raise CableError(f"cable {name!r}: the model has no spatial tendon {wanted!r}")
+    return tendon
+
+
+def _instance(model: mujoco.MjModel, name: str) -> int:
+    found = instances(model)
+    if name not in found:
+        raise CableError.unknown("cable", name, found)
+    return found[name]
+
+
+@lru_cache(maxsize=256)
+def _compliance(cable: Cable) -> Floats:
+    """Return the compliance of the nodes [m/N]."""
+    return 1.0 / kernel.node_stiffness(packed_parameters(cable), cable.segments)
+
+
+def _slack_compliance(cable: Cable) -> tuple[Floats, float]:
+    """Return compliances of springs at the nodes [m/N] and of slack cable [1/N]."""
+    springs = np.zeros(cable.segments + 1)
+    springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
+    strain = 1.0 / cable.axial_stiffness
+    if cable.bedding_strain > 0.0:
+        strain += cable.bedding_strain / cable.bedding_tension
+    return springs, strain

@@ -1,0 +1,267 @@
+"""Compiled guidance of a cable along its path, for callbacks of the engine plugin.
+
+Functions that other callbacks call by name, so that they are compiled once each.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import cfunc
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _pack as prepare
+from cc_mujoco.cable._parameters import MAX_SECTIONS
+from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin import _path as path
+from cc_mujoco.plugin._ffi import (
+    Floats,
+    add,
+    assign,
+    evaluate_bodies,
+    evaluate_tendons,
+    export,
+    fill,
+    floats,
+    internal,
+    load_real,
+    load_word,
+    store_real,
+    store_word,
+    types,
+)
+from cc_mujoco.plugin._instance_data import (
+    BENDS_WITH_ROUTE,
+    DISTAL,
+    GUIDED,
+    INSTANCE,
+    MOUTH,
+    PASSIVE_FRESH,
+    PROXIMAL,
+    REFERENCE_KNOWN,
+    REFERENCE_STAGE,
+    ROUTE,
+    SCRATCH,
+    SEGMENTS,
+    TIED_ENDS,
+    before_at,
+    invalidate,
+    is_open,
+    new_at,
+    parameters_at,
+    path_memory,
+    pulls_at,
+    scratch_at,
+    shape_at,
+)
+
+_FOLLOW_SIGNATURE = types.void(types.intp, types.intp, types.intp, types.intp)
+_LAY_SIGNATURE = types.void(types.intp, types.intp, types.intp)
+_PULL_SIGNATURE = _REFER_SIGNATURE = types.void(types.intp, types.intp, types.intp)
+_SURVEY_SIGNATURE = types.void(
+    types.intp, types.intp, types.intp, types.intp, types.intp
+)
+follow = types.ExternalFunction("cc_mujoco_follow", _FOLLOW_SIGNATURE)
+lay = types.ExternalFunction("cc_mujoco_lay", _LAY_SIGNATURE)
+pull = types.ExternalFunction("cc_mujoco_pull", _PULL_SIGNATURE)
+set_reference = types.ExternalFunction("cc_mujoco_refer", _REFER_SIGNATURE)
+_survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY_SIGNATURE)
+
+
+@internal
+def _rest_mocap(model: int, held: Floats) -> None:
+    """Write the initial position and orientation of mocap bodies (bodies, 7)."""
+    for body in range(mj_struct.bodies(model)):
+        for i in range(7):
+            field = mj_struct.BODY_POS if i < 3 else mj_struct.BODY_QUAT
+            at = 3 * body + i if i < 3 else 4 * body + i - 3
+            held[body, i] = mj_struct.real(model, field, at)
+
+
+@internal
+def _exchange_mocap(model: int, data: int, held: Floats) -> None:
+    """Exchange the poses of the mocap bodies with those in `held` (bodies, 7)."""
+    for body in range(mj_struct.bodies(model)):
+        place = mj_struct.integer(model, mj_struct.BODY_MOCAP, body)
+        for i in range(7 if place >= 0 else 0):
+            at = load_word(data + mj_struct.MOCAP_POS) + 24 * place + 8 * i
+            if i >= 3:
+                at = load_word(data + mj_struct.MOCAP_QUAT) + 32 * place + 8 * (i - 3)
+            before = load_real(at)
+            store_real(at, held[body, i])
+            held[body, i] = before
+
+
+def compile_leading(stamp: str, options: dict[str, Any]) -> None:
+    """Compile these functions; arguments as in `_callbacks.compile_callbacks`."""
+
+    @cfunc(_SURVEY_SIGNATURE, **options)
+    def survey_path(block: int, model: int, data: int, state: int, shape: int) -> None:
+        """Measure the open path at the last position, as seen from a state.
+
+        `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
+        """
+        _ = stamp
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
+        seen = floats(shape, size)
+        points, reach = open_path.measure_path(
+            model, data, tendon, load_word(block + MOUTH), guided, n, seen
+        )
+        if state == 0:
+            return
+        reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+        assign(open_path.angles(seen, n)[:guided], open_path.angles(reference, n))
+        assign(open_path.contacts(seen, n)[:guided], open_path.contacts(reference, n))
+        if guided > 0:
+            inside = open_path.lengths(reference, n)
+            assign(open_path.lengths(seen, n)[: guided + 1], inside)
+        if load_word(block + BENDS_WITH_ROUTE) == 1:
+            length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon) - reach
+            contact = open_path.contacts(reference, n)[:guided]
+            path.bend(model, data, tendon, points, length, contact, seen[:guided])
+
+    export("cc_mujoco_survey", survey_path.address)
+
+    @cfunc(_REFER_SIGNATURE, **options)
+    def refer_path(block: int, model: int, data: int) -> None:
+        """Measure the open path in the pose `qpos0` and make its mesh."""
+        _ = stamp
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        nq = mj_struct.positions(model)
+        present, rest = (
+            load_word(data + mj_struct.QPOS),
+            load_word(model + mj_struct.QPOS0),
+        )
+        kept = np.empty(nq)
+        assign(kept, floats(present, nq))
+        assign(floats(present, nq), floats(rest, nq))
+        held = np.empty((mj_struct.bodies(model), 7))
+        _rest_mocap(model, held)
+        _exchange_mocap(model, data, held)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+        size = open_path.shape_size(n)
+        reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+        fill(reference, 0.0)
+        _survey(block, model, data, 0, shape_at(block, n, REFERENCE_STAGE))
+        assign(floats(present, nq), kept)
+        _exchange_mocap(model, data, held)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+
+        values = np.empty(config.SCALARS)
+        sections = np.empty((MAX_SECTIONS, 2))
+        attributes = mj_struct.attributes(model, load_word(block + INSTANCE))
+        _, count = config.read(attributes, values, sections)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        angles, contacts = kernel.segment_angles(prm, n), layout.contact_length(prm, n)
+        lengths = open_path.lengths(reference, n)
+        if guided > 0:
+            inside = np.empty(kernel.parameter_size(guided))
+            kernel.pack(values, sections[:count], guided, inside)
+            bent = kernel.segment_angles(inside, guided)
+            assign(open_path.angles(reference, n)[:guided], bent)
+            contact = layout.contact_length(inside, guided)
+            assign(open_path.contacts(reference, n)[:guided], contact)
+            assign(lengths[: guided + 1], layout.node_length(inside, guided))
+        assign(layout.node_length(prm, n), lengths)
+        assign(angles, open_path.angles(reference, n))
+        assign(contacts, open_path.contacts(reference, n))
+        prm[layout.LENGTH] = lengths.sum()
+        prm[layout.GUIDED] = guided
+        kernel.pack_mesh(values, n, prm)
+        kernel.expect_change(prm)
+        kernel.expect_lengthening(prm)
+        invalidate(block)
+        store_word(block + REFERENCE_KNOWN, 1)
+
+    export("cc_mujoco_refer", refer_path.address)
+
+    @cfunc(_LAY_SIGNATURE, **options)
+    def lay_path(block: int, shape: int, state: int) -> None:
+        """Give the packed segments the path at an address, as seen from a state."""
+        _ = stamp
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        contacts, changed = layout.contact_length(prm, n), False
+        if is_open(block):
+            size = open_path.shape_size(n)
+            path_now = floats(shape, size)
+            reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+            gained = floats(scratch_at(block, n), n + 1)
+            contacts = open_path.contacts(path_now, n)
+            before = path_memory(state, n)
+            open_path.lengthen(path_now, reference, before, n, gained)
+            changed = moving_path.carry(
+                prm, n, layout.tensions(floats(state, kernel.state_size(n)), n),
+                open_path.previous_lengths(reference, before, n),
+                open_path.lengths(path_now, n), gained,
+            )  # fmt: skip
+        if prepare.set_path(prm, n, floats(shape, n), contacts) or changed:
+            invalidate(block)
+
+    export("cc_mujoco_lay", lay_path.address)
+
+    @cfunc(_FOLLOW_SIGNATURE, **options)
+    def follow_path(block: int, model: int, data: int, state: int) -> None:
+        """Lead the cable along its path at the last position, from a state."""
+        _ = stamp
+        tendon = load_word(block + ROUTE)
+        if tendon < 0:
+            return
+        n = load_word(block + SEGMENTS)
+        now = shape_at(block, n, 0)
+        if is_open(block):
+            if load_word(block + REFERENCE_KNOWN) == 0:
+                set_reference(block, model, data)
+            _survey(block, model, data, state, now)
+        else:
+            points = mj_struct.integer(data, mj_struct.TEN_WRAPNUM, tendon)
+            length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
+            prm = floats(parameters_at(block), kernel.parameter_size(n))
+            inside = layout.contact_length(prm, n)
+            path.bend(model, data, tendon, points, length, inside, floats(now, n))
+        lay(block, now, state)
+
+    export("cc_mujoco_follow", follow_path.address)
+
+    @cfunc(_PULL_SIGNATURE, **options)
+    def pull_path(block: int, model: int, data: int) -> None:
+        """Pull with the pieces of an open cable, as last evaluated."""
+        _ = stamp
+        n, nv = load_word(block + SEGMENTS), mj_struct.dofs(model)
+        target = load_word(data + mj_struct.QFRC_PASSIVE)
+        last = floats(pulls_at(block, n), nv)
+        forces = floats(scratch_at(block, n), nv)
+        fill(forces, 0.0)
+        tied = 0.0
+        node = new_at(block, n) + 8 * kernel.STATE_HEADER
+        for end in (PROXIMAL, DISTAL):
+            if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
+                gear = attachments.pulley_radius(model, load_word(block + end))
+                sense = gear if end == PROXIMAL else -gear
+                at = node if end == PROXIMAL else node + 8 * n
+                tied += max(load_real(at), 0.0) * sense
+        open_path.apply_pulls(
+            model, data, load_word(block + ROUTE), load_word(block + MOUTH),
+            floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
+            load_word(block + GUIDED), floats(node, n + 1), tied, -1, block + SCRATCH,
+            forces.ctypes.data,
+        )  # fmt: skip
+        passive = floats(target, nv)
+        assign(floats(before_at(block, n), nv), passive)
+        if load_word(block + PASSIVE_FRESH) == 0:
+            # MuJoCo evaluates the actuators again, alone.
+            add(passive, last, -1.0)
+        add(passive, forces, 1.0)
+        assign(last, forces)
+        store_word(block + PASSIVE_FRESH, 0)
+
+    export("cc_mujoco_pull", pull_path.address)

@@ -1,0 +1,95 @@
+"""Before the first step: cables at rest in this pose, and how long a step may be.
+
+data.qpos[:] = pose  # or mj_resetDataKeyframe
+settle(model, data)
+step_limits(model, data)["flexor"].distal  # [s]
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Any, NamedTuple
+
+import llvmlite.binding  # type: ignore[import-untyped]
+import mujoco
+import numpy as np
+
+from cc_mujoco.plugin._mjcf import instances
+
+_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
+
+
+class StepLimits(NamedTuple):
+    """Time steps below which a cable is stable [s].
+
+    Attributes:
+        proximal: of its proximal end, while that is explicit.
+        distal: of its distal end, while that is explicit.
+        pieces: of the pieces of its open path.
+    """
+
+    proximal: float
+    distal: float
+    pieces: float = math.inf
+
+
+def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Lay all cables at rest in the present pose, at their pretension.
+
+    MuJoCo's resets, that to a keyframe too, lay the cables at rest in the pose `qpos0`.
+    Without this call the first step pulls them to the present pose, as after a jump of
+    the joints. This function lays them in the present pose: the tension is the
+    pretension everywhere, nothing has slipped, energy and memory of friction are those
+    of a reset. All else of `data` is kept and updated by `mj_forward`.
+
+    A batch takes the state over: `mj_getState` of `data` into a row of `Batch.state`,
+    or `data.plugin_state` into a row of the bound `plugin_state`.
+
+    Args:
+        model: a model; without cables this is `mj_forward`.
+        data: its simulation.
+    """
+    mujoco.mj_fwdPosition(model, data)
+    lay = _plugin_function("settle")
+    for instance in instances(model).values():
+        lay(model._address, data._address, instance)
+    mujoco.mj_forward(model, data)
+
+
+def step_limits(
+    model: mujoco.MjModel, data: mujoco.MjData | None = None
+) -> dict[str, StepLimits]:
+    """Return the time steps of the model below which its cables are stable, by cable.
+
+    Where friction holds the cable its end is a spring of EA over half its last segment.
+    About an inertia J that an end moves by a pulley of radius r alone, steps below
+    2 / sqrt(stiffness r^2 / J) are stable for it; for the general case see
+    `_stability_limits.py`. Where the step is longer than 0.7 of that, ends are implicit
+    and any step is stable for them, unless the cable has `ends` = `explicit`. Pieces of
+    an open path are always explicit. The plugin warns, through MuJoCo, of a
+    `timestep` that is too long.
+
+    Args:
+        model: the model.
+        data: a simulation whose pose counts; by default that of `qpos0`.
+
+    Returns:
+        Limits [s], infinite for what moves nothing.
+    """
+    if data is None:
+        data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    ask = _plugin_function("limits", _ADDRESS)
+    found = {}
+    for name, instance in instances(model).items():
+        out = np.empty(3)
+        ask(model._address, data._address, instance, out.ctypes.data)
+        found[name] = StepLimits(*out.tolist())
+    return found
+
+
+def _plugin_function(name: str, *more: Any) -> Any:
+    """Return a compiled plugin function that takes model, data and instance."""
+    kind = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, *more)
+    return kind(llvmlite.binding.address_of_symbol(f"cc_mujoco_{name}"))

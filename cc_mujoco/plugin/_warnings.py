@@ -1,0 +1,315 @@
+"""Messages to users about a cable: refusals of open paths, and one-time warnings."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._parameters import MAX_SECTIONS
+from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _implicit_ends as implicit_ends
+from cc_mujoco.plugin import _jump_warnings as jump_warnings
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin import _path as path
+from cc_mujoco.plugin._config import PLUGIN, constant
+from cc_mujoco.plugin._ffi import (
+    MESSAGE_CAPACITY,
+    Bytes,
+    append,
+    append_integer,
+    append_millimetres,
+    floats,
+    internal,
+    load_real,
+    load_word,
+    quote,
+    warn,
+    warned_once,
+)
+from cc_mujoco.plugin._instance_data import (
+    DISTAL,
+    END_ACTUATORS,
+    EXPLICIT_ENDS,
+    MOUTH,
+    POSITION_CHANGED,
+    PROXIMAL,
+    REFERENCE_STAGE,
+    ROUTE,
+    SEGMENTS,
+    TIED_ENDS,
+    is_open,
+    parameters_at,
+    path_memory,
+    shape_at,
+)
+
+_NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
+_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+
+_STIFFNESS, _PRETENSION = INDEX["axial_stiffness"], INDEX["pretension"]
+
+_LENGTH_TOLERANCE = 0.02
+"""Part by which the length of `conduit` may differ from that of the path it is."""
+
+_MESSAGE_START = constant(f"plugin `{PLUGIN}`, instance ")
+_MESSAGE_START_END = constant(": ")
+_TOO_FEW_SEGMENTS = constant("key `segments` is too small: its path needs at least ")
+_WRONG_LENGTH = constant(
+    "key `conduit` has the wrong length: the path of its tendon is "
+)
+_WRONG_LENGTH_END = constant(" long in the pose `qpos0`")
+ACTUATION_DISABLED = constant(
+    "`actuation` is disabled in <flag>, so the cable does not pull; its tensions are "
+    "those that it would have"
+)
+GROUP_DISABLED = constant(
+    "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not heed for "
+    "plugins; the cable pulls all the same"
+)
+NO_PASSIVE = constant(
+    "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
+)
+
+_KEY_PREFIX = constant("key `")
+_CANNOT_PULL = (
+    constant(
+        " pushes its tendon apart, so the cable stays slack: the `gear` of a tendon "
+        "must be negative at the proximal end and positive at the distal end"
+    ),
+    constant(
+        " can only pay the cable out from its pose in `qpos0`, so the cable stays "
+        "slack: change the sign of its `gear`, or the order of the two actuators"
+    ),
+    constant(
+        " is at the last site of the route, and the other end at the first one: the "
+        "actuators must come in the order of the route, that of the motor first"
+    ),
+)
+_NO_EFFECT = (
+    constant(
+        "` has no effect: it is drag per length of contact, and the path goes around "
+        "no geom"
+    ),
+    constant("` has no effect: the path bends at no site and goes around no geom"),
+    constant("` has no effect: the distal end is tied to its tendon and does not move"),
+    constant("` has no effect: the proximal end is tied to its tendon, on no pulley"),
+    constant("` has no effect: the path has no conduit and goes around no geom"),
+)
+_PER_LENGTH, _NO_BEND, _NO_TRAVEL, _NO_PULLEY, _NO_WRAP = 0, 1, 2, 3, 4
+
+
+@internal
+def begin_message(message: Bytes, model: int, instance: int) -> int:
+    """Begin a message with the instance that it is about.
+
+    Returns:
+        The length of the message.
+    """
+    used = append(message, 0, _MESSAGE_START)
+    used = quote(message, used, mj_struct.plugin_name(model, instance))
+    return append(message, used, _MESSAGE_START_END)
+
+
+@internal
+def warn_once(model: int, instance: int, told: Bytes) -> None:
+    """Warn, once, of something about an instance."""
+    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+    used = begin_message(message, model, instance)
+    used = append(message, used, told)
+    if not warned_once(message, used, mj_struct.signature(model)):
+        warn(message, used)
+
+
+@internal
+def warn_jump(
+    model: int,
+    data: int,
+    instance: int,
+    state: int,
+    proximal: float,
+    distal: float,
+    shape: int,
+) -> None:
+    """Warn, once, if an end or the path has jumped from where it is in the state.
+
+    `shape` is the address of the path where it is now.
+    """
+    block = mj_struct.block(data, instance)
+    if load_word(block + EXPLICIT_ENDS) != 0:  # which joints that are led by hand need
+        return
+    n, route = load_word(block + SEGMENTS), load_word(block + ROUTE)
+    lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
+    by_hand = load_word(block + POSITION_CHANGED) != 0
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    node = layout.tensions(floats(state, kernel.state_size(n)), n)
+    most = prm[_PRETENSION]
+    for tension in node:
+        most = max(most, tension)
+    soft = most * prm[layout.LENGTH] / prm[_STIFFNESS]
+    for what in range(3):
+        tendon, share = route, 1.0
+        if what == jump_warnings.PATH:
+            if not is_open(block) or load_word(block + MOUTH) != 0:
+                continue
+            size = open_path.shape_size(n)
+            reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+            moved = open_path.path_growth(
+                floats(shape, size), reference, path_memory(state, n), n
+            )
+            speed = mj_struct.real(data, mj_struct.TEN_VELOCITY, tendon)
+        else:
+            if load_word(block + TIED_ENDS + 8 * what) != 0:
+                continue
+            moved = (distal if what else proximal) - load_real(state + 8 * what)
+            out = load_word(block + (DISTAL if what else PROXIMAL))
+            speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, out)
+            tendon = attachments.holding_tendon(
+                model, load_word(block + END_ACTUATORS + 8 * what)
+            )
+            if tendon < 0 and not by_hand:
+                continue  # a joint moves by its velocity
+            share = abs(attachments.pulley_radius(model, out))
+        carried = 0.0
+        if tendon >= 0:
+            carried = share * jump_warnings.mocap_motion(model, data, lead, tendon)
+        if not jump_warnings.has_jumped(model, speed, moved, by_hand, carried, soft):
+            continue
+        message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+        used = begin_message(message, model, instance)
+        used = jump_warnings.explain(message, used, what)
+        if not warned_once(message, used, mj_struct.signature(model)):
+            warn(message, jump_warnings.append_distance(message, used, moved))
+
+
+@internal
+def refuse_open_path(
+    message: Bytes, start: int, model: int, instance: int, tendon: int
+) -> tuple[int, int]:
+    """Find out why a cable cannot lie open along a tendon.
+
+    Returns:
+        The key that cannot be used or `VALID`, and the length of the message, which
+        holds what `_config.explain` cannot report.
+    """
+    if path.has_branches(model, tendon):
+        return config.PATH, start
+    attributes = mj_struct.attributes(model, instance)
+    mouth = 0
+    if config.is_mixed(attributes):
+        route = config.key_text(attributes, config.ROUTE)
+        name = config.key_text(attributes, config.MOUTH)
+        mouth = attachments.find_mouth(model, instance, tendon, route, name)
+        if mouth < 0:
+            return config.MOUTH, start
+    least = open_path.min_segments(model, tendon, mouth) + (1 if mouth > 0 else 0)
+    if config.segment_count(attributes) < max(least, 1):
+        used = append(message, start, _TOO_FEW_SEGMENTS)
+        return config.VALID_CONFIGURATION, append_integer(message, used, max(least, 1))
+    if mouth == 0:
+        length = config.length(attributes)
+        true = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
+        if abs(length - true) > _LENGTH_TOLERANCE * true:
+            used = append(message, start, _WRONG_LENGTH)
+            used = append_millimetres(message, used, true)
+            return config.VALID_CONFIGURATION, append(message, used, _WRONG_LENGTH_END)
+    if has_no_passive(model):
+        return config.VALID_CONFIGURATION, append(message, start, NO_PASSIVE)
+    used = attachments.explain_bypass(message, start, model, instance, tendon)
+    if used > start:
+        return config.VALID_CONFIGURATION, used
+    return config.VALID_CONFIGURATION, attachments.explain_tied(
+        message, start, model, instance, tendon
+    )
+
+
+@internal
+def has_no_passive(model: int) -> bool:
+    """Return whether MuJoCo evaluates no passive forces."""
+    no_spring = mj_struct.disabled(model, _NO_SPRING)
+    return no_spring and mj_struct.disabled(model, _NO_DAMPER)
+
+
+@internal
+def _no_effect_reason(geoms: int, places: int, mouth: int, tied: int, key: int) -> int:
+    """Return why a key of an open cable is without effect, or -1.
+
+    Args:
+        geoms: number of geoms in its open path.
+        places: number of sites and geoms between the ends.
+        mouth: place of the conduit's mouth in it, 0: none.
+        tied: 1 where the proximal end is tied to the tendon, plus 2 for the distal end.
+        key: index of a key that is not 0.
+    """
+    if mouth == 0 and places == 0 and key == config.FRICTION:
+        return _NO_BEND
+    drag = (
+        key == config.VISCOUS
+        or key == config.LOAD_INDEPENDENT
+        or key == config.GREASE_DRAG
+    )
+    if mouth == 0 and geoms == 0 and drag:
+        return _PER_LENGTH
+    if key == config.WRAP_GROWTH:
+        if tied >= 2:
+            return _NO_TRAVEL
+        if mouth == 0 and geoms == 0:
+            return _NO_WRAP
+    pulley = key == config.ECCENTRICITY or key == config.OVALITY
+    return _NO_PULLEY if pulley and tied % 2 == 1 else -1
+
+
+@internal
+def warn_no_effect(model: int, instance: int, block: int) -> None:
+    """Warn, once, of each key of an open cable that changes nothing on its path."""
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, 2))
+    config.read(mj_struct.attributes(model, instance), values, sections)
+    tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
+    geoms = open_path.geom_count(model, tendon, mouth)
+    places = open_path.min_segments(model, tendon, mouth)
+    tied = load_word(block + TIED_ENDS) + 2 * load_word(block + TIED_ENDS + 8)
+    for key in range(config.SCALARS):
+        if values[key] == 0.0:
+            continue
+        why = _no_effect_reason(geoms, places, mouth, tied, key)
+        if why < 0:
+            continue
+        message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+        used = begin_message(message, model, instance)
+        used = append(message, used, _KEY_PREFIX)
+        used = config.append_key(message, used, key)
+        used = append(message, used, _NO_EFFECT[why])
+        if not warned_once(message, used, mj_struct.signature(model)):
+            warn(message, used)
+
+
+@internal
+def warn_cannot_pull(model: int, instance: int) -> None:
+    """Warn, once, of an end that can never pull: of the wrong sign, or swapped."""
+    _, first, second = attachments.find_actuators(model, instance)
+    written = config.key_text(mj_struct.attributes(model, instance), config.ROUTE)
+    route = attachments.find_route(model, instance, written) if written.size > 0 else -1
+    for end in range(2):
+        actuator, why = (second if end else first), -1
+        if attachments.pushes(model, actuator, end == 1):
+            why = 0
+        elif end == 0 and attachments.only_pays_out(model, instance, actuator):
+            why = 1
+        elif (
+            end == 0
+            and route >= 0
+            and attachments.ends_swapped(model, first, second, route)
+        ):
+            why = 2
+        if why >= 0:
+            message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+            used = begin_message(message, model, instance)
+            used = attachments.name_actuator(message, used, model, actuator)
+            used = append(message, used, _CANNOT_PULL[why])
+            if not warned_once(message, used, mj_struct.signature(model)):
+                warn(message, used)

@@ -1,0 +1,5 @@
+"""Parts of every report: figures, tables in Markdown, pages of HTML, whole files."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,120 @@
+"""Style of every figure of this package: Matplotlib's objects on the Agg canvas.
+
+    with style():
+        drawing = figure(8.0, 4.0)
+        axes = drawing.add_subplot()
+        axes.plot(time, torque, color=BLUE)
+        axes.set(title="Torque", xlabel="time [s]", ylabel="torque [N m]")
+
+No display is needed and no global state is touched. Axes take their looks when they are
+made, so making and drawing both belong inside `style`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, distinguishable for every kind of colour vision.
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
+PINK, YELLOW, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+COLORS = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK, GREY)
+DASH_PATTERN = (4, 2)
+TENSION_COLORS = "viridis"
+
+SOFTWARE_TAG = "cc_mujoco"
+"""Origin that a figure of ours states."""
+
+_STYLE: dict[Any, Any] = {
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 9,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+
+
+def style() -> AbstractContextManager[None]:
+    """Return a context in which axes are made and drawn in this package's style."""
+    import matplotlib
+
+    return matplotlib.rc_context(_STYLE)
+
+
+def figure(width: float, height: float) -> Figure:
+    """Return an empty figure of this size [inch], laid out by constraints."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(drawing)
+    return drawing
+
+
+def set_ticks(axis: Axis, values: Iterable[float]) -> None:
+    """Mark just these values on an axis, as plain numbers even if it is logarithmic."""
+    values = list(values)
+    axis.set_ticks(values, [f"{value:g}" for value in values])
+    axis.set_ticks([], minor=True)
+
+
+def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -> None:
+    """Write a figure as PNG, whole or not at all."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.image import imsave
+
+    # `savefig` draws all of it twice, once for the layout, with the same bits.
+    canvas: Any = FigureCanvasAgg(drawing)
+    drawing.set_dpi(dpi)
+    canvas.draw()
+    about = {"Software": SOFTWARE_TAG}
+    with replacing(path) as partial:
+        imsave(partial, canvas.buffer_rgba(), format="png", dpi=dpi, metadata=about)
+
+
+def is_ours(path: Path) -> bool:
+    """Return whether `save` wrote this file."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            return image.info.get("Software") == SOFTWARE_TAG
+    except OSError:
+        return False
+
+
+def figure_path(text: str) -> Path:
+    """Return where a script shall save its figure; a `type` of `argparse`.
+
+    Raises:
+        argparse.ArgumentTypeError: It is a folder, or a file that `save` did not write.
+    """
+    path = Path(text)
+    try:
+        if path.is_dir():
+            raise CableError(f"{text or 'an empty path'} is a folder; name a PNG file.")
+        require_ours(path.parent, (path.name,), lambda _: is_ours(path))
+    except CableError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return path

@@ -1,0 +1,220 @@
+"""A page of HTML that needs nothing but itself: style and pictures are inside it.
+
+Functions take text as people wrote it and escape it; what they return is `Html`, which
+is put into other elements as it is.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+from types import MappingProxyType
+
+from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
+
+
+class Html(str):
+    """Text that is HTML already."""
+
+
+Content = str | Html
+
+
+def element(name: str, *content: Content, **attributes: str) -> Html:
+    """Return an element with its content, escaped unless it is `Html`.
+
+    A trailing underscore of an attribute's name is dropped: `class_`.
+    """
+    inside = "".join(map(_html, content))
+    return Html(f"<{name}{_attributes(attributes)}>{inside}</{name}>")
+
+
+def join_pieces(parts: Iterable[Content], between: Content = "") -> Html:
+    """Return several pieces as one."""
+    return Html(_html(between).join(map(_html, parts)))
+
+
+def paragraph(*content: Content, kind: str = "") -> Html:
+    """Return a paragraph, of a class of the style sheet if it has one."""
+    return element("p", *content, **({"class_": kind} if kind else {}))
+
+
+def bullet_list(items: Iterable[Content], ranked: bool = False) -> Html:
+    """Return a list, numbered if it is ranked."""
+    return element("ol" if ranked else "ul", *(element("li", item) for item in items))
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
+    """Return a table that scrolls sideways by itself where the page is narrow."""
+    top = element("thead", element("tr", *(element("th", each) for each in head)))
+    body = element(
+        "tbody",
+        *(element("tr", *(element("td", cell) for cell in row)) for row in rows),
+    )
+    return element("div", element("table", top, body), class_="wide")
+
+
+def share_bar(part: float) -> Html:
+    """Return a bar as long as a share of 1; nothing for a negative one."""
+    width = 100.0 * min(1.0, max(0.0, part))
+    return element(
+        "span",
+        element("span", style=f"width:{width:.1f}%"),
+        class_="bar",
+        aria_hidden="true",
+    )
+
+
+def embed_picture(path: Path, words: str) -> Html:
+    """Return a PNG file embedded in the page, with alternative text."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    image = (
+        f"<img{_attributes({'src': f'data:image/png;base64,{data}', 'alt': words})}>"
+    )
+    return element("figure", Html(image), element("figcaption", words))
+
+
+def illustrated(part: Html | None, *pictures: Html) -> Html | None:
+    """Return a part with pictures below; None without the part."""
+    return None if part is None else join_pieces([part, *pictures])
+
+
+def sections(titles: Mapping[str, str], parts: Mapping[str, Content]) -> Html:
+    """Return links to parts of a page, and then each part below its title."""
+    links = [element("a", titles[key], href=f"#{key}") for key in parts]
+    blocks = [
+        element("section", element("h2", titles[key]), part, id=key)
+        for key, part in parts.items()
+    ]
+    return join_pieces([element("nav", join_pieces(links, " ")), *blocks])
+
+
+def page(
+    title: str,
+    kind: str,
+    *content: Content,
+    style: str = "",
+    scripts: Sequence[str] = (),
+    data: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return the whole page.
+
+    Args:
+        title: of the window.
+        kind: class of the body, which sets the colour of the verdict.
+        content: of the body.
+        style: sheet that adds to the common one.
+        scripts: JavaScript, run in this order; without, the page may run none.
+        data: JSON for the scripts, by the id of the element that will hold it.
+    """
+    held = [
+        Html(
+            f'<script type="application/json"{_attributes({"id": name})}>'
+            f"{text.replace('<', chr(92) + 'u003c')}</script>"
+        )
+        for name, text in data.items()
+    ]
+    run = [element("script", Html(script)) for script in scripts]
+    return _PAGE.substitute(
+        title=escape(title),
+        kind=escape(kind),
+        scripting=" script-src 'unsafe-inline';" if scripts else "",
+        style=_STYLE + style,
+        body=join_pieces([element("main", *content), *held, *run], Html("\n")),
+    )
+
+
+def list_words(words: Iterable[str], last: str = "and") -> str:
+    """Return the words as a sentence lists them: `a, b and c`."""
+    words = list(words)
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def _html(content: Content) -> str:
+    return content if isinstance(content, Html) else escape(content)
+
+
+def _attributes(attributes: dict[str, str]) -> str:
+    return "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{escape(value)}"'
+        for name, value in attributes.items()
+    )
+
+
+_PAGE = Template("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none';$scripting img-src data:; style-src 'unsafe-inline'">
+<title>$title</title>
+<style>
+$style
+</style>
+</head>
+<body class="$kind">
+$body
+</body>
+</html>
+""")
+
+_STYLE = Template("""
+body { margin: 0; background: #fff; color: #1a1a1a;
+  font: 16px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem; }
+header { border-left: .4rem solid $grey; padding: .2rem 0 .2rem 1rem; }
+.named header { border-color: $blue; }
+.none header { border-color: $green; }
+.tie header, .unknown header { border-color: $pink; }
+.fix-data header, .fix-numerics header { border-color: $orange; }
+h1 { font-size: 1.7rem; line-height: 1.25; margin: .2rem 0 .6rem; }
+h2 { font-size: 1.2rem; margin: 2.4rem 0 .6rem; padding-top: .6rem;
+  border-top: 1px solid #ddd; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
+p { margin: .5rem 0; }
+.lead { font-size: 1.15rem; margin: 0; }
+.lead + .lead { margin-top: .6rem; }
+.small, figcaption { font-size: .88rem; color: #555; }
+nav { font-size: .88rem; margin: 1rem 0; }
+nav a { margin-right: .9rem; white-space: nowrap; color: $blue; }
+li { margin: .3rem 0; }
+figure { margin: 1rem 0; }
+img { max-width: 100%; height: auto; display: block; }
+.wide { overflow-x: auto; margin: .6rem 0; }
+table { border-collapse: collapse; font-size: .9rem; width: 100%; }
+th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
+  border-bottom: 1px solid #e4e4e4; font-variant-numeric: tabular-nums; }
+th { font-weight: 600; border-bottom-color: #999; }
+code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
+  overflow-wrap: anywhere; }
+.bar { display: block; width: 6rem; height: .5rem; margin-top: .2rem;
+  background: #eee; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+.bar span { display: block; height: 100%; background: $blue; }
+@media (prefers-color-scheme: dark) {
+  body { background: #16181c; color: #e6e6e6; }
+  h2 { border-color: #3a3d44; }
+  .small, figcaption { color: #a8adb5; }
+  nav a { color: $sky; }
+  img { background: #fff; border-radius: .2rem; padding: .3rem;
+    box-sizing: border-box; }
+  th, td { border-color: #32353c; }
+  .bar { background: #32353c; }
+}
+@media print {
+  body { background: #fff; color: #1a1a1a; }
+  body { font-size: 10.5pt; }
+  main { max-width: none; padding: 0; }
+  nav { display: none; }
+  h2, h3 { break-after: avoid; }
+  figure, tr, li { break-inside: avoid; }
+  /* What is taller than a sheet would be cut in two. */
+  figure img { width: auto; max-height: 21cm; }
+  .wide { overflow: visible; }
+}
+""").substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY)

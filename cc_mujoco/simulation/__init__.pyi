@@ -1,0 +1,14 @@
+from ._batch import FRAME_SKIP as FRAME_SKIP
+from ._batch import Fleet as Fleet
+from ._batched_controller import BatchedController as BatchedController
+from ._batched_controller import Unpowered as Unpowered
+from ._episode_log import EpisodeLog as EpisodeLog
+from ._episode_log import Recorder as Recorder
+from ._log_columns import columns_for as columns_for
+from ._loop import Single as Single
+from ._loop import Trace as Trace
+from ._loop import run as run
+from ._rollout import attended as attended
+from ._simulate import play as play
+from ._simulate import simulate as simulate
+from ._worn_device import WornDevice as WornDevice

@@ -1,0 +1,276 @@
+"""Many devices at once: one batch of simulations, each on a model of its own.
+
+The arithmetic of a device is that of the environment played alone, number by number, so
+its results are the same bits in any company and on any number of threads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
+
+from cc_mujoco.device._device import Device, Physics, physics_of
+from cc_mujoco.device._moment_arm import Winding
+from cc_mujoco.plugin import Reader, cables, untimed
+from cc_mujoco.simulation._loop import Columns, missing_torque_error, unstable
+from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._worn_device import WornDevice
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FRAME_SKIP = 2
+"""Physics steps in a control step of the devices as they are."""
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class Simulations:
+    """Simulations of n devices of one layout, advanced together."""
+
+    def __init__(
+        self,
+        exo: WornDevice,
+        count: int,
+        models: Sequence[mujoco.MjModel] | None = None,
+        threads: int = 0,
+    ) -> None:
+        """Make the batch; `start` every simulation before it is advanced.
+
+        Args:
+            exo: Device, motion and task; of the first device where they differ.
+            count: Number of simulations, n.
+            models: One for each; that of `exo` for all by default.
+            threads: Threads that simulate; 0 means one per processor.
+        """
+        device = exo.device
+        # Different cables in one simulation's memory would be read anew in every step.
+        persistent = exo.plants.any or models is not None
+        self.batch = Batch(device.model, count, threads, persistent=persistent)
+        if models is not None:
+            self.batch.set_models(models)
+        self._skip, self._device = exo.frame_skip, device
+        self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
+        self._was_reset = self._bound.apart()
+        self.physics = self._bound
+        """Positions, velocities and the results of the last physics step, (n, ...)."""
+        self._control = np.zeros((count, exo.frame_skip, device.model.nu))
+        self._data = mujoco.MjData(device.model)
+
+    def start(
+        self,
+        row: int,
+        device: Device,
+        script: Script,
+        prepare: Callable[[mujoco.MjData], object] = lambda data: None,
+    ) -> None:
+        """Bring a simulation to the start of an episode.
+
+        Args:
+            row: Which.
+            device: Its device.
+            script: What its wearer does.
+            prepare: Called with the simulation as it starts; may change it.
+        """
+        same = device is self._device
+        data = self._data if same else mujoco.MjData(device.model)
+        device.start(data, script.angles, script.commands[0])
+        prepare(data)
+        mujoco.mj_getState(device.model, data, self.batch.state[row], _STATE)
+        if self.physics is self._bound:
+            # MuJoCo has no results for the batch where a start followed its last step.
+            self._was_reset.take(self._bound)
+            self.physics = self._was_reset
+        self.physics.take(physics_of(data), row)
+
+    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
+        """Advance by the physics steps of a sample.
+
+        Args:
+            share: Of the largest torque of each motor, in [-1, 1], (n,).
+            scale: Control of the motors at their largest torque, one number or (n,).
+            commands: What the wearers do, (n or 1, physics steps, controls).
+            going: Mask of the simulations to be advanced, (n,).
+
+        Raises:
+            mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
+        """
+        control, device = self._control, self._device
+        control[:, :, device.motor_control] = (share * scale)[:, None]
+        control[:, :, device.script_controls] = commands
+        self.roll(self._skip, going, control if going.all() else control[going])
+
+    def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
+        """Advance by physics steps.
+
+        Args:
+            steps: Number of physics steps.
+            going: Mask of the simulations to be advanced, (n,).
+            control: Controls of these, (., steps, controls); by default those in the
+                state of a simulation.
+
+        Raises:
+            mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
+        """
+        self.physics = self._bound
+        ids = None if going.all() else going
+        with untimed():
+            self.batch.rollout(steps, control, record=(), ids=ids)
+
+    @property
+    def warned(self) -> Mask:
+        """Mask of the simulations whose episode ended with a warning, (n,)."""
+        warned: Mask = self.batch.warning[:, :, 1].any(axis=1)
+        return warned
+
+    @property
+    def fell(self) -> Mask:
+        """Mask of the simulations that ended with a warning or an error, (n,)."""
+        fell: Mask = self.warned | (self.batch.status != 0)
+        return fell
+
+    def why(self, row: int, time: float) -> str:
+        """Describe why a simulation fell at a time [s]."""
+        if error := self.batch.error(int(row)):
+            return f"MuJoCo raised at {time:.3f} s: {error}"
+        first = int(np.flatnonzero(self.batch.warning[row, :, 1])[0])
+        kind = mujoco.mjtWarning(first).name
+        return f"the simulation diverged at {time:.3f} s ({kind})"
+
+
+class Fleet:
+    """Devices that a controller drives together, as a `DrivenDevice`."""
+
+    def __init__(
+        self,
+        exo: WornDevice,
+        devices: Sequence[Device],
+        scripts: Sequence[Script],
+        threads: int = 1,
+        controller: str = "",
+        whole: bool = False,
+    ) -> None:
+        """Make the batch.
+
+        Args:
+            exo: Of the first device.
+            devices: Of equal layout.
+            scripts: What the wearer does, one for all or for each.
+            threads: Threads that simulate; 0 means one per processor.
+            controller: Name of what drives them, for the reasons of failures.
+            whole: Whether the columns are those of an episode log, (n, ...), rather
+                than what sensors measure and `least_tension_n`, `tension_n` and
+                `dissipated_j`.
+        """
+        models = [device.model for device in devices]
+        count = len(devices)
+        self.steps, self.cables = exo.steps, cables(models[0])
+        self.going: Mask = np.ones(count, dtype=np.bool_)
+        """Mask of the devices that have not failed."""
+        self.failed = [""] * count
+        """Reasons of those that failed; else empty."""
+        self.simulations = Simulations(exo, count, models, threads)
+        self._exo, self._devices, self._controller = exo, devices, controller
+        self._whole = whole
+        self._winding = Winding.over([device.winding for device in devices])
+        self._scripts = scripts
+        self._commands = np.stack([script.commands for script in scripts])
+        self._marks = np.stack([script.marks for script in scripts])
+        self._scale = np.array([device.motor_scale for device in devices])
+        self._limit = np.array([device.torque_limit for device in devices])
+        readers = [Reader(models[0], name) for name in self.cables]
+        self._nodes = [reader.nodes for reader in readers]
+        self._tensions = [f"tension_{name}_nodes_n" for name in self.cables]
+        self._energies = np.array([reader.energy for reader in readers])
+        self._outputs = np.array(exo.device.cable_outputs)
+        self._warnings = self.simulations.batch.warning[:, :, 1]
+        self._status = self.simulations.batch.status
+        self._step = 0
+
+    def start(self) -> Columns:
+        """Bring all to the start; see `DrivenDevice.start`."""
+        for row, device in enumerate(self._devices):
+            script = self._scripts[row % len(self._scripts)]
+            self.simulations.start(row, device, script)
+        return self._columns(self.simulations.physics)
+
+    def advance(self, torque: Array) -> Columns:
+        """Go a control step; see `DrivenDevice.advance`."""
+        if not np.isfinite(torque).all():
+            self._refuse(np.isfinite(torque))
+        # `np.clip` takes several times as long for small arrays.
+        share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
+        # The actions of the environments are of single precision.
+        share = share.astype(np.float32).astype(np.float64)
+        first = self._step * self._exo.frame_skip
+        commands = self._commands[:, first : first + self._exo.frame_skip]
+        # What raised shows in the status of the batch.
+        with contextlib.suppress(SimulationError):
+            self.simulations.advance(share, self._scale, commands, self.going)
+        self._step += 1
+        if self._warnings.any() or self._status.any():
+            self._note(self.simulations.fell & self.going)
+        return self._columns(self.simulations.physics)
+
+    def _columns(self, now: Physics) -> Columns:
+        """Return what can be measured now, and what is kept of it beside."""
+        state, count, marks = now.plugin_state, self.going.size, self._marks
+        columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
+        _, phase, sine, cosine = marks[:, self._step].T
+        given = np.empty((3, count))
+        given[0] = self._exo.task.torque(
+            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
+        )
+        given[1], given[2] = sine, cosine
+        columns["desired_torque_nm"] = given[0]
+        columns["phase_sine"], columns["phase_cosine"] = given[1], given[2]
+        if self._whole:
+            steps = np.full(count, self._step)
+            each = np.broadcast_to(marks[:, self._step], (count, marks.shape[2]))
+            columns = self._exo.told(now, columns, steps, each)
+            return columns
+        least = np.empty((count, len(self.cables)))
+        for place, name in enumerate(self._tensions):
+            columns[name] = nodes = state[:, self._nodes[place]]
+            nodes.min(axis=1, out=least[:, place])
+        columns["least_tension_n"] = least
+        columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
+        columns["dissipated_j"] = state[:, self._energies]
+        return columns
+
+    def _refuse(self, finite: Mask) -> None:
+        time = self._step * self._exo.period
+        for row in np.flatnonzero(self.going & ~finite):
+            self.failed[row] = missing_torque_error(self._controller, time)
+        self.going &= finite
+
+    def _note(self, fell: Mask) -> None:
+        time = self._step * self._exo.period
+        self.going &= ~fell
+        for row in np.flatnonzero(fell).tolist():
+            self.failed[row] = self.simulations.why(row, time)
+
+
+class Alone:
+    """Single device of a fleet, as numbers; a `DrivenDevice`."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        """Take the fleet."""
+        self._fleet, self.steps = fleet, fleet.steps
+
+    def start(self) -> Columns:
+        """Bring it to the start; see `DrivenDevice.start`."""
+        return {name: value[0] for name, value in self._fleet.start().items()}
+
+    def advance(self, torque: Array) -> Columns:
+        """Go a control step; see `DrivenDevice.advance`."""
+        columns = self._fleet.advance(np.reshape(torque, 1))
+        if why := self._fleet.failed[0]:
+            raise unstable(why)
+        return {name: value[0] for name, value in columns.items()}

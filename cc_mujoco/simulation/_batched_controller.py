@@ -1,0 +1,139 @@
+"""One controller for many devices at once, whose drives may differ."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Controller, controller
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import MEASURED_COLUMNS, TENSION_COLUMN, WINDING_COLUMNS
+
+Array = NDArray[np.float64]
+
+PROBES = 32
+"""Observations that a probe consists of."""
+
+
+class Unpowered(Controller):
+    """A motor that gives no torque."""
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Do nothing; see `Controller.reset`."""
+
+    def torque(self, observation: Mapping[str, Any]) -> float:
+        """Return no torque [N m]; see `Controller.torque`."""
+        return 0.0
+
+
+class BatchedController(Controller):
+    """One controller for many devices, whose drives may differ.
+
+    Controllers work on arrays; this gives one of them drives that are arrays too, if
+    for a probe it then does bit for bit what a controller for each drive does, and
+    otherwise keeps a controller for each.
+    """
+
+    def __init__(
+        self, name: str | Callable[[Drive], Any], drives: Sequence[Drive]
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            name: of the controller, or a function that makes it of a drive.
+            drives: one per device.
+        """
+        super().__init__(drives[0])
+        self._name, self._drives = name, tuple(drives)
+        self._same = all(drive == drives[0] for drive in drives)
+        # A function may know numbers only.
+        of_arrays = isinstance(name, str) and ":" not in name
+        self._joint = (self._same and of_arrays) or self._probe()
+        if self._joint and self._same:
+            self._laws = [controller(name, self._drives[0])]
+        elif self._joint:
+            self._laws = [controller(name, _stacked(self._drives))]
+        else:
+            self._laws = self._controllers_per_device()
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Begin all anew; see `Controller.reset`."""
+        for law in self._laws:
+            law.reset()
+
+    def torque(self, observation: Mapping[str, Any]) -> Array:
+        """Return the torque of every motor [N m], (n,)."""
+        if self._joint:
+            return np.asarray(self._laws[0].torque(observation))
+        return _each(self._laws, observation)
+
+    def _controllers_per_device(self) -> list[Controller]:
+        return [controller(self._name, drive) for drive in self._drives]
+
+    def _probe(self) -> bool:
+        """Return whether one controller with stacked drives equals one for each."""
+        rng = np.random.default_rng(0)
+        one_each = self._controllers_per_device()
+        try:
+            joint = controller(self._name, _stacked(self._drives))
+            for law in (joint, *one_each):
+                law.reset()
+            for _ in range(PROBES):
+                seen = {
+                    name: rng.normal(size=len(one_each)) for name in MEASURED_COLUMNS
+                }
+                seen |= {
+                    n: rng.uniform(0.5, 2.0, len(one_each)) for n in WINDING_COLUMNS
+                }
+                if sensors := self.drive.sensors:
+                    shape = len(one_each), len(sensors), len(sensors[0].nodes)
+                    seen[TENSION_COLUMN] = rng.uniform(1.0, 50.0, size=shape)
+                together = np.asarray(joint.torque(seen))
+                if not np.array_equal(together, _each(one_each, seen)):
+                    return False
+        except (TypeError, ValueError, AttributeError, IndexError):
+            return False
+        return True
+
+
+def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
+    names = [
+        n
+        for n in (*MEASURED_COLUMNS, *WINDING_COLUMNS, TENSION_COLUMN)
+        if n in observation
+    ]
+    return np.array(
+        [
+            law.torque({name: observation[name][i] for name in names})
+            for i, law in enumerate(laws)
+        ]
+    )
+
+
+def _stacked(drives: Sequence[Drive]) -> Drive:
+    """Return a drive whose fields are arrays over devices where they differ.
+
+    Raises:
+        CableError: the cables cannot be those of one drive, as their arms differ.
+    """
+    differing: dict[str, list[Any]] = {}
+    for field in dataclasses.fields(Drive):
+        values = [getattr(drive, field.name) for drive in drives]
+        if any(value != values[0] for value in values):
+            differing[field.name] = values
+    # Tuples are of one entry per device: the cables, where they are known.
+    tuples: dict[str, Any] = {
+        name: tuple(chain.from_iterable(values))
+        for name, values in differing.items()
+        if isinstance(values[0], tuple)
+    }
+    whole = dataclasses.replace(drives[0], **tuples)
+    for name in differing.keys() - tuples.keys():
+        # Past the checks of a drive, which are of numbers.
+        object.__setattr__(whole, name, np.array(differing[name]))
+    return whole

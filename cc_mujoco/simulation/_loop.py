@@ -1,0 +1,209 @@
+"""The one loop of an episode, of one device or of many at once.
+
+    plant = Single(env, seed=0)
+    trace = Trace(("joint_torque_nm",), plant.steps)
+    run(plant, controller, trace.keep, measure=measuring.measure)
+    trace.columns["joint_torque_nm"]                            # (steps + 1,)
+
+A plant gives columns, numbers or arrays over devices; the controller gets their
+measurements; observers get the columns and the torque; the plant advances.
+An episode that is recorded, cells of the benchmark, a batch of designs and a simulation
+of the thesis differ in their plants and observers.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Controller
+from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.errors import CableError
+
+Columns = Mapping[str, Any]
+"""Columns of an episode log, as many as the plant has."""
+
+Observer = Callable[[int, Columns, NDArray[np.float64]], object]
+"""Takes the control step, its columns and the torque that follows [N m]; may raise."""
+
+
+class DrivenDevice(Protocol):
+    """Plant that a controller drives: one device, or several as arrays."""
+
+    steps: int
+    """Control steps in an episode."""
+
+    def start(self) -> Columns:
+        """Begin the episode."""
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Advance a control step with a motor torque [N m], one for all or for each.
+
+        That of one device is finite; of several, one whose torque is not has failed.
+
+        Raises:
+            CableError: The episode cannot go on.
+        """
+
+
+def run(
+    plant: DrivenDevice,
+    controller: Controller,
+    *observers: Observer,
+    measure: Callable[[Columns], Columns] = lambda columns: columns,
+    name: str = "",
+    clock: ComputingTime | None = None,
+) -> None:
+    """Play an episode.
+
+    Args:
+        plant: What is driven.
+        controller: What drives it; reset before.
+        observers: Called at every control step, from the start to the end.
+        measure: What the controller reads of the columns; all of them by default.
+        name: Of the controller, for error messages; its own, or that of its class, by
+            default.
+        clock: Takes the computing time of the controller.
+
+    Raises:
+        CableError: If the controller raises, gives torques of a wrong shape or, of one
+            device, a torque that is no finite number, or the plant cannot go on.
+    """
+
+    def called() -> str:
+        return name or controller.name or type(controller).__name__
+
+    with controller_errors(called()):
+        controller.reset()
+    columns = plant.start()
+    shape = np.shape(columns["joint_angle_rad"])
+    for step in range(plant.steps + 1):
+        seen = measure(columns)
+        begun = time.thread_time()
+        with controller_errors(called()):
+            torque = np.asarray(controller.torque(seen), dtype=float)
+        if clock is not None:
+            clock.spent.append(time.thread_time() - begun)
+        if torque.shape not in ((), shape):
+            each = f", or one for each of {shape[0]} environments" if shape else ""
+            raise CableError(
+                f"controller {called()!r} gave torques of shape {torque.shape}; it "
+                f"must be one number{each}."
+            )
+        for observe in observers:
+            observe(step, columns, torque)
+        if step < plant.steps:
+            if not shape and not np.isfinite(torque):
+                at = missing_torque_error(called(), step * controller.drive.period)
+                raise CableError(f"{at}; it must be a number in N m.")
+            columns = plant.advance(torque)
+
+
+def missing_torque_error(name: str, time: float) -> str:
+    """Return the error for a controller that gave no finite number at a time [s]."""
+    return f"controller {name!r} gave no finite torque at {time:.3f} s"
+
+
+def unstable(why: str) -> CableError:
+    """Return the error for a simulation that ended early."""
+    return CableError(
+        f"{why}; a softer cable, a softer wearer or a smaller time step is stable."
+    )
+
+
+class ComputingTime:
+    """Computing time of a controller, per control step.
+
+    Time of the processor in this thread, so that what else runs does not count. The
+    first steps may have waited for a compiler; `WARMING` of them are left out.
+    """
+
+    WARMING = 10
+
+    def __init__(self) -> None:
+        """Prepare for one episode."""
+        self.spent: list[float] = []
+        """Computing time of every control step, all devices together [s]."""
+
+    @property
+    def median(self) -> float:
+        """[s]; NaN before there are more than `WARMING` steps."""
+        spent = self.spent[self.WARMING :]
+        return float(np.median(spent)) if spent else math.nan
+
+    @property
+    def worst(self) -> float:
+        """[s]; NaN before there are more than `WARMING` steps."""
+        return max(self.spent[self.WARMING :], default=math.nan)
+
+
+class Single:
+    """The device of one environment."""
+
+    def __init__(
+        self, env: Any, seed: int, options: Mapping[str, float] | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            env: One of this package's environments, wrapped or not.
+            seed: Of the reset.
+            options: Of the reset: what the plant is, by name.
+        """
+        self._env, self._inner, self._seed = env, env.unwrapped, seed
+        self._options = None if options is None else dict(options)
+        self.steps: int = self._inner.exo.steps
+
+    def start(self) -> Columns:
+        """Reset; see `DrivenDevice.start`."""
+        columns: Columns = self._env.reset(seed=self._seed, options=self._options)[1]
+        return columns
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Step; see `DrivenDevice.advance`."""
+        columns: Columns
+        action = self._inner.action(torque)
+        _, _, terminated, _, columns = self._env.step(action)
+        if terminated:
+            raise unstable(f"the simulation diverged at {columns['time_s']:g} s")
+        return columns
+
+
+class Trace:
+    """Columns of an episode, kept step by step."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        steps: int,
+        going: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Prepare for one episode.
+
+        Args:
+            names: Of the columns.
+            steps: Control steps of the episode.
+            going: Of many devices the mask of those to keep, as it is at each step.
+        """
+        self._names, self._steps, self._active_mask = tuple(names), steps, going
+        self.columns: dict[str, NDArray[np.float64]] = {}
+        """Columns by name, (steps + 1, ...); NaN where there was nothing to keep."""
+
+    def keep(self, step: int, columns: Columns, _: NDArray[np.float64]) -> None:
+        """Keep the columns of a control step; an `Observer`."""
+        if not self.columns:
+            self.columns = {
+                name: np.full((self._steps + 1, *np.shape(columns[name])), np.nan)
+                for name in self._names
+            }
+        if self._active_mask is None or self._active_mask.all():
+            for name, kept in self.columns.items():
+                kept[step] = columns[name]
+        else:
+            for name, kept in self.columns.items():
+                kept[step, self._active_mask] = columns[name][self._active_mask]

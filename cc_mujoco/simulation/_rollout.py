@@ -1,0 +1,191 @@
+"""Many designs at once, with perfect sensors: a study compares transmissions.
+
+Where task and controller are known as compiled code, they run inside MuJoCo's steps,
+with the same bits.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from cc_mujoco.control import controller
+from cc_mujoco.device import Plant
+from cc_mujoco.device._device import Device
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._registry import Setup
+from cc_mujoco.device._sensors import PERFECT_SENSING, Measuring
+from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._batched_controller import BatchedController, Unpowered
+from cc_mujoco.simulation._compiled_batch import (
+    TICK_STEPS,
+    CompiledEpisodes,
+    law_of,
+    play_compiled,
+    task_of,
+)
+from cc_mujoco.simulation._compiled_episode import KEPT, attend
+from cc_mujoco.simulation._loop import Columns, Trace, run
+from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._worn_device import WornDevice
+
+Array = NDArray[np.float64]
+
+_ONE = threading.Lock()
+
+COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
+"""Columns that change from step to step."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Episode that all designs of a batch play."""
+
+    setup: Setup
+    trajectory: str | Trajectory
+    task: str | Task
+    duration: float
+    frame_skip: int
+    seed: int
+    controller: str | None
+    """Name; without one the motor gives no torque."""
+    wearer: Wearer | None = None
+
+    def device(self, model: mujoco.MjModel) -> Device:
+        """Return the device on a model."""
+        return Device(self.setup, self.wearer, model)
+
+    def exo(self, model: mujoco.MjModel) -> WornDevice:
+        """Device, wearer, trajectory and task on a model.
+
+        Raises:
+            CableError: the episode cannot be played.
+        """
+        return WornDevice(
+            self.setup,
+            self.trajectory,
+            self.task,
+            self.duration,
+            self.frame_skip,
+            self.wearer,
+            model,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """An episode of n designs at T control steps, the reset included.
+
+    Attributes:
+        columns: those of an episode log, (n, T). Those of c cables are (n, c, T) and
+            `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
+            `least_tension_n` is below 0 where a cable is slack.
+        ratio: joint angle per motor angle of an unstretched cable, (n,).
+        driven: names of the cables that the motor winds.
+        failed: why the simulation of a design failed, empty where it did not, (n,).
+    """
+
+    columns: dict[str, Array]
+    ratio: Array
+    driven: tuple[str, ...]
+    failed: tuple[str, ...]
+
+
+def attended(plant: Plant) -> mujoco.MjModel:
+    """Compile the bare model of a plant that may be played inside MuJoCo's steps.
+
+    Raises:
+        CableError: the plant cannot be compiled.
+    """
+    spec = plant.spec()
+    with _ONE:  # two threads would register the plugin twice
+        attend(spec)  # at last, as a copy loses what no element refers to
+    return spec.compile()
+
+
+def play(
+    episode: Episode,
+    models: Sequence[mujoco.MjModel],
+    threads: int = 1,
+    tick: Callable[[float], object] = lambda share: None,
+) -> Rollout:
+    """Play an episode on each of several models of equal layout.
+
+    Args:
+        episode: what to play.
+        models: one per design.
+        threads: that simulate.
+        tick: called now and then.
+
+    Raises:
+        CableError: the episode itself cannot be played.
+    """
+    exo = episode.exo(models[0])
+    rng, _ = seeding.np_random(episode.seed)
+    script = exo.author.write(rng)
+    devices = [exo.device, *(episode.device(model) for model in models[1:])]
+    drives = [PERFECT_SENSING.equip(device.drive(exo.period)) for device in devices]
+    name, driven = episode.controller, exo.device.driven
+    ratio = np.array([1.0 / drive.ratio for drive in drives])
+    called = name or ""
+    compiled = _compiled(name, drives, devices, exo, script)
+    if compiled is not None:
+        failed = play_compiled(compiled, exo, devices, script, threads, called, tick)
+        columns = compiled.columns() | _scripted(script, exo, len(devices))
+        tick(1.0)
+        return Rollout(columns, ratio, driven, failed)
+    law = Unpowered(drives[0]) if name is None else BatchedController(name, drives)
+    fleet = Fleet(exo, devices, (script,), threads, called)
+    measuring = Measuring(PERFECT_SENSING, drives[0], driven, episode.seed, exo.steps)
+    trace = Trace(COLUMNS, exo.steps, fleet.going)
+
+    def tell(step: int, _: Columns, __: object) -> None:
+        if step % TICK_STEPS == 0:
+            tick(step / exo.steps)
+
+    with np.errstate(all="ignore"):  # designs that failed hold what is not a number
+        run(fleet, law, trace.keep, tell, measure=measuring.measure, name=called)
+    columns = {}
+    while trace.columns:  # what is turned is let go, so that memory holds it once
+        name, kept = trace.columns.popitem()
+        columns[name] = np.ascontiguousarray(np.moveaxis(kept, 0, -1))
+    columns |= _scripted(script, exo, len(devices))
+    tick(1.0)
+    return Rollout(columns, ratio, driven, tuple(fleet.failed))
+
+
+def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
+    """Columns that are the same for all designs, (n, T)."""
+    shape = (count, exo.steps + 1)
+    time = np.arange(exo.steps + 1) * exo.period
+    columns = {"time_s": np.broadcast_to(time, shape)}
+    names = {"reference_angle_rad": 0, "phase_sine": 2, "phase_cosine": 3}
+    for name, place in names.items():
+        mark = np.ascontiguousarray(script.marks[:, place])
+        columns[name] = np.broadcast_to(mark, shape)
+    return columns
+
+
+def _compiled(
+    name: str | None,
+    drives: Sequence[Drive],
+    devices: Sequence[Device],
+    exo: WornDevice,
+    script: Script,
+) -> CompiledEpisodes | None:
+    """Return the episodes inside MuJoCo's steps; None where only Python can."""
+    laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
+    if task_of(exo.task) is None or law_of(laws[0]) is None:
+        return None
+    if name is not None:
+        laws += [controller(name, drive) for drive in drives[1:]]
+    else:
+        laws *= len(drives)
+    return CompiledEpisodes(devices, laws, exo.task, script, exo.steps, exo.frame_skip)

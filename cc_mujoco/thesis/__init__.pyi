@@ -1,0 +1,14 @@
+from ._experiments.solver import CABLE as CABLE
+from ._experiments.solver import DT as DT
+from ._experiments.solver import costs as costs
+from ._outcome import Claim as Claim
+from ._outcome import ExperimentOutcome as ExperimentOutcome
+from ._runner import EXPERIMENTS as EXPERIMENTS
+from ._runner import FinishedExperiment as FinishedExperiment
+from ._runner import reproduce as reproduce
+from ._runner import run as run
+from ._runner import table as table
+from .estimators import StiffnessEstimator as StiffnessEstimator
+from .predecessors import BristleChain as BristleChain
+from .predecessors import Distributed as Distributed
+from .predecessors import EndSpring as EndSpring

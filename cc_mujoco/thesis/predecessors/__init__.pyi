@@ -1,0 +1,14 @@
+from ._bouc_wen import Hysteresis as Hysteresis
+from ._bouc_wen import ModifiedBoucWen as ModifiedBoucWen
+from ._bristle import Bristle as Bristle
+from ._bristle import BristleChain as BristleChain
+from ._bristle import LuGreChain as LuGreChain
+from ._capstan import StaticCapstan as StaticCapstan
+from ._distributed import Distributed as Distributed
+from ._lumped import LumpedMasses as LumpedMasses
+from ._model import Answer as Answer
+from ._model import EndSpring as EndSpring
+from ._model import Locked as Locked
+from ._model import Moved as Moved
+from ._model import PublishedModel as PublishedModel
+from ._passive import PassiveDistributed as PassiveDistributed

@@ -1,0 +1,12 @@
+from ._conduit3d import conduit_points as conduit_points
+from ._conduit3d import conduit_shares as conduit_shares
+from ._conduit3d import tension_colors as tension_colors
+from ._episode_files import EPISODE_FILES as EPISODE_FILES
+from ._episode_files import PAGE_FILE as PAGE_FILE
+from ._episode_files import require_ours as require_ours
+from ._episode_files import write_episode as write_episode
+from ._offscreen_renderer import OffscreenRenderer as OffscreenRenderer
+from ._panels import highest_tension as highest_tension
+from ._summary import draw_summary as draw_summary
+from ._summary import write_summary as write_summary
+from ._web_page import require_page as require_page

@@ -1,0 +1,104 @@
+"""Plots of a Rerun recording: how far their axes reach, and room for their legends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+START_TIME = 0.3
+"""Time at the start of a trial or an episode that counts as its beginning [s]."""
+LEGEND_SHARE = 0.35
+"""Room for a legend, before the curves, over the time that they take."""
+MARGIN_SHARE = 0.02
+"""Room behind the curves for the last number of the axis, over the same time."""
+
+
+def plot(
+    origin: str,
+    name: str,
+    time: Array,
+    lines: Iterable[Array],
+    *,
+    contents: Sequence[str] = (),
+    reach: tuple[float, float] | None = None,
+    room: float = LEGEND_SHARE,
+) -> rrb.TimeSeriesView:
+    """Show lines over the whole of their time, with the legend before them.
+
+    Args:
+        origin: Path of what is shown.
+        name: Title.
+        time: Of the samples, rising [s], (T,).
+        lines: Values, each (T,).
+        contents: Paths of what is shown, all below the origin unless given.
+        reach: Low and high end of the axis; see `axis` unless given.
+        room: See `LEGEND_SHARE`; less where the plot is as wide as the window.
+    """
+    fixed = reach and rrb.ScalarAxis(range=reach, zoom_lock=False)
+    return rrb.TimeSeriesView(
+        origin=origin,
+        contents=list(contents) or "$origin/**",
+        name=name,
+        axis_x=time_axis(time, room),
+        axis_y=fixed or axis(time, lines),
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
+
+
+def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
+    """Return an axis over the whole time and a legend before it.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        room: See `LEGEND_SHARE`.
+
+    Returns:
+        The axis, or None if no time passes.
+    """
+    start, end = float(time[0]), float(time[-1])
+    if not end > start:
+        return None
+    begin, finish = start - room * (end - start), end + MARGIN_SHARE * (end - start)
+    ends = (rr.TimeRangeBoundary.absolute(seconds=each) for each in (begin, finish))
+    return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
+
+
+def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:
+    """Return an axis with `axis_limits`, or None for Rerun's own choice, all samples.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        lines: Values, each (T,).
+    """
+    found = axis_limits(time, lines)
+    return None if found is None else rrb.ScalarAxis(range=found, zoom_lock=False)
+
+
+def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | None:
+    """Return limits of an axis without the start of the lines if it would flatten them.
+
+    A motor that is not where the motion begins catches up within moments, and may need
+    many times the torque of all that follows.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        lines: Values, each (T,).
+
+    Returns:
+        Low and high, or None where all samples together show them well.
+    """
+    values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
+    later = values[:, time - time[0] > START_TIME]
+    if np.isfinite(later).sum() < 2:
+        return None
+    low, high = float(np.nanmin(later)), float(np.nanmax(later))
+    if not 0.0 < 2.0 * (high - low) < float(np.nanmax(values) - np.nanmin(values)):
+        return None
+    margin = 0.1 * (high - low)
+    return low - margin, high + margin

@@ -1,0 +1,100 @@
+"""Cables as capsules of a MuJoCo scene, coloured by the tension inside.
+
+capsules = Capsules(model, ("flexor", "extensor"), 80.0)
+mujoco.mj_fwdPosition(model, data)
+capsules.add(scene, data, {"flexor": tension, "extensor": tension})
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.viz._conduit3d import (
+    conduit_shares,
+    fine_shares,
+    part_tensions,
+    resample,
+    tension_colors,
+)
+from cc_mujoco.viz._tendon3d import ROPE_COLOR, is_uncolored
+
+Array = NDArray[np.float64]
+
+RADIUS_FACTOR = 1.4
+"""Radius of a coloured cable over that of its line in the scene: colours need room."""
+SHADE, EMISSION = 0.72, 0.25
+"""Material of coloured cables: lit, their colours come near those of the scale."""
+
+HIDDEN_TENDON_GROUP = mujoco.mjNGROUP - 1
+"""Group of what is not shown."""
+
+
+class Capsules:
+    """The cables of a model that have a route."""
+
+    def __init__(
+        self, model: mujoco.MjModel, cables: Iterable[str], highest: float
+    ) -> None:
+        """Take their measures, hide their tendons in the model, and colour the others.
+
+        Args:
+            model: Compiled model, changed in place.
+            cables: Names of cables; those without a route are left out.
+            highest: Tension of the brightest colour [N].
+        """
+        self.highest = highest
+        """Tension of the brightest colour [N]."""
+        self._model = model
+        described = plugin.from_mjcf(model)
+        drawn = [c for c in cables if c in described and described[c].route]
+        self._shares = {cable: conduit_shares(model, cable) for cable in drawn}
+        self._radius = {}
+        for cable in drawn:
+            tendon = plugin.route_tendon(model, cable)
+            self._radius[cable] = RADIUS_FACTOR * float(model.tendon_width[tendon])
+            # MuJoCo draws what is transparent, but this group only on request.
+            model.tendon_group[tendon] = HIDDEN_TENDON_GROUP
+        for tendon in range(model.ntendon):
+            if is_uncolored(model, tendon):
+                model.tendon_rgba[tendon] = ROPE_COLOR
+
+    def add(
+        self,
+        scene: mujoco.MjvScene,
+        data: mujoco.MjData,
+        tensions: Mapping[str, Array] | None = None,
+    ) -> None:
+        """Add them to a scene.
+
+        Args:
+            scene: Where to; has room for all of them.
+            data: Pose of the model, up to date as by `mj_fwdPosition`.
+            tensions: Tension at the nodes of each cable (n,) [N]; grey without.
+        """
+        for cable, shares in self._shares.items():
+            fine = fine_shares(shares)
+            points = resample(plugin.route(self._model, data, cable), fine)
+            shown = np.zeros(len(points) - 1)
+            if tensions is not None:
+                shown = part_tensions(shares, fine, tensions[cable])
+            colors = tension_colors(shown, self.highest).astype(np.float32)
+            colors *= SHADE / 255.0
+            colors[:, 3] = 1.0
+            _add(scene, points, colors, self._radius[cable])
+
+
+def _add(
+    scene: mujoco.MjvScene, points: Array, colors: NDArray[np.float32], radius: float
+) -> None:
+    shape, none = mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
+    for color, start, end in zip(colors, points[:-1], points[1:], strict=True):
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
+        mujoco.mjv_connector(geom, shape, radius, start, end)
+        geom.emission, geom.specular = EMISSION, 0.1
+        scene.ngeom += 1

@@ -1,0 +1,66 @@
+"""Text on the screen of a live episode."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cc_mujoco.viz._live_controls import Knobs
+
+CAPTION_WIDTH = 60
+"""Width of a sentence [letters]."""
+
+
+def state_rows(
+    knobs: Knobs,
+    columns: Mapping[str, Any],
+    cables: Iterable[str],
+    *,
+    controller: str,
+    pretension: float,
+    factor: float,
+    highest: float,
+) -> tuple[tuple[str, str], ...]:
+    """Name and value of all that changes.
+
+    Args:
+        knobs: What is wanted.
+        columns: Of an episode log, at this time.
+        cables: Names of the cables to report on.
+        controller: Name of the one that runs.
+        pretension: That the cables were laid with, over that of the scene.
+        factor: Simulated over real time; NaN before it is known.
+        highest: Tension of the brightest colour [N].
+    """
+    laid = _factor_text(pretension)
+    if knobs.pretension != pretension:
+        laid += f"; {_factor_text(knobs.pretension)} at the next start"
+    speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
+    if knobs.paused:
+        speed = ", paused"
+    torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
+    return (
+        ("time", f"{columns['time_s']:.1f} s{speed}"),
+        ("controller", controller),
+        ("friction", _factor_text(knobs.friction)),
+        ("pretension", laid),
+        ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
+        *((cable, _tension_text(columns, cable)) for cable in cables),
+        ("brightest", f"{highest:g} N; grey is slack"),
+    )
+
+
+def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
+    """Return the lines of a sentence, in the second column; none of an empty one."""
+    return tuple(("", line) for line in textwrap.wrap(text, CAPTION_WIDTH))
+
+
+def _factor_text(factor: float) -> str:
+    return "as in the scene" if factor == 1.0 else f"{factor:.3g} times the scene's"
+
+
+def _tension_text(columns: Mapping[str, Any], cable: str) -> str:
+    near, far = (columns[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
+    return f"{near:.1f} N at the motor, {far:.1f} N at the joint"

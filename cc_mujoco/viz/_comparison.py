@@ -1,0 +1,161 @@
+"""Comparison of two episodes in one figure and one Rerun recording, on equal axes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from cc_mujoco.report._figures import figure, style
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._axis import axis_limits, plot
+from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._panels import highest_tension, tensions
+from cc_mujoco.viz._rerun_blueprint import MAIN_LINES, line_values, scene_view
+from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
+from cc_mujoco.viz._scene3d import TIMELINE
+from cc_mujoco.viz._summary import draw_loop
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+class LabelledEpisode(NamedTuple):
+    """One of those beside each other, all of the same cables."""
+
+    name: str
+    """Name of the episode, distinct from the others."""
+    log: EpisodeLog
+    model: mujoco.MjModel
+    """The model that it was played on."""
+
+
+def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
+    """Draw a column for each: its torque-angle loop, and tension at both ends."""
+    cables = episodes[0].log.cables
+    with style():
+        drawing = figure(5.2 * len(episodes), 3.6 + 1.8 * len(cables))
+        heights = [3.6, *[1.8] * len(cables)]
+        grid = drawing.add_gridspec(
+            len(heights), len(episodes), height_ratios=heights
+        ).subplots(sharey="row", squeeze=False)
+        for axes, episode in zip(grid[0], episodes, strict=True):
+            draw_loop(axes, episode.log)
+            axes.set_title(f"{episode.name}: torque-angle loop")
+            if axes is not grid[0, 0]:
+                axes.sharex(grid[0, 0])
+        drawn = [tensions(episode.log) for episode in episodes]
+        for row, panels in zip(grid[1:], zip(*drawn, strict=True), strict=True):
+            for axes, episode, panel in zip(row, episodes, panels, strict=True):
+                time = episode.log["time_s"]
+                for line in panel.lines:
+                    axes.plot(time, line.values, color=line.color, label=line.label)
+                axes.set(title=panel.title, xlim=(time[0], time[-1]))
+            row[0].set_ylabel(f"tension [{panels[0].unit}]")
+            row[0].set_ylim(
+                common_limits(
+                    (episode.log["time_s"], [line.values for line in panel.lines])
+                    for episode, panel in zip(episodes, panels, strict=True)
+                )
+            )
+        grid[1, 0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.95))
+        for axes in grid[0, 1:]:
+            axes.set_ylabel("")
+        for axes in grid[-1]:
+            axes.set_xlabel("time [s]")
+    return drawing
+
+
+def write_side_by_side(
+    path: str | os.PathLike[str], episodes: Sequence[LabelledEpisode], about: str
+) -> None:
+    """Write a `.rrd` file that holds all episodes, each under its name.
+
+    Args:
+        path: File to write; an older one stays until the new one is whole.
+        episodes: What is shown.
+        about: What they are, in Markdown.
+    """
+    digest = hashlib.sha256(about.encode())
+    for episode in episodes:
+        digest.update(f"{episode.name}/{recording_id(episode.log)}/".encode())
+    highest = max(highest_tension(episode.log) for episode in episodes)
+    identity = digest.hexdigest()[:32]
+    with recording(path, identity, _blueprint(episodes)) as rec:
+        page = rr.TextDocument(about, media_type=rr.MediaType.MARKDOWN)
+        rec.log("about", page, static=True)
+        for episode in episodes:
+            branch = Branch(rec, _episode_root(episode))
+            log_episode(branch, episode.log, episode.model, highest)
+
+
+def common_limits(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, float]:
+    """Return the limits of one axis for lines of several episodes, see `axis_limits`.
+
+    Args:
+        groups: Of each episode the time [s], (T,), and values, each (T,).
+
+    Returns:
+        Low and high.
+    """
+    ends = []
+    for time, lines in groups:
+        found = axis_limits(time, lines)
+        ends.append(found or (float(np.nanmin(lines)), float(np.nanmax(lines))))
+    low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+    margin = 0.04 * (high - low) or 0.5
+    return low - margin, high + margin
+
+
+def _episode_root(episode: LabelledEpisode) -> str:
+    # Rerun shows a space in a path with a backslash before.
+    return rr.new_entity_path([episode.name.replace(" ", "_")])
+
+
+def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
+    def plots(title: str, origin: str, paths: Sequence[str] = ()) -> rrb.Horizontal:
+        drawn = [line_values(episode.log, origin, paths) for episode in episodes]
+        times = [episode.log["time_s"] for episode in episodes]
+        reach = common_limits(zip(times, drawn, strict=True))
+        return rrb.Horizontal(
+            *(
+                plot(
+                    f"{_episode_root(episode)}/{origin}",
+                    f"{episode.name}: {title}",
+                    time,
+                    shown,
+                    contents=[f"{_episode_root(episode)}/{path}" for path in paths],
+                    reach=reach,
+                )
+                for episode, time, shown in zip(episodes, times, drawn, strict=True)
+            )
+        )
+
+    scenes = [
+        scene_view(
+            episode.log, episode.model, _episode_root(episode), name=episode.name
+        )
+        for episode in episodes
+    ]
+    together = rrb.Vertical(
+        rrb.Horizontal(*scenes),
+        plots("joint torque [N m]", "torque", MAIN_LINES),
+        plots("tension at the ends [N]", "tension"),
+        row_shares=[3, 2, 2],
+        name="Side by side",
+    )
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    return rrb.Blueprint(
+        rrb.Tabs(together, about),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing"),
+        collapse_panels=True,
+    )

@@ -1,0 +1,161 @@
+"""Conduits as coloured lines: the tension at each place along the route, over time."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.cable._conduit import node_places
+from cc_mujoco.cable._parameters import PATHS
+from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._scene3d import TIMELINE, WORLD
+
+Array = NDArray[np.float64]
+
+MIN_PIECES = 60
+"""Straight pieces that a cable is drawn with, at least."""
+SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
+
+
+def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
+    """Return how the line of a cable is divided, as shares of its route from 0 to 1.
+
+    In a conduit a part of the line goes from one node to the next: (n+1,). Where the
+    cable lies open a part is what a node stands for, a straight piece
+    or some of an arc: (n+2,).
+    """
+    described = plugin.from_mjcf(model)[cable]
+    if described.path == PATHS[0]:
+        return node_places(described) / described.length
+    reader = plugin.Reader(model, cable)
+    nodes = described.segments + 1
+    # Slack of a newton at one node alone goes as the length for which the node stands,
+    # which the state of a cable at rest has.
+    data = mujoco.MjData(model)
+    plugin.settle(model, data)
+    state = np.tile(data.plugin_state, (nodes, 1))
+    state[:, reader.nodes] = -np.eye(nodes)
+    along = np.concatenate([[0.0], np.cumsum(reader.read(state).slack)])
+    return np.asarray(along / along[-1])
+
+
+def node_shares(shares: Array, nodes: int) -> Array:
+    """Return where along the line the nodes are that have tensions.
+
+    Args:
+        shares: Of `conduit_shares`.
+        nodes: How many there are; parts of a line in the open are what they stand for.
+    """
+    return shares if shares.size == nodes else 0.5 * (shares[:-1] + shares[1:])
+
+
+def fine_shares(shares: Array) -> Array:
+    """Return these shares of a route, or more where so few would cut its bends."""
+    return shares if shares.size > MIN_PIECES else np.linspace(0.0, 1.0, MIN_PIECES + 1)
+
+
+def part_tensions(shares: Array, fine: Array, tension: Array) -> Array:
+    """Return the tension of each part of a line.
+
+    Args:
+        shares: Of `conduit_shares`.
+        fine: Where the parts end, as shares of the route (P,).
+        tension: At the nodes (..., n) [N].
+
+    Returns:
+        Tensions (..., P-1) [N].
+    """
+    nodes, middle = node_shares(shares, tension.shape[-1]), 0.5 * (fine[:-1] + fine[1:])
+    low = np.clip(np.searchsorted(nodes, middle) - 1, 0, nodes.size - 2)
+    share = np.clip((middle - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
+    return np.asarray((1.0 - share) * tension[..., low] + share * tension[..., low + 1])
+
+
+def conduit_points(
+    model: mujoco.MjModel, cable: str, qpos: Array, shares: Array
+) -> Array:
+    """Return points of the line of a cable in space.
+
+    Args:
+        model: Compiled model.
+        cable: Name of a cable that has a route.
+        qpos: Generalized coordinates of the frames (T, nq).
+        shares: Of the length of the route (P,), where points shall be.
+
+    Returns:
+        Points (T, P, 3) in metres, from the motor end to the joint end.
+    """
+    points = np.empty((len(qpos), len(shares), 3))
+    data = mujoco.MjData(model)
+    for frame, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        points[frame] = resample(plugin.route(model, data, cable), shares)
+    return points
+
+
+def resample(polyline: Array, shares: Array) -> Array:
+    """Return points at these shares (n,) of the length of a polyline (P, 3): (n, 3)."""
+    steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = shares * along[-1]
+    axes = [np.interp(wanted, along, polyline[:, axis]) for axis in range(3)]
+    return np.stack(axes, axis=1)
+
+
+def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
+    """Return RGBA colours of tensions, grey where slack.
+
+    Args:
+        tension: Tensions, any shape, N.
+        highest: Tension of the brightest colour, N.
+    """
+    import matplotlib
+
+    colormap = matplotlib.colormaps["viridis"]
+    scaled = np.clip(tension / max(highest, 1e-9), 0.0, 1.0)
+    colors = np.asarray(colormap(scaled, bytes=True), dtype=np.uint8)
+    colors[tension <= 0.0] = SLACK_COLOR
+    return colors
+
+
+def log_conduit(
+    rec: Branch,
+    cable: str,
+    time: Array,
+    points: Array,
+    tension: Array,
+    highest: float,
+    radius: float,
+) -> None:
+    """Log one conduit as a line whose segments carry the colour of their tension.
+
+    Args:
+        rec: Where to, in an open recording.
+        cable: Name of the cable.
+        time: Times of the frames (T,), s.
+        points: Ends of the parts of the line (T, P, 3), m.
+        tension: Tensions of its parts (T, P-1), N.
+        highest: Tension of the brightest colour, N.
+        radius: Radius of the line, m.
+    """
+    path = rr.new_entity_path([WORLD, "conduit", cable])
+    index = [rr.TimeColumn(TIMELINE, duration=time)]
+    frames, count = len(time), points.shape[1] - 1
+    segments = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
+    colors = tension_colors(tension, highest).reshape(-1, 4)
+    colored = rr.LineStrips3D.columns(colors=colors).partition([count] * frames)
+    rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
+    if np.allclose(points, points[0], rtol=0.0, atol=1e-6):
+        # A conduit that stays where it is: only its colours change.
+        rec.log(path, rr.LineStrips3D.from_fields(strips=segments[0]), static=True)
+        rec.send_columns(path, index, [*colored])
+    else:
+        strips = rr.LineStrips3D.columns(strips=segments.reshape(-1, 2, 3))
+        moved = strips.partition([count] * frames)
+        rec.send_columns(path, index, [*moved, *colored])

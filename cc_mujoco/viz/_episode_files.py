@@ -1,0 +1,138 @@
+"""Files of an episode: all that is made of a log."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco.metrics import METRICS, Metric, expand_cable_metrics, measure
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._summary import write_summary
+
+if TYPE_CHECKING:
+    pass
+
+LOG_FILE = "log.parquet"
+EPISODE_FILES = (
+    "recording.rrd",
+    LOG_FILE,
+    "metrics.json",
+    "summary.png",
+    atomic_io.MANIFEST,
+)
+"""Files that `write_episode` leaves in its folder."""
+_REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
+EPISODE_METRICS = (
+    "rms_torque_error",
+    "torque_lag",
+    "peak_joint_torque",
+    "rms_joint_torque",
+    "rms_angle_error",
+    "twist_backlash",
+    "efficiency",
+    "efficiency_motor_drives",
+    "efficiency_wearer_drives",
+    "motor_share",
+    "slack_time_{cable}",
+    "dissipated_energy_{cable}",
+)
+"""Metrics of an episode that is played."""
+VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
+"""Files that it also leaves there on request."""
+
+
+def require_ours(folder: str | os.PathLike[str]) -> None:
+    """Find out, before an episode is played, whether its files may be written there.
+
+    Raises:
+        CableError: If not; see `_utils.atomic_io.require_ours` and
+            `_utils.atomic_io.require_unmodified`.
+    """
+    names = (*EPISODE_FILES, VIDEO_FILE, PAGE_FILE)
+    atomic_io.require_ours(
+        folder, names, lambda place: atomic_io.is_marked(place / LOG_FILE)
+    )
+    atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
+
+
+def write_episode(
+    folder: str | os.PathLike[str],
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    *,
+    metrics: Iterable[Metric] = (),
+    video: bool = False,
+    html: bool = False,
+    progress: Callable[[float], object] | None = None,
+    say: Callable[[str], object] = lambda sentence: None,
+) -> dict[Metric, float]:
+    """Write recording, log, metrics and figure, and on request video and page.
+
+    They are written next to the folder and moved into it when all are complete; other
+    files in the folder are not changed. Video and page of an earlier episode are
+    removed with its log.
+
+    Args:
+        folder: Where `EPISODE_FILES` shall lie; made if need be.
+        log: The episode.
+        model: The model that the episode was played on.
+        metrics: Measured besides `EPISODE_METRICS`.
+        video: Whether to write `VIDEO_FILE`, too.
+        html: Whether to write `PAGE_FILE`, too.
+        progress: Called with the simulated time [s] that the video has reached.
+        say: Called with a sentence where a video or page of an earlier episode goes.
+
+    Returns:
+        The value of every metric that was written.
+
+    Raises:
+        CableError: If the folder has files by these names that are not an episode's, or
+            cannot be written; if a video cannot be made, see `_video.require_video`; if
+            a page cannot, see `require_page`.
+    """
+    from cc_mujoco.viz._rerun_file import write_recording
+
+    require_ours(folder)
+    chosen = dict.fromkeys((*(METRICS[name] for name in EPISODE_METRICS), *metrics))
+    found = measure(log, expand_cable_metrics(chosen, log.cables))
+    with atomic_io.replacing_folder(folder) as partial:
+        log.write(partial / LOG_FILE)
+        write_metrics(partial / "metrics.json", found)
+        write_summary(partial / "summary.png", log)
+        write_recording(partial / "recording.rrd", log, model, found)
+        if video:
+            from cc_mujoco.viz._video import write_video
+
+            write_video(partial / VIDEO_FILE, log, model, progress)
+        if html:
+            from cc_mujoco.viz._web_page import write_page
+
+            write_page(partial / PAGE_FILE, log, model, found)
+        atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])
+    for name, written in ((VIDEO_FILE, video), (PAGE_FILE, html)):
+        old = Path(folder, name)
+        if not written and old.exists():
+            old.unlink()
+            say(f"{old} is deleted, as it showed an earlier episode.")
+    return found
+
+
+def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:
+    """Write values with unit and meaning as JSON; NaN becomes `null`."""
+    content = {
+        metric.name: {
+            "value": value if math.isfinite(value) else None,
+            "unit": metric.unit,
+            "meaning": metric.meaning,
+        }
+        for metric, value in found.items()
+    }
+    with atomic_io.replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -1,0 +1,244 @@
+"""An episode in a window, in real time, with keys and sliders for its settings.
+
+    live(env, "pi", seed=0)
+
+It begins anew when it ends, until the window is closed; nothing is written. The loop is
+that of every episode; around it are a plant that waits for the wall and a controller
+that can be exchanged.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.assets import scene_path
+from cc_mujoco.control import Controller, controller
+from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.device import Plant
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import Measuring
+from cc_mujoco.errors import CableError
+from cc_mujoco.simulation._loop import Columns, Single, run
+from cc_mujoco.viz._caption import state_rows, wrap_sentence
+from cc_mujoco.viz._live_controls import KEY_HELP, Knobs
+from cc_mujoco.viz._pace import RealTimePacer
+from cc_mujoco.viz._sliders import Sliders
+from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
+
+if TYPE_CHECKING:
+    import gymnasium
+
+
+class Over(Exception):
+    """The episode shall not go on."""
+
+
+def live(
+    env: gymnasium.Env[Any, Any],
+    name: str,
+    *,
+    seed: int = 0,
+    screen: Callable[..., Any] = Screen,
+) -> None:
+    """Play in a window until it is closed.
+
+    Args:
+        env: One of this package's environments, without ranges of its own.
+        name: Of the controller to begin with, as `control._controller` takes it.
+        seed: Of every reset and of the noise of the sensors.
+        screen: What opens the window; called as `Screen` is.
+
+    Raises:
+        CableError: If the controller cannot be made, or there is no screen.
+    """
+    inner: Any = env.unwrapped
+    law = Exchangeable(inner.drive, name)
+    cables = inner.exo.device.cables
+    knobs = Knobs(cables, name)
+    highest = round_up_tension(max(cable.pretension for cable in cables.values()))
+    model = inner.model
+    spec = mujoco.MjSpec.from_file(str(scene_path(inner.exo.setup.scene)))
+    sliders = Sliders(knobs, spec)
+    with screen(model, plugin.cables(model), highest, knobs.press, sliders) as window:
+        show = Show(env, law, knobs, window, seed)
+        while not show.ended:
+            show.episode()
+
+
+class Exchangeable(Controller):
+    """The controller of the moment."""
+
+    def __init__(self, drive: Drive, name: str) -> None:
+        """Make the first; see `control._controller`.
+
+        Raises:
+            CableError: If it cannot be made.
+        """
+        super().__init__(drive)
+        self.switch_controller(name)
+
+    def switch_controller(self, name: str) -> None:
+        """Switch to another controller from rest, or keep this one if that fails.
+
+        Raises:
+            CableError: If it cannot.
+        """
+        with controller_errors(name):
+            law = controller(name, self.drive)
+            law.reset()
+        self._law, self.name = law, name
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """See `Controller.reset`."""
+        with controller_errors(self.name):
+            self._law.reset(where)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """See `Controller.torque`.
+
+        Raises:
+            CableError: If the controller raises.
+        """
+        with controller_errors(self.name):
+            return self._law.torque(observation)
+
+
+class Show:
+    """Visible plant, for `simulation.run`, that obeys the keys."""
+
+    def __init__(
+        self, env: Any, law: Exchangeable, knobs: Knobs, window: Any, seed: int
+    ) -> None:
+        """Prepare.
+
+        Args:
+            env: One of this package's environments.
+            law: Drives the motor.
+            knobs: Settings made with the keys.
+            window: A `Screen`.
+            seed: Of every episode.
+        """
+        self._env, self._exo = env, env.unwrapped.exo
+        self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
+        self.steps: int = self._exo.steps
+        self._pace = RealTimePacer()
+        self._columns: Columns | None = None
+        self._note = ""
+        self._shown = -MIN_FRAME_TIME
+        self._asked, self._friction, self._laid = law.name, 1.0, 1.0
+
+    @property
+    def ended(self) -> bool:
+        """True if there are to be no more episodes."""
+        return self._knobs.quit or not self._window.open
+
+    def episode(self) -> None:
+        """Play one episode; show an error on the screen and wait."""
+        sensing, driven = self._exo.setup.sensing, self._exo.device.driven
+        measuring = Measuring(sensing, self._law.drive, driven, self._seed, self.steps)
+        try:
+            run(self, self._law, self._observe, measure=measuring.measure)
+        except Over:
+            return
+        except CableError as error:
+            self._note = str(error)
+            self._knobs.paused = True
+            self._hold()
+
+    def start(self) -> Columns:
+        """Reset, with the cables as set by the keys; see `DrivenDevice.start`."""
+        knobs = self._knobs
+        knobs.restart = False
+        self._friction, self._laid = knobs.friction, knobs.pretension
+        self._single = Single(self._env, self._seed, knobs.options(self._laid))
+        self._columns, self._note = self._single.start(), ""
+        self._pace.begin(float(self._columns["time_s"]))
+        return self._columns
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Obey the keys and go a step; see `DrivenDevice.advance`.
+
+        Raises:
+            Over: If the episode shall begin anew, or none shall be.
+            CableError: If the simulation diverges.
+        """
+        self._turn()
+        self._window.push(self._env.unwrapped.data)
+        self._columns = self._single.advance(torque)
+        self._pace.keep(float(self._columns["time_s"]))
+        return self._columns
+
+    def _turn(self) -> None:
+        """Apply the keys."""
+        knobs = self._knobs
+        if knobs.paused:
+            self._hold()
+        if knobs.restart or self.ended:
+            raise Over
+        self._change()
+
+    def _change(self) -> None:
+        """Exchange the controller and change the friction, if the keys demand it."""
+        knobs = self._knobs
+        try:
+            if knobs.controller != self._asked:
+                self._switch_controller(knobs.controller)
+            if knobs.friction != self._friction:
+                self._set_friction(knobs.friction)
+        except CableError as error:
+            self._note = str(error)
+
+    def _switch_controller(self, name: str) -> None:
+        self._asked, self._note = name, f"making controller {name}"
+        self._show()
+        self._note = ""
+        self._law.switch_controller(name)
+        self._continue_episode()
+
+    def _set_friction(self, friction: float) -> None:
+        """Give the cables this friction, over that of the scene, where they are."""
+        self._friction, exo = friction, self._exo
+        options = self._knobs.options(self._laid)
+        exo.device.apply_plant(Plant(exo.plants.nominal.device, options))
+
+    def _hold(self) -> None:
+        """Wait while paused, and show it."""
+        knobs = self._knobs
+        while knobs.paused and not self.ended:
+            self._change()
+            self._show()
+            time.sleep(MIN_FRAME_TIME)
+        self._continue_episode()
+
+    def _continue_episode(self) -> None:
+        if self._columns is not None:
+            self._pace.begin(float(self._columns["time_s"]))
+
+    def _observe(self, *_: object) -> None:
+        if time.perf_counter() - self._shown >= MIN_FRAME_TIME:
+            self._show()
+
+    def _show(self) -> None:
+        self._shown, columns = time.perf_counter(), self._columns
+        if columns is None:
+            return
+        cables = tuple(self._exo.device.cables)
+        rows = state_rows(
+            self._knobs,
+            columns,
+            cables,
+            controller=self._law.name,
+            pretension=self._laid,
+            factor=self._pace.factor,
+            highest=self._window.highest,
+        )
+        tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
+        texts = (*rows, *wrap_sentence(self._note)), KEY_HELP
+        self._window.show(Frame(columns["qpos"], tensions, texts))

@@ -1,0 +1,161 @@
+"""Settings that can change while an episode runs, with their keys and sliders.
+
+    knobs = Knobs(env.exo.device.cables, "pi")
+    knobs.press(UP)                    # or knobs.slide(0, 1.25)
+    knobs.options()                    # {"flexor.friction": 0.2625, ...}
+
+Friction acts at once and pretension at the next start, as a cable is laid only there.
+Controllers are not informed of either: they know the device as the scene has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from cc_mujoco.cable import Cable
+from cc_mujoco.control import CONTROLLERS
+
+SPACE, ESCAPE, ENTER, RIGHT, LEFT, DOWN, UP, HOME, END = (
+    *(32, 256, 257, 262, 263, 264, 265, 268, 269),
+)
+"""Keys, as GLFW numbers them; all but space, escape and enter have no other use."""
+
+STEP_FACTOR = 1.25
+"""Factor of friction or pretension from one key to the next."""
+MAX_STEPS = 10
+"""Steps from the scene's value, either way."""
+
+KEY_HELP = (
+    ("up, down", "friction"),
+    ("home, end", "pretension, from the next start on"),
+    ("right, left", "controller"),
+    ("space", "pause"),
+    ("enter", "restart"),
+    ("escape", "quit"),
+    ("panel Control", "sliders of the first three"),
+)
+"""Keys and what they do, for the screen."""
+
+
+class Slider(NamedTuple):
+    """A knob that can be slid."""
+
+    name: str
+    low: float
+    high: float
+
+
+class Knobs:
+    """Requested friction, pretension and controller, and the running ones.
+
+    Keys are pressed in the thread of the window and read in that of the simulation.
+    """
+
+    def __init__(self, cables: Mapping[str, Cable], controller: str) -> None:
+        """Begin with the scene as it is.
+
+        Args:
+            cables: Those of the scene, by name.
+            controller: Name of the one to begin with; any.
+        """
+        self._cables = cables
+        own = () if controller in CONTROLLERS else (controller,)
+        self._laws: tuple[str, ...] = (*own, *CONTROLLERS)
+        self._law = self._laws.index(controller)
+        self._friction = self._pretension = 0.0
+        self.paused = False
+        """True while the episode stands still."""
+        self.restart = False
+        """True if the episode is to begin anew."""
+        self.quit = False
+        """True if the episode is to end."""
+
+    def press(self, key: int) -> None:
+        """Take a key; those that mean nothing are ignored."""
+        if key in (UP, DOWN):
+            self._friction = _clamp_steps(self._friction + (1 if key == UP else -1))
+        elif key in (HOME, END):
+            self._pretension = _clamp_steps(
+                self._pretension + (1 if key == HOME else -1)
+            )
+        elif key in (RIGHT, LEFT):
+            turn = 1 if key == RIGHT else -1
+            self._law = (self._law + turn) % len(self._laws)
+        elif key == SPACE:
+            self.paused = not self.paused
+        elif key == ENTER:
+            self.restart, self.paused = True, False
+        elif key == ESCAPE:
+            self.quit = True
+
+    @property
+    def sliders(self) -> tuple[Slider, ...]:
+        """Friction and pretension over those of the scene, and a controller's place."""
+        ends = STEP_FACTOR**-MAX_STEPS, STEP_FACTOR**MAX_STEPS
+        return (
+            Slider("friction", *ends),
+            Slider("pretension", *ends),
+            Slider("controller", 0.0, len(self._laws) - 1.0),
+        )
+
+    @property
+    def slides(self) -> tuple[float, ...]:
+        """Positions of the sliders."""
+        return self.friction, self.pretension, float(self._law)
+
+    def slide(self, which: int, value: float) -> None:
+        """Take a slider's place; beyond its ends it stays there.
+
+        Args:
+            which: Of `sliders`.
+            value: Where it is.
+        """
+        _, low, high = self.sliders[which]
+        value = min(max(value, low), high)
+        if which == 0:
+            self._friction = math.log(value, STEP_FACTOR)
+        elif which == 1:
+            self._pretension = math.log(value, STEP_FACTOR)
+        else:
+            self._law = round(value)
+
+    @property
+    def controller(self) -> str:
+        """Name of the controller that is wanted."""
+        return self._laws[self._law]
+
+    @property
+    def friction(self) -> float:
+        """Friction over that of the scene, of all cables."""
+        return float(STEP_FACTOR**self._friction)
+
+    @property
+    def pretension(self) -> float:
+        """Pretension over that of the scene, of all cables."""
+        return float(STEP_FACTOR**self._pretension)
+
+    def options(self, pretension: float | None = None) -> dict[str, float]:
+        """Return the plant's options for a reset of the environment.
+
+        Args:
+            pretension: Over that of the scene; the one that is wanted by default.
+
+        Returns:
+            `CABLE.NAME` of friction, static friction and pretension; never empty, so
+            that a reset takes back what was changed since the last.
+        """
+        scale = self.pretension if pretension is None else pretension
+        found = {}
+        for name, cable in self._cables.items():
+            found[f"{name}.friction"] = self.friction * cable.friction
+            if cable.static_friction:
+                still = self.friction * cable.static_friction
+                found[f"{name}.static_friction"] = still
+            found[f"{name}.pretension"] = scale * cable.pretension
+        return found
+
+
+def _clamp_steps(steps: float) -> float:
+    return min(max(steps, float(-MAX_STEPS)), float(MAX_STEPS))

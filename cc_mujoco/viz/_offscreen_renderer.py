@@ -1,0 +1,323 @@
+"""Pictures of a device at work, its cables coloured by the tension inside.
+
+    with OffscreenRenderer(model, log.cables, 80.0, log["qpos"][::100]) as stage:
+        picture = stage.picture(qpos, tensions)
+
+Software draws OpenGL slowly where no graphics card does it, shadows above all. So what
+cannot move is drawn once, with all its looks, and remembered with its depth; a picture
+then takes what moves and the cables alone, and puts both together where either is
+nearer. It is drawn at twice the size and averaged. What moves casts no shadow.
+"""
+
+from __future__ import annotations
+
+import copy
+import ctypes.util
+import importlib
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.viz._capsules import Capsules
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+
+class Exposure(NamedTuple):
+    """Moving parts, drawn and not yet put into the picture; the lowest row first."""
+
+    rows: slice
+    """Rows of what was drawn that hold any of it."""
+    tiles: list[tuple[slice, slice]]
+    """Rows and columns of all parts of the picture that hold any of it."""
+    colors: Picture
+    """Colours of these rows [drawn pixels]."""
+    depth: NDArray[np.float32]
+    """Depth of these rows [drawn pixels]."""
+
+
+SUPERSAMPLING = 2
+"""Pixels drawn per pixel of the picture along either side, as `_downsample` assumes."""
+SLICES, STACKS = 18, 5
+"""Faces around and along what is round and moves; more take longer to draw."""
+PICTURE_MARGIN = 1.12
+"""Size of the picture over that of what moves in it."""
+TILE_SIZE = 48
+"""Side of the squares that are read where something moves [drawn pixels]."""
+EDGE_MARGIN = 4
+"""Reach of a part beyond its bounding box, for its edge [drawn pixels]."""
+MAX_GEOMS = 10000
+"""Largest number of geoms of a scene; as in `mujoco.Renderer`."""
+MOTION_DISABLED_FLAGS = (
+    mujoco.mjtRndFlag.mjRND_SHADOW,
+    mujoco.mjtRndFlag.mjRND_REFLECTION,
+    mujoco.mjtRndFlag.mjRND_SKYBOX,
+)
+HEADLESS_BACKENDS = (("EGL", "mujoco.egl"), ("OSMesa", "mujoco.osmesa"))
+"""Library and module of the ways to draw without a display, the faster first."""
+
+
+def require_opengl() -> None:
+    """Find out, before long work, whether a `OffscreenRenderer` can be opened.
+
+    Raises:
+        CableError: If there is no OpenGL.
+    """
+    _context(8, 8).free()
+
+
+def _context(width: int, height: int) -> Any:
+    """Open OpenGL: as MUJOCO_GL selects or, on Linux without it, with no display."""
+    try:
+        maker: Any = None
+        if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
+            here = (
+                name for name, _ in HEADLESS_BACKENDS if ctypes.util.find_library(name)
+            )
+            library = next(here, None)
+            if library is None:
+                raise ImportError("no such library is installed")
+            maker = importlib.import_module(dict(HEADLESS_BACKENDS)[library]).GLContext
+        return (maker or mujoco.GLContext)(width, height)
+    except Exception as error:  # PyOpenGL and the drivers raise what they like
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise CableError(
+            "a video needs OpenGL by EGL or OSMesa, and what is here does not work "
+            f"({reason.rstrip('.')}); install one (libegl1 or libosmesa6 on Debian) "
+            "or set MUJOCO_GL to what works."
+        ) from None
+
+
+class OffscreenRenderer:
+    """A model, lit and seen by its first camera; needs OpenGL, but no display."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cables: Iterable[str],
+        highest: float,
+        poses: Array,
+        size: tuple[int, int] = (720, 1280),
+    ) -> None:
+        """Aim the camera at the moving parts, and draw the static ones.
+
+        Args:
+            model: Compiled model; MuJoCo's free camera looks on if it has no other.
+            cables: Names of cables; those with a route are drawn.
+            highest: Tension of the brightest colour [N].
+            poses: Some of those that will be drawn (T, nq), to have all in the picture.
+            size: Height and width of the pictures [pixels].
+
+        Raises:
+            CableError: If there is no OpenGL.
+        """
+        self._model = model = copy.copy(model)
+        self._capsules = Capsules(model, cables, highest)
+        height, width = (SUPERSAMPLING * side for side in size)
+        self._size = height, width
+        model.vis.global_.offheight, model.vis.global_.offwidth = height, width
+        model.vis.quality.offsamples = 0
+        self._data = mujoco.MjData(model)
+        self._camera = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(model, self._camera)
+        if model.ncam:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._camera.fixedcamid = 0
+        self._scene = mujoco.MjvScene(model, MAX_GEOMS)
+        self._frustum: tuple[float, float, float] | None = None
+        self._frustum = self._aim(poses)
+        self._gl = _context(width, height)
+        self._gl.make_current()
+        self._drawing: Any = self._open()
+        self._pose(poses[0], mujoco.mjtCatBit.mjCAT_STATIC)
+        self._render()
+        # Kept, as memory that is new for every picture costs more than what is done.
+        layers = [
+            (
+                np.empty((height, width, 3), np.uint8),
+                np.empty((height, width), np.float32),
+            )
+            for _ in range(3)
+        ]
+        self._films, (self._background_pixels, self._depth) = layers[1:], layers[0]
+        self._read(0, self._background_pixels, self._depth)
+        self._still = _downsample(self._background_pixels)
+        self._merged_pixels = self._background_pixels.copy()
+        for flag in MOTION_DISABLED_FLAGS:
+            self._scene.flags[flag] = 0
+        # The context holds the shapes, and the shadows' map, which has done its work.
+        self._drawing.free()
+        model.vis.quality.numslices, model.vis.quality.numstacks = SLICES, STACKS
+        model.vis.quality.shadowsize = 0
+        self._drawing = self._open()
+
+    def __enter__(self) -> OffscreenRenderer:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Free OpenGL."""
+        self._drawing.free()
+        self._gl.free()
+
+    def picture(self, qpos: Array, tensions: Mapping[str, Array]) -> Picture:
+        """Take a picture, (height, width, 3).
+
+        Args:
+            qpos: Pose (nq,).
+            tensions: Tension at the nodes of each cable (n,) [N].
+        """
+        return self.compose_picture(self.render_moving(qpos, tensions))
+
+    def render_moving(self, qpos: Array, tensions: Mapping[str, Array]) -> Exposure:
+        """Draw the moving parts, the half of `picture` that needs OpenGL's thread.
+
+        It is lost with the exposure after the next, which takes its place.
+        """
+        self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+        self._capsules.add(self._scene, self._data, tensions)
+        self._render()
+        tiles = list(self._tiles())
+        low = min((SUPERSAMPLING * rows.start for rows, _ in tiles), default=0)
+        high = max((SUPERSAMPLING * rows.stop for rows, _ in tiles), default=0)
+        # Whole rows in one go: every read makes the driver wait.
+        self._films.reverse()
+        colors, depth = self._films[0][0][low:high], self._films[0][1][low:high]
+        self._read(low, colors, depth)
+        return Exposure(slice(low, high), tiles, colors, depth)
+
+    def compose_picture(self, exposure: Exposure) -> Picture:
+        """Compose moving and static parts by depth, in one thread at a time."""
+        rows, tiles, colors, depth = exposure
+        merged = self._merged_pixels
+        merged[rows] = self._background_pixels[rows]
+        nearer = depth < self._depth[rows]
+        # Whole pixels at once, which is many times as fast as three numbers each.
+        np.copyto(merged[rows].view("V3"), colors.view("V3"), where=nearer[..., None])
+        picture = self._still.copy()
+        for up, along in tiles:
+            picture[up, along] = _downsample(
+                merged[
+                    SUPERSAMPLING * up.start : SUPERSAMPLING * up.stop,
+                    SUPERSAMPLING * along.start : SUPERSAMPLING * along.stop,
+                ]
+            )
+        return picture[::-1]
+
+    def _open(self) -> Any:
+        scale = mujoco.mjtFontScale.mjFONTSCALE_100
+        drawing = mujoco.MjrContext(self._model, scale)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawing)
+        return drawing
+
+    def _pose(self, qpos: Array, category: mujoco.mjtCatBit) -> None:
+        """Put the static or the moving parts into the scene."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self._model, self._data)
+        mujoco.mjv_updateScene(
+            self._model,
+            self._data,
+            mujoco.MjvOption(),
+            None,
+            self._camera,
+            category.value,
+            self._scene,
+        )
+        if self._frustum is None:
+            return
+        for eye in self._scene.camera:
+            eye.frustum_width = 0.0  # by the shape of the picture
+            eye.frustum_center, eye.frustum_bottom, eye.frustum_top = self._frustum
+
+    def _aim(self, poses: Array) -> tuple[float, float, float]:
+        """Return centre, bottom and top of a frustum with all moving parts."""
+        boxes = []
+        for qpos in poses:
+            self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+            self._capsules.add(self._scene, self._data)
+            boxes.append(_screen_boxes(self._scene))
+        low, high = np.concatenate(boxes).T.reshape(2, 2, -1)
+        low, high = low.min(axis=1), high.max(axis=1)
+        center, half = 0.5 * (low + high), 0.5 * (high - low)
+        tall = PICTURE_MARGIN * max(half[1], half[0] * self._size[0] / self._size[1])
+        return float(center[0]), float(center[1] - tall), float(center[1] + tall)
+
+    def _tiles(self) -> Iterator[tuple[slice, slice]]:
+        """Yield rows and columns of the parts of the picture that hold the scene."""
+        eye, (height, width) = self._scene.camera[0], self._size
+        per_meter = height / (eye.frustum_top - eye.frustum_bottom)
+        left = eye.frustum_center - 0.5 * width / per_meter
+        boxes = (
+            _screen_boxes(self._scene) - [left, eye.frustum_bottom] * 2
+        ) * per_meter
+        boxes += np.array([-EDGE_MARGIN, -EDGE_MARGIN, EDGE_MARGIN, EDGE_MARGIN])
+        tall, wide = -(-height // TILE_SIZE), -(-width // TILE_SIZE)
+        tiles = np.clip(boxes // TILE_SIZE, -1, (wide, tall) * 2).astype(int)
+        held = np.zeros((tall + 2, wide + 2), bool)  # with a rim that is outside
+        for x, y, x_end, y_end in (tiles + 1).tolist():
+            held[y : y_end + 1, x : x_end + 1] = True
+        held[[0, -1]] = held[:, [0, -1]] = False
+        side, height, width = (
+            TILE_SIZE // SUPERSAMPLING,
+            height // SUPERSAMPLING,
+            width // SUPERSAMPLING,
+        )
+        for row, line in enumerate(held[1:-1]):
+            rows = slice(row * side, min((row + 1) * side, height))
+            ends = np.flatnonzero(np.diff(line)).reshape(-1, 2) * side
+            for start, end in ends.tolist():
+                yield rows, slice(start, min(end, width))
+
+    def _render(self) -> None:
+        height, width = self._size
+        mujoco.mjr_render(
+            mujoco.MjrRect(0, 0, width, height), self._scene, self._drawing
+        )
+
+    def _read(self, bottom: int, colors: Picture, depth: NDArray[np.float32]) -> None:
+        """Read colours and depth of the rendering, from this row on."""
+        part = mujoco.MjrRect(0, bottom, self._size[1], len(depth))
+        if len(depth):
+            mujoco.mjr_readPixels(colors, depth, part, self._drawing)
+
+
+def _screen_boxes(scene: mujoco.MjvScene) -> Array:
+    """Return left, bottom, right and top of geoms on the frustum's plane (n, 4)."""
+    geoms = scene.geoms[: scene.ngeom]
+    places = np.array([geom.pos for geom in geoms], dtype=np.float64)
+    turns = np.array([geom.mat for geom in geoms], dtype=np.float64)
+    halves = np.array([geom.size for geom in geoms], dtype=np.float64)
+    # Between the two eyes, as MuJoCo draws a picture for one.
+    position, forward, up = (
+        np.mean([getattr(eye, name) for eye in scene.camera], axis=0, dtype=np.float64)
+        for name in ("pos", "forward", "up")
+    )
+    axes = np.stack([np.cross(forward, up), up, forward])
+    place = (places - position) @ axes.T
+    reach = np.einsum("gij,gj->gi", np.abs(axes @ turns.reshape(-1, 3, 3)), halves)
+    near = float(scene.camera[0].frustum_near)
+    nearest = np.maximum(place[:, 2] - reach[:, 2], near)[:, None]
+    farthest = np.maximum(place[:, 2] + reach[:, 2], near)[:, None]
+    low, high = place[:, :2] - reach[:, :2], place[:, :2] + reach[:, :2]
+    low = near * np.minimum(low / nearest, low / farthest)
+    high = near * np.maximum(high / nearest, high / farthest)
+    return np.concatenate([low, high], axis=1)
+
+
+def _downsample(fine: Picture) -> Picture:
+    """Make one pixel of `SUPERSAMPLING` by `SUPERSAMPLING`."""
+    wide = fine[::2].astype(np.uint16) + fine[1::2]
+    return ((wide[:, ::2] + wide[:, 1::2] + 2) >> 2).astype(np.uint8)

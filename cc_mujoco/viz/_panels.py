@@ -1,0 +1,81 @@
+"""Plots over time next to a moving scene: torques, angles, tensions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.report._figures import BLUE, GREEN, ORANGE, SKY
+from cc_mujoco.simulation._episode_log import EpisodeLog
+
+Array = NDArray[np.float64]
+
+
+class PlotLine(NamedTuple):
+    """One line of a plot."""
+
+    label: str
+    values: Array
+    """Values of all samples (T,), in the unit of its panel."""
+    color: str
+    dashed: bool = False
+
+
+class Panel(NamedTuple):
+    """One plot."""
+
+    title: str
+    unit: str
+    lines: tuple[PlotLine, ...]
+
+
+def torques(log: EpisodeLog) -> list[Panel]:
+    """Return the torque at the joint, as desired and as delivered, and at the motor."""
+    joint = (
+        PlotLine("delivered", log["joint_torque_nm"], BLUE),
+        PlotLine("desired", log["desired_torque_nm"], ORANGE, dashed=True),
+    )
+    motor = (PlotLine("motor", log["motor_torque_nm"], GREEN),)
+    return [Panel("Joint torque", "N m", joint), Panel("Motor torque", "N m", motor)]
+
+
+def angles(log: EpisodeLog) -> Panel:
+    """Return the angles of the joint, the wearer's target and the motor."""
+    ratio = log.metadata.get(RATIO)
+    motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
+    label = "motor" if ratio is None else "motor, referred to the joint"
+    lines = (
+        PlotLine(label, motor, GREEN),
+        PlotLine("joint", np.degrees(log["joint_angle_rad"]), BLUE),
+        PlotLine(
+            "wearer aims for",
+            np.degrees(log["reference_angle_rad"]),
+            ORANGE,
+            dashed=True,
+        ),
+    )
+    return Panel("Angle", "deg", lines)
+
+
+def tensions(log: EpisodeLog) -> list[Panel]:
+    """Return the tension at both ends of every cable."""
+    return [
+        Panel(
+            f"Tension, {cable}",
+            "N",
+            (
+                PlotLine("motor end", log[f"tension_{cable}_proximal_n"], BLUE),
+                PlotLine("joint end", log[f"tension_{cable}_distal_n"], SKY),
+            ),
+        )
+        for cable in log.cables
+    ]
+
+
+def highest_tension(log: EpisodeLog) -> float:
+    """Return the highest tension in any cable, above 0, for a scale of colours [N]."""
+    nodes = (log[f"tension_{cable}_nodes_n"] for cable in log.cables)
+    return max((float(values.max()) for values in nodes), default=0.0) or 1e-9

@@ -1,0 +1,211 @@
+"""The Rerun recording of an episode: a file that opens as a finished layout.
+
+Nothing is drawn here, so no display is needed. `rerun recording.rrd` opens it. The
+recording id is a digest of the log: two runs with equal logs compare equal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun.error_utils import strict_mode
+
+from cc_mujoco import plugin
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.metrics import Metric
+from cc_mujoco.report import _markdown as markdown
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.simulation._log_columns import MODEL_XML
+from cc_mujoco.viz._conduit3d import (
+    conduit_points,
+    conduit_shares,
+    fine_shares,
+    log_conduit,
+    part_tensions,
+)
+from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._panels import highest_tension
+from cc_mujoco.viz._rerun_blueprint import blueprint
+from cc_mujoco.viz._rerun_series import plotted_series
+from cc_mujoco.viz._scene3d import TIMELINE, log_motion, log_static
+from cc_mujoco.viz._state_timeline import log_lanes
+from cc_mujoco.viz._tendon3d import log_tendons
+
+APPLICATION = "cc_mujoco"
+FRAMES_PER_SECOND = 60.0
+"""Rate of what is drawn in space; the time series keep every sample."""
+
+
+def write_recording(
+    path: str | os.PathLike[str],
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    metrics: Mapping[Metric, float] = MappingProxyType({}),
+) -> None:
+    """Write an episode as a `.rrd` file.
+
+    Args:
+        path: File to write; an older one stays until the new one is whole.
+        log: The episode.
+        model: The model that the episode was played on.
+        metrics: Numbers to show on the page about the episode.
+    """
+    with recording(path, recording_id(log), blueprint(log, model)) as rec:
+        rec.log("about", _about(log, metrics), static=True)
+        log_episode(Branch(rec), log, model, highest_tension(log))
+
+
+def log_episode(
+    rec: Branch, log: EpisodeLog, model: mujoco.MjModel, highest: float
+) -> None:
+    """Log all that an episode is.
+
+    Args:
+        rec: Where to, in an open recording.
+        log: The episode.
+        model: The model that the episode was played on.
+        highest: Tension of the brightest colour [N].
+    """
+    frames = _frames(log["time_s"])
+    _log_series(rec, log)
+    log_lanes(rec, log)
+    _log_scene(rec, log, model, frames, highest)
+    _log_nodes(rec, log, frames)
+
+
+@contextmanager
+def recording(
+    path: str | os.PathLike[str], identity: str, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """Yield a stream whose content becomes a file, whole or not at all.
+
+    It is kept in memory until then: Rerun's own writer does not report when the disk is
+    full, and then waits for ever.
+
+    Args:
+        path: Of the file.
+        identity: Of the recording.
+        blueprint: How it opens.
+    """
+    with replacing(path) as partial, strict():
+        rec = rr.RecordingStream(
+            APPLICATION, recording_id=identity, send_properties=False
+        )
+        memory = rec.memory_recording()
+        rec.send_blueprint(blueprint, make_active=False, make_default=True)
+        try:
+            yield rec
+            partial.write_bytes(memory.drain_as_bytes())
+        finally:
+            rec.disconnect()
+
+
+def recording_id(log: EpisodeLog) -> str:
+    """Return an id that is the same for equal logs, and only for them."""
+    digest = hashlib.sha256(json.dumps(log.metadata, sort_keys=True).encode())
+    for name, values in log.columns.items():
+        digest.update(f"{name}{values.shape}".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the samples to draw in space, at most about 60 for every second."""
+    ticks = np.floor(time * FRAMES_PER_SECOND + 1e-6)
+    return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
+
+
+def _log_series(rec: Branch, log: EpisodeLog) -> None:
+    index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
+    for line in plotted_series(log):
+        path = rr.new_entity_path(list(line.path))
+        look = rr.SeriesLines(names=[line.name], colors=[line.color], widths=[1.5])
+        rec.log(path, look, static=True)
+        rec.send_columns(path, index, [*rr.Scalars.columns(scalars=line.values)])
+
+
+def _log_scene(
+    rec: Branch,
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    frames: NDArray[np.intp],
+    highest: float,
+) -> None:
+    time, qpos = log["time_s"][frames], log["qpos"][frames]
+    log_static(rec, model)
+    log_motion(rec, model, time, qpos)
+    tensions = {c: log[f"tension_{c}_nodes_n"][frames] for c in log.cables}
+    cables = plugin.from_mjcf(model)
+    drawn = [cable for cable in tensions if cable in cables and cables[cable].route]
+    routes = {cable: plugin.route_tendon(model, cable) for cable in drawn}
+    log_tendons(rec, model, time, qpos, routes.values())
+    for cable, tendon in routes.items():
+        tension = tensions[cable]
+        shares = conduit_shares(model, cable)
+        fine = fine_shares(shares)
+        points = conduit_points(model, cable, qpos, fine)
+        parts = part_tensions(shares, fine, tension)
+        radius = float(model.tendon_width[tendon])
+        log_conduit(rec, cable, time, points, parts, highest, radius)
+
+
+def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
+    """Log tension and slip along each cable as data: one list per frame."""
+    index = [rr.TimeColumn(TIMELINE, duration=log["time_s"][frames])]
+    for cable in log.cables:
+        for kind, column in (
+            ("tension", f"tension_{cable}_nodes_n"),
+            ("slip", f"slip_{cable}_direction"),
+        ):
+            values = log[column][frames].astype(np.float64)
+            rows = rr.Scalars.columns(scalars=values.reshape(-1))
+            lists = rows.partition([values.shape[1]] * len(values))
+            rec.send_columns(
+                rr.new_entity_path(["nodes", cable, kind]), index, [*lists]
+            )
+
+
+def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
+    """Describe the episode in Markdown, without the model's XML."""
+    facts = []
+    for key, value in log.metadata.items():
+        if key == MODEL_XML:
+            continue
+        if isinstance(value, dict):
+            value = ", ".join(f"{name} {entry}" for name, entry in value.items())
+        facts.append((key, str(value)))
+    results = []
+    for metric, value in metrics.items():
+        number = f"{value:.4g}" if math.isfinite(value) else "-"
+        results.append((metric.name, number, metric.unit, metric.meaning))
+    parts = (
+        "# Episode",
+        markdown.table(("", ""), facts),
+        "# Results",
+        markdown.table(("", "", "", ""), results, numbers=[1]),
+        "Conduits are coloured by tension, grey where the cable is slack; other "
+        "tendons have their own colour, or are brown.",
+    )
+    return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
+
+
+@contextmanager
+def strict() -> Iterator[None]:
+    """Make Rerun raise on misuse instead of warning and dropping data."""
+    before = strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        yield
+    finally:
+        rr.set_strict_mode(before)

@@ -1,0 +1,216 @@
+"""The 3-D scene of a MuJoCo model as Rerun entities.
+
+Geoms are logged once, as static shapes. A body that can move has one transform per
+frame, under which its geoms hang; poses come from `mj_kinematics` on the recorded
+generalized coordinates, so a log needs no poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cc_mujoco.viz._entity_path import Branch
+
+Array = NDArray[np.float64]
+
+WORLD = "world"
+TIMELINE = "sim_time"
+HIDDEN_GROUP = 3
+"""Geom groups from here on are not drawn, as in MuJoCo's own viewers."""
+
+DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+_SHAPE = mujoco.mjtGeom
+
+
+def log_static(rec: Branch, model: mujoco.MjModel) -> None:
+    """Log every visible geom once.
+
+    Args:
+        rec: Where to, in an open recording.
+        model: Compiled model; its reference pose places what cannot move.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for geom, rgba in visible_geoms(model):
+        body = int(model.geom_bodyid[geom])
+        if model.body_weldid[body] == 0:
+            position, quaternion = data.geom_xpos[geom], np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+        else:
+            position, quaternion = model.geom_pos[geom], model.geom_quat[geom]
+        name = _name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+        path = rr.new_entity_path([*_body_path(model, body), name])
+        rec.log(path, _transform(position, quaternion), static=True)
+        rec.log(path, _shape(model, geom, rgba), static=True)
+
+
+def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
+    """Yield every geom that is drawn, and its colour (4,)."""
+    for geom in range(model.ngeom):
+        rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
+        if model.geom_group[geom] < HIDDEN_GROUP and rgba[3] > 0:
+            yield geom, rgba
+
+
+def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
+    """Return where all bodies are, m, and how they are turned, real part first.
+
+    Args:
+        model: Compiled model.
+        qpos: Generalized coordinates of the frames (T, nq).
+
+    Returns:
+        Positions (T, nbody, 3) and quaternions (T, nbody, 4).
+    """
+    position = np.empty((len(qpos), model.nbody, 3))
+    quaternion = np.empty((len(qpos), model.nbody, 4))
+    data = mujoco.MjData(model)
+    for frame, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        position[frame], quaternion[frame] = data.xpos, data.xquat
+    return position, quaternion
+
+
+def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
+    """Log the pose of every body that can move.
+
+    Args:
+        rec: Where to, in an open recording.
+        model: Compiled model.
+        time: Times of the frames (T,), s.
+        qpos: Generalized coordinates of the frames (T, nq).
+    """
+    moving = np.flatnonzero(model.body_weldid != 0)
+    position, quaternion = body_poses(model, qpos)
+    index = [rr.TimeColumn(TIMELINE, duration=time)]
+    for body in moving.tolist():
+        columns = rr.Transform3D.columns(
+            translation=position[:, body],
+            quaternion=np.roll(quaternion[:, body], -1, axis=1),
+        )
+        rec.send_columns(rr.new_entity_path(_body_path(model, body)), index, [*columns])
+
+
+def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Return the position and the target of the initial view, in metres.
+
+    It is the model's first camera, or MuJoCo's free camera if it has none.
+    """
+    if model.ncam:
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        position = np.array(data.cam_xpos[0])
+        backward = data.cam_xmat[0].reshape(3, 3)[:, 2]
+        away = float((position - model.stat.center) @ backward)
+        return position, position - max(away, 0.1) * backward
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
+    forward = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    target = np.array(camera.lookat)
+    return target - camera.distance * forward, target
+
+
+def _body_path(model: mujoco.MjModel, body: int) -> list[str]:
+    kind = "fixed" if model.body_weldid[body] == 0 else "moving"
+    return [WORLD, kind, _name(model, mujoco.mjtObj.mjOBJ_BODY, body)]
+
+
+def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    return mujoco.mj_id2name(model, kind, index) or str(index)
+
+
+def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
+    """Build a transform from MuJoCo's quaternion, which has its real part first."""
+    xyzw = np.roll(quaternion, -1)
+    return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=xyzw))
+
+
+def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
+    """Return the colour that MuJoCo draws: the material's unless the thing has one.
+
+    Args:
+        model: Compiled model.
+        rgba: Colour of the geom or tendon (4,).
+        material: Its material, -1 for none.
+    """
+    if material < 0 or not np.allclose(rgba, DEFAULT_RGBA):
+        return np.array(rgba, dtype=float)
+    color = np.array(model.mat_rgba[material], dtype=float)
+    texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
+    if texture >= 0:
+        color[:3] *= _mean_color(model, int(texture))
+    return color
+
+
+def _mean_color(model: mujoco.MjModel, texture: int) -> Array:
+    """Return the average colour of a texture, which is not drawn."""
+    channels = int(model.tex_nchannel[texture])
+    size = int(model.tex_height[texture] * model.tex_width[texture]) * channels
+    start = int(model.tex_adr[texture])
+    pixels = model.tex_data[start : start + size].reshape(-1, channels)
+    return np.asarray(pixels.mean(axis=0)[:3] / 255.0, dtype=np.float64)
+
+
+def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
+    """Build the archetype of one geom in its own frame."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
+    if kind == _SHAPE.mjGEOM_PLANE:
+        return _plane(model, size, rgba)
+    if kind == _SHAPE.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]), rgba)
+    if kind == _SHAPE.mjGEOM_SPHERE:
+        return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
+    if kind == _SHAPE.mjGEOM_ELLIPSOID:
+        return rr.Ellipsoids3D(half_sizes=[size], **look)
+    if kind == _SHAPE.mjGEOM_CYLINDER:
+        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **look)
+    if kind == _SHAPE.mjGEOM_CAPSULE:
+        # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
+        start = [[0.0, 0.0, -size[1]]]
+        return rr.Capsules3D(
+            lengths=[2 * size[1]], radii=[size[0]], translations=start, **look
+        )
+    if kind == _SHAPE.mjGEOM_BOX:
+        return rr.Boxes3D(half_sizes=[size], **look)
+    # Height fields and signed distance fields: their bounding box.
+    center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    return rr.Boxes3D(centers=[center], half_sizes=[half], colors=[rgba])
+
+
+def _plane(model: mujoco.MjModel, size: Array, rgba: Array) -> rr.Mesh3D:
+    """Build a rectangle; a side of size 0 is infinite and drawn as large as fits."""
+    x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
+    return rr.Mesh3D(
+        vertex_positions=[[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]],
+        vertex_normals=[[0, 0, 1]] * 4,
+        triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        albedo_factor=rgba,
+    )
+
+
+def _mesh(model: mujoco.MjModel, mesh: int, rgba: Array) -> rr.Mesh3D:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return rr.Mesh3D(
+        vertex_positions=model.mesh_vert[first : first + count],
+        triangle_indices=model.mesh_face[face : face + faces],
+        albedo_factor=rgba,
+    )

@@ -1,0 +1,168 @@
+"""The summary figure of an episode: torque, angle, their loop, tension in the cable."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import Cable
+from cc_mujoco.cable._conduit import node_places
+from cc_mujoco.report._figures import (
+    BLUE,
+    DASH_PATTERN,
+    GREEN,
+    GREY,
+    ORANGE,
+    TENSION_COLORS,
+    figure,
+    save,
+    style,
+)
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._panels import angles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MAX_COLUMNS = 600
+"""Columns of a heat map; of more samples, means are shown."""
+HEAT_MAP_ROWS = 501
+"""Rows of a heat map, each of the nearest node."""
+
+
+def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
+    """Draw the summary of an episode into a PNG file."""
+    save(path, draw_summary(log))
+
+
+def draw_summary(log: EpisodeLog) -> Figure:
+    """Draw the summary of an episode.
+
+    Torque and angle over time, the torque-angle loop, and for each cable the tension
+    along it over time, on one colour scale; grey is a slack cable.
+    """
+    with style():
+        rows = len(log.cables)
+        drawing = figure(11, 5.2 + 2.1 * rows)
+        heights = [5.0, 0.3 + 2.1 * rows]
+        top, bottom = drawing.subfigures(2, 1, squeeze=False, height_ratios=heights)[
+            :, 0
+        ]
+        grid = top.add_gridspec(2, 2, width_ratios=[3, 2])
+        torque = top.add_subplot(grid[0, 0])
+        angle = top.add_subplot(grid[1, 0], sharex=torque)
+        _draw_torque(torque, log)
+        _draw_angle(angle, log)
+        draw_loop(top.add_subplot(grid[:, 1]), log)
+        _draw_tensions(bottom, log)
+        drawing.suptitle(episode_title(log), x=0.012, ha="left", fontsize=13)
+    return drawing
+
+
+def episode_title(log: EpisodeLog) -> str:
+    """Return scene, trajectory, task, controller and seed of an episode as a line."""
+    about = log.metadata
+    parts = [str(about[key]) for key in ("scene", "trajectory", "task") if key in about]
+    if "controller" in about:
+        parts.append(f"controller {about['controller']}")
+    if "seed" in about:
+        parts.append(f"seed {about['seed']}")
+    return "  ·  ".join(parts)
+
+
+def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
+    time = log["time_s"]
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    axes.plot(
+        time, log["motor_torque_nm"], color=GREEN, label="motor pulley", linewidth=0.9
+    )
+    axes.plot(time, log["joint_torque_nm"], color=BLUE, label="joint")
+    axes.plot(
+        time,
+        log["desired_torque_nm"],
+        color=ORANGE,
+        label="desired",
+        dashes=DASH_PATTERN,
+    )
+    axes.set(title="Torque", ylabel="torque [N m]")
+    axes.tick_params(labelbottom=False)
+    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
+    time = log["time_s"]
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    for label, values, color, dashed in angles(log).lines:
+        axes.plot(
+            time,
+            values,
+            color=color,
+            label=label,
+            linewidth=0.9 if color == GREEN else None,
+            linestyle=(0, DASH_PATTERN) if dashed else "-",
+        )
+    axes.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
+    axes.set_xlim(time[0], time[-1])
+    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def draw_loop(axes: Axes, log: EpisodeLog) -> None:
+    """Draw torque over angle of the joint, as desired and as delivered."""
+    angle = np.degrees(log["joint_angle_rad"])
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    axes.axvline(0, color=GREY, linewidth=0.6)
+    axes.plot(angle, log["joint_torque_nm"], color=BLUE, label="joint", linewidth=1.0)
+    axes.plot(
+        angle, log["desired_torque_nm"], color=ORANGE, label="desired", linewidth=0.9
+    )
+    axes.set(
+        title="Torque-angle loop", xlabel="joint angle [deg]", ylabel="torque [N m]"
+    )
+    axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def _nearest_nodes(log: EpisodeLog, cable: str) -> NDArray[np.intp]:
+    """Return the node nearest to each of many even steps along a cable."""
+    shares = np.linspace(0.0, 1.0, log[f"tension_{cable}_nodes_n"].shape[1])
+    config = log.metadata.get("cables", {}).get(cable)
+    if config is not None:
+        described = Cable.from_config(config)
+        shares = node_places(described) / described.length
+    along = np.linspace(0.0, 1.0, HEAT_MAP_ROWS)
+    return np.rint(np.interp(along, shares, np.arange(shares.size))).astype(np.intp)
+
+
+def _draw_tensions(part: Any, log: EpisodeLog) -> None:
+    """Draw one heat map per cable, place on the cable upwards, time to the right."""
+    import matplotlib
+
+    time = log["time_s"]
+    nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
+    highest = max(float(values.max()) for values in nodes.values())
+    colors = matplotlib.colormaps[TENSION_COLORS].with_extremes(bad="#BDBDBD")
+    every = max(1, len(time) // MAX_COLUMNS)
+    panels = part.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
+        whole = len(values) // every * every
+        means = values[:whole].reshape(-1, every, values.shape[1]).mean(axis=1)
+        rows = _nearest_nodes(log, cable)
+        shown = np.ma.masked_less_equal(means.T[rows], 0.0)
+        image = axes.imshow(
+            shown,
+            aspect="auto",
+            origin="lower",
+            interpolation="nearest",
+            extent=(time[0], time[-1], 0.0, 1.0),
+            cmap=colors,
+            vmin=0.0,
+            vmax=max(highest, 1e-9),
+        )
+        axes.grid(False)
+        axes.set_yticks([0, 1], ["motor end", "joint end"])
+        axes.set_title(f"Tension along cable {cable}")
+    panels[-1].set_xlabel("time [s]")
+    part.colorbar(image, ax=list(panels), label="tension [N]  (grey: slack)", pad=0.01)

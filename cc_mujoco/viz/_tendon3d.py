@@ -1,0 +1,93 @@
+"""Spatial tendons as plain lines: the free cable between a conduit and a pulley."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._scene3d import DEFAULT_RGBA, TIMELINE, WORLD, own_color
+
+Array = NDArray[np.float64]
+
+ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])
+"""Colour of a tendon that has none of its own: brown."""
+PULLEY_POINT = -2
+"""`wrap_obj` of a point that only separates the branches of a tendon."""
+
+
+def log_tendons(
+    rec: Branch,
+    model: mujoco.MjModel,
+    time: Array,
+    qpos: Array,
+    skipped: Collection[int],
+) -> None:
+    """Log every visible spatial tendon in its own colour.
+
+    Args:
+        rec: Where to, in an open recording.
+        model: Compiled model.
+        time: Times of the frames (T,), s.
+        qpos: Generalized coordinates of the frames (T, nq).
+        skipped: Tendons that are drawn otherwise.
+    """
+    for tendon, rgba in visible_tendons(model, skipped):
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
+        path = rr.new_entity_path([WORLD, "tendon", name or str(tendon)])
+        radius = float(model.tendon_width[tendon])
+        look = rr.LineStrips3D.from_fields(radii=[radius], colors=[rgba])
+        rec.log(path, look, static=True)
+        strips = rr.LineStrips3D.columns(strips=tendon_paths(model, tendon, qpos))
+        rec.send_columns(path, [rr.TimeColumn(TIMELINE, duration=time)], [*strips])
+
+
+def visible_tendons(
+    model: mujoco.MjModel, skipped: Collection[int]
+) -> Iterator[tuple[int, Array]]:
+    """Yield every drawn spatial tendon that is not skipped, and its colour (4,)."""
+    for tendon in range(model.ntendon):
+        kind = model.wrap_type[model.tendon_adr[tendon]]
+        rgba = tendon_color(model, tendon)
+        spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
+        if tendon not in skipped and spatial and rgba[3] > 0:
+            yield tendon, rgba
+
+
+def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
+    """Return the colour of a tendon (4,); of one that has none, not MuJoCo's grey.
+
+    Grey means slack where cables are coloured by tension, and such a tendon may well be
+    the taut rope between a conduit and a lever.
+    """
+    if is_uncolored(model, tendon):
+        return ROPE_COLOR.copy()
+    return own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
+
+
+def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:
+    """Return whether a tendon has neither a colour nor a material."""
+    plain = np.allclose(model.tendon_rgba[tendon], DEFAULT_RGBA)
+    return bool(plain and model.tendon_matid[tendon] < 0)
+
+
+def tendon_paths(
+    model: mujoco.MjModel, tendon: int, qpos: Array
+) -> list[NDArray[np.float32]]:
+    """Return the points of a tendon in every frame, each (P, 3) in metres."""
+    data = mujoco.MjData(model)
+    paths = []
+    for coordinates in qpos:
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
+        part = slice(start, start + count)
+        real = data.wrap_obj.reshape(-1)[part] != PULLEY_POINT
+        paths.append(data.wrap_xpos.reshape(-1, 3)[part][real].astype(np.float32))
+    return paths

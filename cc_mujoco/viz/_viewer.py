@@ -1,0 +1,258 @@
+"""A window on a simulation that runs: MuJoCo's viewer, cables coloured by tension.
+
+    with Screen(model, cables, 10.0, knobs.press) as screen:
+        while screen.open:
+            screen.push(data)
+            mujoco.mj_step(model, data)
+            screen.show(Frame(data.qpos.copy(), tensions, texts))
+
+The viewer has a model and data of its own, and a thread of its own that paints: what
+is shown is the latest frame, and nobody waits for it.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import re
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.viz._capsules import Capsules
+from cc_mujoco.viz._scene3d import viewpoint
+from cc_mujoco.viz._sliders import Sliders
+
+Array = NDArray[np.float64]
+Rows = tuple[tuple[str, str], ...]
+"""Lines of two columns."""
+
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
+"""Variables of which one is set where X or Wayland has a screen."""
+MIN_FRAME_TIME = 1.0 / 60.0
+"""Least time from frame to frame [s]."""
+LAST_FRAME_TIMEOUT = 2.0
+"""Longest wait for the last frame [s]."""
+
+
+class Frame(NamedTuple):
+    """Content of the window at one time."""
+
+    qpos: Array
+    """Pose (nq,)."""
+    tensions: Mapping[str, Array]
+    """Tension at the nodes of each cable (n,) [N]."""
+    texts: tuple[Rows, Rows]
+    """Texts at the top left and at the bottom left."""
+
+
+def require_screen() -> None:
+    """Find out, before long work, whether a `Screen` can be opened.
+
+    Raises:
+        CableError: If there is no display, no GLFW or no OpenGL on it; on macOS, if
+            this is not mjpython.
+    """
+    if sys.platform == "linux" and not any(map(os.environ.get, DISPLAY_VARIABLES)):
+        raise CableError(
+            "--live needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
+            "--video and --html need none."
+        )
+    viewer = _viewer()
+    if sys.platform == "darwin":
+        if viewer._MJPYTHON is None:
+            raise CableError(
+                "on macOS --live needs mjpython, which comes with MuJoCo: "
+                "`mjpython -m cc_mujoco.cli play SCENE --live`."
+            )
+        return
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        works = _opens_window()
+    if not works:
+        raise _no_screen_error(" ".join(str(warning.message) for warning in caught))
+
+
+def _viewer() -> Any:
+    try:
+        import mujoco.viewer as viewer
+    except Exception as error:  # without GLFW or its library; the type varies
+        raise _no_screen_error(str(error)) from None
+    return viewer
+
+
+def _no_screen_error(reason: str) -> CableError:
+    plain = re.sub(r"\(\d+\) b['\"](.*?)['\"]", r"\1", reason)  # GLFW's wording
+    text = " ".join(plain.split()).rstrip(".") or "no reason given"
+    return CableError(
+        "--live needs a screen with OpenGL by GLFW, and what is here does not work "
+        f"({text}); --video and --html need none."
+    )
+
+
+def _opens_window() -> bool:
+    """Return whether GLFW opens an OpenGL window; not on macOS: its main thread may."""
+    import glfw
+
+    if not glfw.init():
+        return False
+    try:
+        glfw.window_hint(glfw.VISIBLE, False)
+        window = glfw.create_window(64, 64, "", None, None)
+        if window:
+            glfw.destroy_window(window)
+        return bool(window)
+    finally:
+        glfw.terminate()
+
+
+class Screen:
+    """MuJoCo's passive viewer; needs a screen."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cables: Iterable[str],
+        highest: float,
+        press: Callable[[int], object],
+        sliders: Sliders | None = None,
+    ) -> None:
+        """Open the window, as the first camera of the model sees it.
+
+        Args:
+            model: Compiled model, of which a copy is shown.
+            cables: Names of cables; those with a route are coloured.
+            highest: Tension of the brightest colour at first [N]; it rises with them.
+            press: Called with each key, as GLFW numbers it, in the window's thread.
+            sliders: With their model, of the same scene, which is shown instead.
+        """
+        self._model = shown = copy.copy(model) if sliders is None else sliders.model
+        self._sliders = sliders
+        self._capsules = Capsules(shown, cables, highest)
+        if shown.ncam:
+            shown.vis.global_.fovy = shown.cam_fovy[0]
+        self._data = mujoco.MjData(shown)
+        before = set(threading.enumerate())
+        self._viewer: Any = _viewer().launch_passive(
+            shown,
+            self._data,
+            key_callback=press,
+            show_left_ui=False,
+            show_right_ui=sliders is not None,
+        )
+        self._windows = set(threading.enumerate()) - before
+        with self._viewer.lock():
+            _set_camera(self._viewer.cam, *viewpoint(shown))
+        self._simulated = model
+        self._mouse = mujoco.MjvPerturb()
+        self._mouse_was_active = False
+        self._frame: Frame | None = None
+        self._left = threading.Event()
+        self.painted = 0
+        """Frames so far."""
+        # Not waited for at exit: the viewer never returns from a text once it is shut.
+        self._draw_thread = threading.Thread(target=self._draw_frames, daemon=True)
+        self._draw_thread.start()
+
+    def __enter__(self) -> Screen:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the window."""
+        self._left.set()
+        self._draw_thread.join(LAST_FRAME_TIMEOUT)
+        self._viewer.close()
+        # GLFW ends with the program, and must not while a window is drawn to.
+        for thread in self._windows:
+            thread.join(LAST_FRAME_TIMEOUT)
+
+    @property
+    def open(self) -> bool:
+        """Return whether the window is open."""
+        return bool(self._viewer.is_running())
+
+    @property
+    def highest(self) -> float:
+        """Tension of the brightest colour [N]."""
+        return self._capsules.highest
+
+    def show(self, frame: Frame) -> None:
+        """Request the painting of a frame, unless a later one comes first."""
+        self._frame = frame
+
+    def push(self, data: mujoco.MjData) -> None:
+        """Let the mouse push the simulation, as in MuJoCo's viewer.
+
+        Args:
+            data: Of the model that was given; `xfrc_applied` is written.
+        """
+        mouse = self._mouse
+        if mouse.active or self._mouse_was_active:
+            data.xfrc_applied[:] = 0.0
+            mujoco.mjv_applyPerturbForce(self._simulated, data, mouse)
+        self._mouse_was_active = bool(mouse.active)
+
+    def _draw_frames(self) -> None:
+        while self.open and not self._left.is_set():
+            begun, frame = time.perf_counter(), self._frame
+            if frame is not None:
+                self._put(frame)
+                self.painted += 1
+            self._left.wait(max(MIN_FRAME_TIME - (time.perf_counter() - begun), 1e-3))
+
+    def _put(self, frame: Frame) -> None:
+        viewer, scene = self._viewer, self._viewer.user_scn
+        nodes = [float(tension.max()) for tension in frame.tensions.values()]
+        self._capsules.highest = max(
+            self._capsules.highest, *map(round_up_tension, nodes)
+        )
+        with viewer.lock():
+            self._data.qpos[:] = frame.qpos
+            mujoco.mj_fwdPosition(self._model, self._data)
+            scene.ngeom = 0
+            self._capsules.add(scene, self._data, frame.tensions)
+            self._mouse = copy.copy(viewer.perturb)
+            if self._sliders is not None:
+                self._sliders.write(self._data)
+        viewer.sync()
+        if self._sliders is not None:
+            self._sliders.read(self._data)
+        font = mujoco.mjtFont.mjFONT_NORMAL
+        places = mujoco.mjtGridPos.mjGRID_TOPLEFT, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT
+        viewer.set_texts(
+            [
+                (font, place, *map("\n".join, zip(*rows, strict=True)))
+                for place, rows in zip(places, frame.texts, strict=True)
+            ]
+        )
+
+
+def round_up_tension(tension: float) -> float:
+    """Return the next of 1, 2, 5, 10, ... from a tension on [N]; seldom another."""
+    power = 10.0 ** np.floor(np.log10(max(tension, 1e-3)))
+    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= tension))
+
+
+def _set_camera(camera: mujoco.MjvCamera, position: Array, target: Array) -> None:
+    """Look on from a place [m] at another, free to be turned by the mouse."""
+    forward = target - position
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.lookat[:] = target
+    camera.distance = float(np.linalg.norm(forward))
+    camera.azimuth = np.degrees(np.arctan2(forward[1], forward[0]))
+    camera.elevation = np.degrees(np.arcsin(forward[2] / camera.distance))

@@ -1,0 +1,235 @@
+"""The page of an episode: a file that any browser plays, with no server or network.
+
+    write_page("episode.html", log, env.unwrapped.model, measure(log))
+
+It shows the scene in 3-D and plots of torques, angles and tensions at the same time. It
+is drawn by plotly.js, which is inside the page (`pip install 'cc_mujoco[html]'`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.errors import CableError
+from cc_mujoco.metrics import Metric
+from cc_mujoco.report import _html as html
+from cc_mujoco.report._figures import TENSION_COLORS
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._axis import axis_limits
+from cc_mujoco.viz._conduit3d import SLACK_COLOR
+from cc_mujoco.viz._frame_times import frame_samples
+from cc_mujoco.viz._panels import Panel, angles, highest_tension, tensions, torques
+from cc_mujoco.viz._summary import episode_title
+from cc_mujoco.viz._web_scene import encode_array, web_scene
+
+MAX_PLOT_SAMPLES = 10_000
+"""Most samples of each line of a plot; of more, evenly chosen ones are shown."""
+COLOR_STOPS = 17
+"""Colours of the scale of tensions."""
+DATA_ID = "episode"
+"""Id of the element that holds the data."""
+PLAYBACK_SPEEDS = ("1", "0.5", "0.2", "0.05")
+"""Speeds of playing, simulated time per time [1]."""
+WEB_FOLDER = Path(__file__).parent
+
+
+def require_page() -> None:
+    """Find out, before an episode is played, whether a page can be made of it.
+
+    Raises:
+        CableError: If plotly is missing.
+    """
+    _plotly()
+
+
+def write_page(
+    path: str | os.PathLike[str],
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    metrics: Mapping[Metric, float] = MappingProxyType({}),
+) -> None:
+    """Write the page of an episode.
+
+    Args:
+        path: File to write; an older one stays until the new one is whole.
+        log: The episode.
+        model: The model that the episode was played on.
+        metrics: Numbers to show below.
+
+    Raises:
+        CableError: If plotly is missing or the file cannot be written.
+    """
+    library = _plotly()
+    samples = frame_samples(log["time_s"])
+    panels = [*torques(log), angles(log), *tensions(log)]
+    every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
+    data = {
+        "time": encode_array(log["time_s"][::every]),
+        "frames": encode_array(log["time_s"][samples]),
+        "panels": [_panel(panel, log["time_s"], every) for panel in panels],
+        "scene": web_scene(log, model, samples),
+        "highest": highest_tension(log),
+        "colors": _colors(),
+    }
+    text = html.page(
+        episode_title(log),
+        "episode",
+        _body(log, panels, metrics, every),
+        style=(WEB_FOLDER / "web_page.css").read_text(encoding="utf-8"),
+        scripts=(library, (WEB_FOLDER / "web_page.js").read_text(encoding="utf-8")),
+        data={DATA_ID: json.dumps(data, separators=(",", ":"), allow_nan=False)},
+    )
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _panel(panel: Panel, time: NDArray[np.float64], every: int) -> dict[str, Any]:
+    return {
+        "range": axis_limits(time, [line.values for line in panel.lines]),
+        "lines": [
+            {
+                "label": line.label,
+                "color": line.color,
+                "dashed": line.dashed,
+                "values": encode_array(line.values[::every]),
+            }
+            for line in panel.lines
+        ],
+    }
+
+
+def _colors() -> list[tuple[float, str]]:
+    """Return the colour scale of tensions, 0 to 1, with a thousandth grey for slack."""
+    import matplotlib
+
+    shares = np.linspace(0.0, 1.0, COLOR_STOPS)
+    tones = matplotlib.colormaps[TENSION_COLORS](shares, bytes=True)[:, :3]
+    slack = _rgb(SLACK_COLOR)
+    shares[0] = 1e-3
+    scale = zip(shares.tolist(), map(_rgb, tones), strict=True)
+    return [(0.0, slack), (1e-3, slack), *scale]
+
+
+def _rgb(color: NDArray[np.uint8]) -> str:
+    return "#" + bytes(color[:3]).hex()
+
+
+def _body(
+    log: EpisodeLog, panels: list[Panel], metrics: Mapping[Metric, float], every: int
+) -> html.Html:
+    """Return the page without the parts that the script draws."""
+    e = html.element
+    gradient = f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})"
+    scale = e(
+        "p",
+        "Tension: 0 ",
+        e(
+            "span",
+            class_="scale",
+            style=f"background:{gradient}",
+        ),
+        f" {highest_tension(log):.3g} N  ",
+        e("span", class_="scale slack", style=f"background:{_rgb(SLACK_COLOR)}"),
+        " slack",
+        class_="key",
+    )
+    controls = e(
+        "div",
+        e("button", "▶", id="play", type="button", aria_label="play"),
+        e(
+            "input",
+            id="moment",
+            type="range",
+            min="0",
+            max="1",
+            step="any",
+            value="0",
+            aria_label="time",
+        ),
+        e("output", "0.00 s", id="clock"),
+        e(
+            "select",
+            *(e("option", f"{speed}x", value=speed) for speed in PLAYBACK_SPEEDS),
+            id="speed",
+            aria_label="speed",
+        ),
+        class_="controls",
+    )
+    plots = [_figure(panel) for panel in panels]
+    rows = [
+        (
+            metric.name.replace("_", " "),
+            f"{value:.4g}" if math.isfinite(value) else "-",
+            metric.unit,
+            metric.meaning,
+        )
+        for metric, value in metrics.items()
+    ]
+    thinned = f" Of the samples one in {every} is shown." if every > 1 else ""
+    parts = [
+        e("h1", episode_title(log)),
+        e("p", "This page needs JavaScript and WebGL.", id="wrong"),
+        e(
+            "div",
+            e("div", e("div", id="scene"), scale, controls, class_="stage"),
+            e("div", *plots, class_="plots"),
+            class_="play",
+        ),
+        e(
+            "p",
+            "Drag the scene to turn it; click into a plot to go there.",
+            f" {len(log)} samples over {log['time_s'][-1]:g} s.{thinned}",
+            class_="small",
+        ),
+    ]
+    if rows:
+        parts += [
+            e("h2", "Results"),
+            html.table(("", "", "unit", "meaning"), rows),
+        ]
+    return html.join_pieces(parts)
+
+
+def _figure(panel: Panel) -> html.Html:
+    e = html.element
+    looks = {True: "dashed", False: "line"}
+    keys = [
+        e(
+            "span",
+            e(
+                "i",
+                class_=looks[line.dashed],
+                style=f"color:{line.color}",
+            ),
+            f" {line.label} ",
+            e("b", ""),
+        )
+        for line in panel.lines
+    ]
+    return e(
+        "section",
+        e("div", e("h3", f"{panel.title} [{panel.unit}]"), *keys, class_="key"),
+        e("div", e("div", class_="plot"), e("div", class_="cursor"), class_="frame"),
+    )
+
+
+def _plotly() -> str:
+    """Return the library to put into the page."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise CableError(
+            "a page of an episode needs plotly: pip install 'cc_mujoco[html]'."
+        ) from None
+    return str(get_plotlyjs())

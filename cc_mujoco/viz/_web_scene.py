@@ -1,0 +1,239 @@
+"""The 3-D scene of an episode as data for a page: bodies, cables, and a first view."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._conduit3d import (
+    conduit_points,
+    conduit_shares,
+    fine_shares,
+    node_shares,
+    resample,
+)
+from cc_mujoco.viz._meshes import TriangleMesh, geom_mesh, join_meshes
+from cc_mujoco.viz._scene3d import body_poses, viewpoint, visible_geoms
+from cc_mujoco.viz._tendon3d import tendon_paths, visible_tendons
+
+Array = NDArray[np.float64]
+
+CABLE_WIDTH, TENDON_WIDTH = 9, 3
+"""Widths of a cable coloured by tension and of any other tendon [pixels]."""
+TENDON_POINTS = 40
+"""Points of a tendon that has no tension of its own."""
+FLOOR_OPACITY = 0.35
+"""Opacity of planes, so that they suit a light page and a dark one."""
+MIN_BOX_RATIO = 0.05
+"""Least side of the box around everything, over its largest."""
+STILL_TOLERANCE = 1e-6
+"""Movement below which a part counts as standing still [m]."""
+VIEW_TANGENT = np.tan(np.radians(22.5))
+"""Half the height of what the page's camera sees over its distance."""
+MIN_ASPECT = 1.2
+"""Width of the picture over its height, at least."""
+CAMERA_MARGIN = 1.06
+"""Distance of the camera over the least from which all that moves is seen."""
+
+
+def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
+    """Return an array as a page reads it.
+
+    Args:
+        values: Any shape.
+        kind: `f4`, or `i4` for whole numbers.
+    """
+    numbers = np.ascontiguousarray(values, dtype=f"<{kind}")
+    text = base64.b64encode(numbers.tobytes()).decode("ascii")
+    return {"dtype": kind, "shape": list(numbers.shape), "bdata": text}
+
+
+def web_scene(
+    log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
+) -> dict[str, Any]:
+    """Describe the visible objects and their motion.
+
+    Args:
+        log: The episode.
+        model: The model that the episode was played on.
+        samples: Those to show (F,).
+
+    Returns:
+        `meshes`: triangles of one colour and body, -1 for what stands still; `poses`
+        (F, bodies, 12), rows of rotation and position of each moving body; `lines`:
+        points (1 or F, P, 3), with the tension at their nodes (F, n) and the node, with
+        fractions, at each point if they are cables; `box` (3, 2) around everything [m];
+        `camera` in the page's terms.
+    """
+    qpos = log["qpos"][samples]
+    moving = np.flatnonzero(model.body_weldid != 0)
+    poses = _poses(model, qpos, moving)
+    lines = _cables(log, model, samples) + _tendons(model, qpos, log.cables)
+    drawn = [points.reshape(-1, 3) for points, _ in lines]
+    moved = []
+    for row, body in enumerate(moving.tolist()):
+        corners = _corners(model, body)
+        turned = np.einsum("fij,cj->fci", poses[:, row, :, :3], corners)
+        moved.append((turned + poses[:, row, None, :, 3]).reshape(-1, 3))
+    seen = np.concatenate([*drawn, *moved])
+    reach = 2.0 * float(np.ptp(seen, axis=0).max())
+    meshes = _meshes(model, moving, reach)
+    still = [m.vertices for body, _, m in meshes if body < 0]
+    everything = np.concatenate([seen, *still])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    # Nothing may be flat: the page scales by the sides.
+    half = 0.51 * np.maximum(
+        high - low, max(MIN_BOX_RATIO * float((high - low).max()), 1e-3)
+    )
+    box = 0.5 * (low + high)[:, None] + np.stack([-half, half], axis=1)
+    return {
+        "meshes": [
+            {
+                "body": body,
+                "color": "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex(),
+                "opacity": float(rgba[3]),
+                "vertices": encode_array(mesh.vertices),
+                "triangles": encode_array(mesh.triangles, "i4"),
+            }
+            for body, rgba, mesh in meshes
+        ],
+        "poses": encode_array(poses.reshape(len(samples), len(moving), 12)),
+        "lines": [{"points": encode_array(points)} | about for points, about in lines],
+        "box": box.tolist(),
+        "camera": _camera(model, seen, box),
+    }
+
+
+def _poses(model: mujoco.MjModel, qpos: Array, moving: NDArray[np.intp]) -> Array:
+    """Return the rotation and position of bodies that move: (F, bodies, 3, 4)."""
+    position, quaternion = body_poses(model, qpos)
+    poses = np.empty((len(qpos), len(moving), 3, 4))
+    poses[..., 3] = position[:, moving]
+    turned = np.empty(9)
+    for frame, row in np.ndindex(poses.shape[:2]):
+        mujoco.mju_quat2Mat(turned, quaternion[frame, moving[row]])
+        poses[frame, row, :, :3] = turned.reshape(3, 3)
+    return poses
+
+
+def _meshes(
+    model: mujoco.MjModel, moving: NDArray[np.intp], reach: float
+) -> list[tuple[int, Array, TriangleMesh]]:
+    """Return triangles by row of the moving body (or -1) and colour."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    rows = {int(body): row for row, body in enumerate(moving)}
+    groups: dict[tuple[int, bytes], tuple[Array, list[TriangleMesh]]] = {}
+    for geom, rgba in visible_geoms(model):
+        row = rows.get(int(model.geom_bodyid[geom]), -1)
+        mesh = geom_mesh(model, geom, reach)
+        if row < 0:
+            turned, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+        else:
+            turned, place = np.empty(9), model.geom_pos[geom]
+            mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
+            turned = turned.reshape(3, 3)
+        mesh = TriangleMesh(mesh.vertices @ turned.T + place, mesh.triangles)
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            rgba = rgba * [1.0, 1.0, 1.0, FLOOR_OPACITY]
+        groups.setdefault((row, rgba.tobytes()), (rgba, []))[1].append(mesh)
+    return [
+        (row, rgba, join_meshes(parts)) for (row, _), (rgba, parts) in groups.items()
+    ]
+
+
+def _corners(model: mujoco.MjModel, body: int) -> Array:
+    """Return the corners of boxes around the geoms of a body, in its frame (n, 3)."""
+    signs = np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0
+    corners = [np.zeros((1, 3))]
+    for geom, _ in visible_geoms(model):
+        if model.geom_bodyid[geom] == body:
+            turned = np.empty(9)
+            mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
+            box = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
+            corners.append(box @ turned.reshape(3, 3).T + model.geom_pos[geom])
+    return np.concatenate(corners)
+
+
+def _cables(
+    log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
+) -> list[tuple[Array, dict[str, Any]]]:
+    described = plugin.from_mjcf(model)
+    found = []
+    for cable in log.cables:
+        if cable not in described or not described[cable].route:
+            continue
+        tension = log[f"tension_{cable}_nodes_n"][samples]
+        shares = conduit_shares(model, cable)
+        fine = fine_shares(shares)
+        nodes = node_shares(shares, tension.shape[1])
+        about = {
+            "name": cable,
+            "width": CABLE_WIDTH,
+            "tension": encode_array(tension),
+            "nodes": encode_array(np.interp(fine, nodes, np.arange(len(nodes)))),
+        }
+        points = conduit_points(model, cable, log["qpos"][samples], fine)
+        found.append((_without_repeats(points), about))
+    return found
+
+
+def _tendons(
+    model: mujoco.MjModel, qpos: Array, cables: tuple[str, ...]
+) -> list[tuple[Array, dict[str, Any]]]:
+    described = plugin.from_mjcf(model)
+    routes = [
+        plugin.route_tendon(model, cable)
+        for cable in cables
+        if cable in described and described[cable].route
+    ]
+    shares = np.linspace(0.0, 1.0, TENDON_POINTS)
+    found = []
+    for tendon, rgba in visible_tendons(model, routes):
+        paths = tendon_paths(model, tendon, qpos)
+        points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
+        color = "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
+        found.append(
+            (_without_repeats(points), {"width": TENDON_WIDTH, "color": color})
+        )
+    return found
+
+
+def _without_repeats(points: Array) -> Array:
+    """Return the points of one frame alone where they are the same in all."""
+    still = np.abs(points - points[0]).max() < STILL_TOLERANCE
+    return points[:1] if still else points
+
+
+def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
+    """Look as the scene's camera does, from where all of `seen` is in the picture.
+
+    The page puts the middle of the box at 0 and divides by the geometric mean of its
+    sides.
+    """
+    position, target = viewpoint(model)
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-3:  # straight down
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, forward), forward])
+    views = seen @ axes.T
+    low, high = views.min(axis=0), views.max(axis=0)
+    across, up, deep = (views - 0.5 * (low + high)).T
+    half = np.maximum(np.abs(across) / MIN_ASPECT, np.abs(up)) / VIEW_TANGENT
+    distance = max(CAMERA_MARGIN * float((half - deep).max()), 1e-3)
+    middle = 0.5 * (low + high) @ axes
+    scale = float(np.prod(np.ptp(box, axis=1)) ** (1 / 3))
+    center = (middle - box.mean(axis=1)) / scale
+    eye = center - distance / scale * forward
+    return {
+        name: dict(zip("xyz", map(float, values), strict=True))
+        for name, values in (("eye", eye), ("center", center), ("up", axes[1]))
+    }

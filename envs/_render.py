@@ -1,0 +1,85 @@
+"""Pictures of a device, for `render_mode="rgb_array"`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+
+CAMERA = "overview"
+"""Camera of the scene that looks on."""
+
+IMAGE_SIZE = (480, 854)
+"""Height and width [pixels]."""
+
+RENDER_RATE = 30
+"""Pictures drawn per simulated second; a film needs no more [1/s]."""
+
+
+def frame_interval(period: float) -> int:
+    """Return the control steps of a period [s] from one picture to the next."""
+    return max(1, round(1.0 / (RENDER_RATE * period)))
+
+
+class Camera:
+    """Camera for pictures of poses, by OpenGL (`MUJOCO_GL=egl` without a display)."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Open a renderer."""
+        self._model = model
+        # Its own data, so that looking does not touch the simulation.
+        self._data = mujoco.MjData(model)
+        self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
+
+    def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Take a picture, (height, width, 3), of a pose (nq,)."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self._model, self._data)
+        self._renderer.update_scene(self._data, camera=CAMERA)
+        picture: NDArray[np.uint8] = self._renderer.render()
+        return picture.copy()
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+
+class Film:
+    """The last picture of a simulation, which serves until the next is due.
+
+    Gymnasium requests one picture per control step. Most of those are too short for the
+    eye, and drawing takes far longer than simulating. Called again without a step in
+    between, it draws anew, for somebody may have moved the joints by hand.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Begin, with control steps of a period [s]."""
+        self._stride = frame_interval(period)
+        self._step = 0
+        self._picture: NDArray[np.uint8] | None = None
+
+    def cut(self) -> None:
+        """Forget the last picture, for another episode begins."""
+        self._picture = None
+
+    def picture(
+        self, camera: Camera, qpos: NDArray[np.float64], step: int
+    ) -> NDArray[np.uint8]:
+        """Return the picture (height, width, 3) of a control step or shortly before."""
+        if self._picture is None or not 0 < step - self._step < self._stride:
+            self._picture, self._step = camera.picture(qpos), step
+        return self._picture
+
+
+def check_mode(mode: str | None, modes: Sequence[str]) -> None:
+    """Refuse a render mode that does not exist.
+
+    Raises:
+        CableError: If `mode` is neither None nor one of `modes`.
+    """
+    if mode is not None and mode not in modes:
+        raise CableError.unknown("render mode", str(mode), modes)

@@ -1,0 +1,326 @@
+"""One device as a Gymnasium environment."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from cc_mujoco.device import Plant
+from cc_mujoco.device._device import physics_of
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._observation import ObservationHistory
+from cc_mujoco.device._registry import Setup
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._worn_device import REWARD_TERMS, WornDevice, refuse_unknown
+
+from ._render import Camera, Film, check_mode
+
+
+class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
+    r"""Base of the environments of one device; subclasses name and document it.
+
+    ## Observation space
+
+    `Box(-10, 10, (size,), float32)`: numbers of the size of 1. First comes a frame of
+    what the device can measure:
+
+    | | observation | counts as 1 |
+    |-|-------------|-------------|
+    | 0 | twist: angle of the motor / ratio - angle of the joint | device |
+    | 1 | velocity of the motor / ratio | device |
+    | 2 | angle of the joint | device |
+    | 3 | velocity of the joint | device |
+    | 4 | what the desired torque exceeds that of the cables by | device |
+    | 5 | desired torque | device |
+    | 6, 7 | sine and cosine of the phase of the gait, where the device knows it | 1 |
+
+    The ratio is that of motor angle to joint angle, `drive.ratio`. What friction does
+    depends on the past, which a frame does not know. With `memory=True` six numbers
+    follow in [-1, 1], the plays of `cc_mujoco.device._observation.Observed.memory`;
+    with `history=n` the last n frames, each followed by the action that was taken on
+    it, newest first. Before an episode there is its first frame, and no action.
+
+    ## Reward
+
+    `reward = reward_tracking + reward_effort + reward_smoothness`, all in `info`, at
+    most 0. Per second, whatever the control period:
+
+    - `reward_tracking` is \(-\min(|\tau_j - \tau_d| / \tau_1, 10)\) with the torque of
+      the cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error
+      \(\tau_1\) that costs 1 per second, which the device sets;
+    - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\);
+    - `reward_smoothness` is \(-s\,\sum|a_k - a_{k-1}|\) over the control steps of
+      that second, with the argument `smoothness` for \(s\), 0 by default, and
+      \(a_{-1} = 0\): how far the action goes to and fro, which is long where it
+      chatters and short where it follows a motion.
+
+    With the default, an episode of T seconds has a return between -10.05 T and 0; the
+    controller `none`, which knows no friction, has -0.4 T to -3 T where the devices are
+    as they are made.
+
+    ## Info
+
+    After every reset and step a fresh dictionary with the columns of an episode log
+    (`cc_mujoco.simulation._log_columns`): time, angles, velocities, torques, the
+    wearer's reference; for each cable the true tensions at both ends and at the nodes,
+    the part that slips and the direction of slip of every segment, slack, dissipated
+    energy; and `qpos`. Angles and velocities are those at that time, torques and
+    tensions those that acted in the physics step before it (0.5 ms).
+
+    ## Start and end
+
+    An episode starts at rest at the first pose of the trajectory, all cables at
+    pretension. What is random is drawn from `np_random`, so a seed determines an
+    episode: plant, noise, trajectory. It is truncated after `duration`, and terminated
+    only if MuJoCo warns that the simulation has become unstable. Actions of another
+    shape or not finite are a `CableError`.
+
+    ## Randomisation
+
+    `randomise={"friction": (0.05, 0.2), "wrap": (5, 9), "delay": (0, 3)}` draws a plant
+    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` sets what
+    it is in this one, instead of the draw. Names are
+
+    - `wearer`: impedance, as a multiple of the scene's or that of `wearer`;
+    - `delay`: samples by which what is observed is late (whole, 0 to 1000);
+    - `noise`: of the torque that is observed, as a multiple of the device's sensor;
+      its bias, of twice that standard deviation, is drawn with it;
+    - a number of a cable as in MJCF (`friction`, `static_friction`, `pretension`, ...),
+      `break_away`, static over kinetic friction, or `wrap`, the bend of its whole
+      conduit [rad]; of all cables, or of one by `CABLE.NAME`. Every cable draws its
+      own. Where route or path move with the body, the scene draws them.
+
+    Numbers above 0 are drawn with a uniform logarithm, others uniformly. `drive` and
+    `info` have no delay and no noise: `drive` is the scene's, `info` the truth, and
+    `plant` what was drawn.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |----------|---------|---------|
+    | `trajectory` | device | the wearer's motion: a name, CSV file or `Trajectory` |
+    | `task` | device | what the wearer should feel: a name or a `Task` |
+    | `duration` | 10 | length of an episode [s] |
+    | `frame_skip` | 2 | physics steps of 0.5 ms from sample to sample: 1 kHz |
+    | `wearer` | `None` | a `Wearer`; by default that of the scene |
+    | `render_mode` | `None` | `None` or `"rgb_array"` |
+    | `model` | `None` | a variant of the scene, compiled |
+    | `hold` | 1 | samples in a control step, for which an action is held |
+    | `history` | 0 | earlier frames and actions in an observation |
+    | `memory` | `False` | whether plays are observed |
+    | `randomise` | `None` | ranges of what differs from episode to episode |
+    | `smoothness` | 0 | reward lost by a change of the action by 1 |
+
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down where they go
+    further than the device lets them, and `TASKS`. The wearer's command changes with
+    every physics step.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
+    SETUP: ClassVar[Setup]
+
+    def __init__(
+        self,
+        trajectory: str | Path | Trajectory | None = None,
+        task: str | Task | None = None,
+        duration: float = 10.0,
+        frame_skip: int = 2,
+        wearer: Wearer | None = None,
+        render_mode: str | None = None,
+        model: mujoco.MjModel | None = None,
+        hold: int = 1,
+        history: int = 0,
+        memory: bool = False,
+        randomise: Mapping[str, Any] | None = None,
+        smoothness: float = 0.0,
+        **unknown: Any,
+    ) -> None:
+        """Load the scene; arguments as the subclasses document them."""
+        refuse_unknown(unknown, ExoEnv)
+        given = trajectory, task, duration, frame_skip, wearer
+        more = hold, history, memory, randomise, smoothness
+        EzPickle.__init__(self, *given, render_mode, model, *more)
+        check_mode(render_mode, self.metadata["render_modes"])
+        if model is not None:
+            model = copy.copy(model)
+        self.exo = WornDevice(self.SETUP, *given, model, *more)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
+        self.render_mode = render_mode
+        self.observation_space: Any = self.exo.observation_space
+        self.action_space = self.exo.action_space
+        self.model: mujoco.MjModel = self.exo.device.model
+        self.data = mujoco.MjData(self.model)
+        self._physics = physics_of(self.data)
+        self._sensors = self.exo.sensors(0)
+        self._sight = ObservationHistory(self.exo.observed, 1)
+        self._sample = 0
+        self._action = 0.0
+        self._script: Script | None = None
+        self.plant: Plant = self.exo.plants.nominal
+        """Plant that this episode is played on."""
+        self._camera: Camera | None = None
+        self._film = Film(self.exo.sampling)
+
+    @property
+    def drive(self) -> Drive:
+        """Knowledge that a controller may have of the device."""
+        return self.exo.drive
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Return an environment at the same step of the same episode.
+
+        Raises:
+            CableError: If `model` has been written to since it was loaded.
+        """
+        make: Any = type(self)
+        twin: Self = make(*self._ezpickle_args, **self._ezpickle_kwargs)
+        if not _models_equal(twin.model, self.model):
+            twin.exo.device.apply_plant(self.plant)
+        if not _models_equal(twin.model, self.model):
+            raise CableError(
+                "an environment whose `model` was written to cannot be copied; give "
+                "the changed model as the argument `model`."
+            )
+        if self.plant is not self.exo.plants.nominal:
+            twin.plant = self.plant
+        mujoco.mj_copyData(twin.data, twin.model, self.data)
+        twin._script = self._script  # nobody writes to it
+        twin._sample, twin.spec = self._sample, self.spec
+        twin._action = self._action
+        twin._sensors = copy.deepcopy(self._sensors, memo)
+        twin._sight = copy.deepcopy(self._sight, memo)
+        twin._film = copy.copy(self._film)
+        twin._np_random = copy.deepcopy(self._np_random, memo)
+        twin._np_random_seed = self._np_random_seed
+        return twin
+
+    def action(self, torque: float) -> NDArray[np.float32]:
+        """Return the action that makes the motor give a torque [N m]."""
+        return self.exo.action(torque)
+
+    def beyond(self) -> str:
+        """Return what the task demands beyond the motor; see `WornDevice.beyond`."""
+        if self._script is None:
+            raise gymnasium.error.ResetNeeded("call reset() before beyond().")
+        return self.exo.beyond(self._script.marks)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: Of all that is random from now on.
+            options: What the plant is, by name; see the class.
+
+        Raises:
+            CableError: If an option is unknown or impossible, or the time step of the
+                model was changed.
+        """
+        super().reset(seed=seed)
+        exo = self.exo
+        exo.require_timestep()
+        before, self.plant = self.plant, exo.plants.draw(self.np_random, options)
+        if self.plant is not before:
+            exo.device.apply_plant(self.plant)
+        self._script = script = exo.author.write(self.np_random)
+        exo.begin(self._sensors, self.plant, self.np_random)
+        self._sample = 0
+        self._action = 0.0
+        self._film.cut()
+        exo.device.start(self.data, script.angles, script.commands[0])
+        marks = script.marks[0]
+        columns, _ = exo.feel(self._physics, marks)
+        seen = self._sensors.measure(columns)
+        self._sight.begin(exo.observed.of(seen)[None])
+        info_columns = exo.told(self._physics, columns, 0, marks)
+        return self._sight.observation()[0], _fresh_info(info_columns, (0.0, 0.0, 0.0))
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Advance one control step with a motor torque.
+
+        Raises:
+            CableError: If the action is not of shape (1,) and finite.
+        """
+        exo, script, data = self.exo, self._script, self.data
+        if script is None:
+            raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        normalised = exo.normalised(action)
+        self._sight.act(np.array([normalised]))
+        data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
+        tracking, diverged = 0.0, False
+        for _ in range(exo.hold):
+            first = self._sample * exo.frame_skip
+            for command in script.commands[first : first + exo.frame_skip]:
+                data.ctrl[exo.device.script_controls] = command
+                mujoco.mj_step(self.model, data)
+                diverged = bool(data.warning.number.any())
+                if diverged:
+                    break
+            self._sample += 1
+            marks = script.marks[self._sample]
+            columns, reward = exo.feel(self._physics, marks)
+            tracking += exo.sampling * reward
+            seen = self._sensors.measure(columns)
+            self._sight.look(exo.observed.of(seen)[None])
+            if diverged:
+                break
+        info_columns = exo.told(self._physics, columns, self._sample, marks)
+        terms = tracking, *exo.costs(normalised, self._action)
+        self._action = float(normalised)
+        return (
+            self._sight.observation()[0],
+            float(terms[0] + terms[1] + terms[2]),
+            diverged,
+            self._sample >= exo.samples,
+            _fresh_info(info_columns, terms),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture of the device, (height, width, 3), in mode `rgb_array`.
+
+        Drawn 30 times per simulated second; in between it is the last one again.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.model)
+        return self._film.picture(self._camera, self.data.qpos, self._sample)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+def _models_equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """Return whether two models are the same, to the byte."""
+    if (size := mujoco.mj_sizeModel(one)) != mujoco.mj_sizeModel(other):
+        return False
+    found = np.zeros((2, size), np.uint8)
+    for model, buffer in zip((one, other), found, strict=True):
+        mujoco.mj_saveModel(model, buffer=buffer)
+    return np.array_equal(*found)
+
+
+def _fresh_info(columns: dict[str, Any], terms: tuple[Any, ...]) -> dict[str, Any]:
+    """Return a fresh `info`: floats, and copies of arrays."""
+    columns |= zip(REWARD_TERMS, terms, strict=True)
+    return {
+        name: value if isinstance(value, np.ndarray) and value.ndim else float(value)
+        for name, value in columns.items()
+    }

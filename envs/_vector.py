@@ -1,0 +1,397 @@
+"""Many devices as one Gymnasium vector environment, simulated on a thread pool."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils import EzPickle, seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from cc_mujoco._validation import require_dictionary
+from cc_mujoco.device import Plant
+from cc_mujoco.device._device import VARIED_FIELDS, Array, load
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._observation import ObservationHistory
+from cc_mujoco.device._registry import Setup
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.simulation._batch import Simulations
+from cc_mujoco.simulation._reference_motion import Scripts
+from cc_mujoco.simulation._worn_device import REWARD_TERMS, WornDevice, refuse_unknown
+
+from ._render import Camera, Film, check_mode
+
+Singles = NDArray[np.float32]
+
+
+class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
+    """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
+
+    It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
+    single environments with the same arguments: seeds count up from the first, and what
+    becomes of an environment whose episode is over is Gymnasium's `AutoresetMode`. By
+    default the next step resets it and ignores its action (`NEXT_STEP`).
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012, as in Gymnasium
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    SETUP: ClassVar[Setup]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        trajectory: str | Path | Trajectory | None = None,
+        task: str | Task | None = None,
+        duration: float = 10.0,
+        frame_skip: int = 2,
+        wearer: Wearer | None = None,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        threads: int = 0,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        hold: int = 1,
+        history: int = 0,
+        memory: bool = False,
+        randomise: Mapping[str, Any] | None = None,
+        smoothness: float = 0.0,
+        **unknown: Any,
+    ) -> None:
+        """Load the scene.
+
+        Args:
+            num_envs: Number of environments.
+            trajectory: As in the single environment, and so are those that follow.
+            task: See there.
+            duration: See there.
+            frame_skip: See there.
+            wearer: See there.
+            render_mode: See there. Without one the model has nothing that is only seen,
+                and takes no time for it.
+            max_episode_steps: Truncates episodes that are longer.
+            threads: Threads that simulate; 0 means one per processor.
+            autoreset_mode: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
+                begins the next and `info` has `final_obs` and `final_info`; or
+                `DISABLED`, where `reset(options={"reset_mask": over})` does.
+            hold: As in the single environment, and so are those that follow.
+            history: See there.
+            memory: See there.
+            randomise: See there.
+            smoothness: See there.
+            unknown: Nothing; what else is given is refused.
+
+        Raises:
+            CableError: If an argument cannot be used.
+        """
+        refuse_unknown(unknown, ExoVectorEnv)
+        given = trajectory, task, duration, frame_skip, wearer
+        more = hold, history, memory, randomise, smoothness
+        how = render_mode, max_episode_steps, threads, autoreset_mode
+        EzPickle.__init__(self, num_envs, *given, *how, *more)
+        try:
+            self.mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise CableError(
+                f"autoreset_mode must be one of {names}, not {autoreset_mode!r}."
+            ) from None
+        for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
+            if not (isinstance(value, int) and value >= least):
+                raise CableError(
+                    f"{name} must be an integer >= {least}, not {value!r}."
+                )
+        check_mode(render_mode, self.metadata["render_modes"])
+        model = load(self.SETUP, drawn=render_mode is not None)
+        self.exo = exo = WornDevice(self.SETUP, *given, model, *more)
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1 / self.exo.period),
+            "autoreset_mode": self.mode,
+        }
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.single_observation_space = self.exo.observation_space
+        self.single_action_space = self.exo.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.model: mujoco.MjModel = self.exo.device.model
+        self.simulations = Simulations(exo, num_envs, threads=threads)
+        self.plants = [exo.plants.nominal] * num_envs
+        """Plant that every environment is played on."""
+        self._current_plant = exo.plants.nominal
+        self._last = exo.samples
+        if max_episode_steps is not None:
+            self._last = min(self._last, hold * max_episode_steps)
+        self._scripts = Scripts(exo.author, num_envs, exo.task)
+        self._random: list[np.random.Generator | None] = [None] * num_envs
+        self._sensors = exo.sensors(range(num_envs))
+        self._sight = ObservationHistory(exo.observed, num_envs)
+        self._samples = np.zeros(num_envs, dtype=np.intp)
+        self._actions = np.zeros(num_envs)
+        self._over = np.ones(num_envs, dtype=np.bool_)
+        self._was_reset = False
+        self._camera: Camera | None = None
+        self._films = [Film(exo.sampling) for _ in range(num_envs)]
+
+    @property
+    def drive(self) -> Drive:
+        """Knowledge that a controller may have of the device."""
+        return self.exo.drive
+
+    def action(self, torque: Array) -> NDArray[np.float32]:
+        """Return the actions that make the motors give torques (num_envs,) [N m]."""
+        return self.exo.action(torque)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Singles, dict[str, Any]]:
+        """Start an episode in every environment, or in those of a mask.
+
+        Args:
+            seed: Of the first environment; the others count up from it. Or one each.
+            options: As in the single environment, for all that start. May hold a
+                `reset_mask` (num_envs,) of bool; `info` then describes these
+                environments only.
+
+        Raises:
+            CableError: If an option is unknown or impossible, or the mask is none.
+        """
+        self.exo.require_timestep()
+        options = dict(require_dictionary("options", options))
+        masked = self._mask(options.pop("reset_mask", None))
+        seeds: Sequence[int | None]
+        if not isinstance(seed, (Sequence, np.ndarray)):
+            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
+        else:
+            seeds = seed
+        if len(seeds) != self.num_envs:
+            raise CableError(
+                f"seed must have one entry for each of the {self.num_envs} "
+                f"environments, not {len(seeds)}."
+            )
+        for row, own in enumerate(seeds):
+            if own is not None and masked[row]:
+                self._random[row], _ = seeding.np_random(own)
+        self._begin(np.flatnonzero(masked), options)
+        self._over[masked] = False
+        self._was_reset = True
+        observation, columns = self._sight.observation(), self._told()
+        nothing = np.zeros(self.num_envs)
+        terms = nothing, nothing, nothing
+        return observation, self._info(columns, terms, masked)
+
+    def _mask(self, given: Any) -> NDArray[np.bool_]:
+        """Return the environments that a reset is to begin."""
+        if given is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise CableError(
+                f"options['reset_mask'] must be {self.num_envs} of bool, one of them "
+                f"True, not {given!r}."
+            )
+        if not (self._was_reset or mask.all()):
+            raise CableError(
+                "options['reset_mask'] leaves out environments that were never reset."
+            )
+        return mask
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Singles, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Advance every environment one control step, or reset it if it is over.
+
+        Raises:
+            CableError: If the actions are not of shape (num_envs, 1) and, where an
+                environment is not reset, finite.
+            gymnasium.error.ResetNeeded: Before the first reset, and where nothing
+                resets what is over.
+        """
+        if not self._was_reset:
+            raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        if self.mode is AutoresetMode.DISABLED and self._over.any():
+            rows = ", ".join(map(str, np.flatnonzero(self._over)))
+            raise gymnasium.error.ResetNeeded(
+                f"environments {rows} are over: reset(options={{'reset_mask': ...}})."
+            )
+        exo, fresh = self.exo, self._over
+        normalised = exo.normalised(actions, ~fresh)
+        self._sight.act(normalised)
+        tracking = self._advance(normalised, ~fresh)
+        terms = tracking, *exo.costs(normalised, self._actions)
+        self._actions = normalised
+        if fresh.any():
+            self._begin(np.flatnonzero(fresh), None)
+            for term in terms:
+                term[fresh] = 0.0
+        observation, columns = self._sight.observation(), self._told()
+        terminated = self.simulations.warned
+        truncated = self._samples >= self._last
+        self._over = terminated | truncated
+        reward = terms[0] + terms[1] + terms[2]
+        info: dict[str, Any] = {}
+        if self.mode is AutoresetMode.SAME_STEP and self._over.any():
+            over, self._over = self._over, np.zeros_like(self._over)
+            info = self._final_info(observation, columns, terms, over)
+            self._begin(np.flatnonzero(over), None)
+            observation, columns = self._sight.observation(), self._told()
+            for term in terms:
+                term[over] = 0.0
+        info |= self._info(columns, terms)
+        return observation, reward, terminated, truncated, info
+
+    def _advance(self, action: Array, going: NDArray[np.bool_]) -> Array:
+        """Simulate a control step where an episode goes on.
+
+        Returns:
+            Reward for tracking, (num_envs,).
+        """
+        exo, scale = self.exo, self.exo.device.motor_scale
+        tracking = np.zeros(self.num_envs)
+        for sample in range(exo.hold):
+            if sample:  # what diverged takes no further sample
+                going = going & ~self.simulations.warned
+            if not going.any():
+                break
+            commands = self._scripts.commands(self._samples)
+            self.simulations.advance(action, scale, commands, going)
+            self._samples += going
+            reward = self._sample_sensors(going)
+            tracking += np.where(going, exo.sampling * reward, 0.0)
+        return tracking
+
+    def _sample_sensors(self, going: NDArray[np.bool_]) -> Array:
+        """Take a sample of all sensors; return the reward per second for tracking."""
+        reward: Array
+        self._columns, reward = self._felt()
+        seen = self._sensors.measure(self._columns, going)
+        self._sight.look(self.exo.observed.of(seen))
+        return reward
+
+    def _felt(self) -> tuple[dict[str, Any], Array]:
+        """Return the result of `WornDevice.feel` for all environments now."""
+        self._marks = self._scripts.marks(self._samples)
+        demanded = self._scripts.asked(self._samples)
+        return self.exo.feel(self.simulations.physics, self._marks, demanded)
+
+    def _told(self) -> dict[str, Any]:
+        """Return the fresh columns of an episode log, of all environments."""
+        marks, columns = self._marks, dict(self._columns)
+        return self.exo.told(self.simulations.physics, columns, self._samples, marks)
+
+    def _final_info(
+        self,
+        observation: Singles,
+        columns: dict[str, Any],
+        terms: tuple[Array, ...],
+        over: NDArray[np.bool_],
+    ) -> dict[str, Any]:
+        """Return the `info` of episodes that ended, where the step begins the next."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(over):
+            last[row] = observation[row].copy()
+        final_info = self._info(
+            dict(columns), tuple(term.copy() for term in terms), over
+        )
+        return {
+            "final_obs": last,
+            "_final_obs": over.copy(),
+            "final_info": final_info,
+            "_final_info": over.copy(),
+        }
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Pictures of all devices, each (height, width, 3), in mode `rgb_array`.
+
+        Drawn 30 times per simulated second; in between they are the last ones again.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.model)
+        shots = zip(
+            self._films, self.simulations.physics.qpos, self._samples, strict=True
+        )
+        return tuple(
+            film.picture(self._camera, qpos, int(step)) for film, qpos, step in shots
+        )
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
+        """Start an episode in some environments."""
+        exo, simulations = self.exo, self.simulations
+        simulations.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        for row in rows:
+            rng = self._random[row]
+            if rng is None:
+                rng, _ = seeding.np_random()
+                self._random[row] = rng
+            self._films[row].cut()
+            self._apply_plant(row, exo.plants.draw(rng, options))
+            script = self._scripts.write(row, rng)
+            exo.begin(self._sensors, self.plants[row], rng, row)
+            simulations.start(row, exo.device, script)
+        self._samples[rows] = 0
+        self._actions[rows] = 0.0
+        self._columns, _ = self._felt()
+        seen = self._sensors.measure(self._columns, np.zeros_like(self._over))
+        self._sight.begin(exo.observed.of(seen)[rows], rows)
+
+    def _apply_plant(self, row: int, plant: Plant) -> None:
+        """Give an environment its plant, and the model that is started from."""
+        nominal = self.exo.plants.nominal
+        if plant is not self._current_plant:
+            self.exo.device.apply_plant(plant)
+            self._current_plant = plant
+        if plant is not nominal or self.plants[row] is not nominal:
+            for name in VARIED_FIELDS:
+                self.simulations.batch.expand(name)[row] = getattr(self.model, name)
+        self.plants[row] = plant
+
+    def _info(
+        self,
+        columns: dict[str, Any],
+        terms: tuple[Array, ...],
+        described: NDArray[np.bool_] | None = None,
+    ) -> dict[str, Any]:
+        """Return an `info` as Gymnasium batches it: arrays and a mask for each.
+
+        Args:
+            columns: Of an episode log, fresh from `_told`: what has more than a number
+                for each environment becomes the caller's as it is.
+            terms: Of the reward.
+            described: Environments that it describes; all of them by default.
+        """
+        info: dict[str, Any] = {}
+        columns |= zip(REWARD_TERMS, terms, strict=True)
+        masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
+        if described is not None:
+            masks &= described
+        numbers = np.empty((len(columns), self.num_envs))
+        for (name, value), mask, row in zip(
+            columns.items(), masks, numbers, strict=True
+        ):
+            if value.ndim == 1:
+                row[:] = value
+                value = row
+            if described is not None:
+                value[~described] = 0
+            info[name], info[f"_{name}"] = value, mask
+        return info

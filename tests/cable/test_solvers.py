@@ -1,0 +1,96 @@
+"""The two ways of finding which segments slip give one answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.cable._fronts import march
+from cc_mujoco.cable._graph import sweep
+
+
+def chain(rng, n, drag):
+    """Return a random state of a cable inside its friction cone, and end motions."""
+    growth = np.exp(rng.uniform(0.0, 0.1, n))
+    tension = np.empty(n + 1)
+    tension[0] = rng.uniform(1.0, 50.0)
+    for j in range(n):
+        tension[j + 1] = tension[j] * growth[j] ** rng.uniform(-0.99, 0.99)
+    stiffness = rng.uniform(0.5, 2.0, n + 1) * 1e5
+    ends = rng.uniform(-1e-3, 1e-3, 2) * rng.choice([1.0, 1e-2], 2)
+    return tension, stiffness, growth, np.full(n, drag), ends
+
+
+def by_march(n, tension, stiffness, growth, drag, proximal, distal):
+    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
+    ok = march(
+        n, tension, 1.0 / stiffness, np.full(n, 1.0 / stiffness[0]), growth, growth,
+        growth, drag, proximal, distal, shift, node, work,
+    )  # fmt: skip
+    return ok, shift, node
+
+
+def by_sweep(n, tension, stiffness, growth, drag, proximal, distal, last=None):
+    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(11 * (n + 1))
+    last = np.zeros(n) if last is None else last
+    sweep(
+        n, last, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
+        np.zeros(n),
+        tension[0] - stiffness[0] * proximal, stiffness[0],
+        tension[n] + stiffness[n] * distal, stiffness[n], shift, node, work,
+    )  # fmt: skip
+    return shift, node
+
+
+@given(
+    seed=st.integers(0, 2**31), n=st.integers(1, 40), drag=st.sampled_from([0.0, 0.3])
+)
+@settings(max_examples=100)
+def test_marching_and_sweeping_agree(seed, n, drag):
+    rng = np.random.default_rng(seed)
+    tension, stiffness, growth, drags, (du, dv) = chain(rng, n, drag)
+    ok, shift, node = by_march(n, tension, stiffness, growth, drags, du, dv)
+    shift_2, node_2 = by_sweep(n, tension, stiffness, growth, drags, du, dv)
+    # The march refines the null point of opposed motion; a cable about to go slack is
+    # left to the sweep.
+    if not ok or du * dv < 0.0 or np.any(node <= 0.0):
+        return
+    assert np.allclose(node, node_2, rtol=1e-8, atol=1e-8)
+    assert np.allclose(shift, shift_2, atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 40))
+@settings(max_examples=200)
+def test_what_slipped_last_changes_no_solution(seed, n):
+    """Neither a wrong guess nor a right one, from inside the friction cone or not."""
+    rng = np.random.default_rng(seed)
+    tension, stiffness, growth, drag, (du, dv) = chain(rng, n, rng.choice([0.0, 0.3]))
+    if rng.random() < 0.5:
+        tension = rng.uniform(1.0, 60.0, n + 1)
+    shift, node = by_sweep(n, tension, stiffness, growth, drag, du, dv)
+    for last in (shift, -shift, rng.normal(size=n), np.full(n, rng.normal())):
+        again = by_sweep(n, tension, stiffness, growth, drag, du, dv, last)
+        assert np.allclose(again[0], shift, rtol=1e-9, atol=1e-12)
+        assert np.allclose(again[1], node, rtol=1e-9, atol=1e-9)
+
+
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 30))
+@settings(max_examples=100)
+def test_the_sweep_solves_any_state(seed, n):
+    """Equations and friction limits hold, also from far outside the friction cone."""
+    rng = np.random.default_rng(seed)
+    _, stiffness, growth, drag, (du, dv) = chain(rng, n, rng.choice([0.0, 0.5]))
+    tension = rng.uniform(0.0, 60.0, n + 1)
+    shift, node = by_sweep(n, tension, stiffness, growth, drag, du, dv)
+    moved = np.concatenate([[du], shift, [dv]])
+    strained = tension + stiffness * np.diff(moved)
+    assert np.all(node >= 0.0)
+    assert np.allclose(node, np.maximum(strained, 0.0), atol=1e-7)
+    low, high = node[:-1], node[1:]
+    limit = 1e-7
+    right, left = shift > 1e-13, shift < -1e-13
+    assert np.allclose(high[right], (growth * low + drag)[right], atol=limit)
+    assert np.allclose(low[left], (growth * high + drag)[left], atol=limit)
+    assert np.all(high <= growth * low + drag + limit)
+    assert np.all(low <= growth * high + drag + limit)

@@ -1,0 +1,105 @@
+"""The rig as a scene describes it, and scenes that describe none."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.datasets import Bench
+from cc_mujoco.errors import CableError
+from diagnosis.rigs import alone
+
+TEXT = scene_path("bench").read_text(encoding="utf-8")
+
+
+def scene(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return the shipped bench with parts of its text replaced."""
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "scene.xml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_shipped_bench_is_a_pull_pull_pair() -> None:
+    bench = Bench.of(scene_path("bench"))
+    assert bench.names == ("agonist", "antagonist")
+    assert (bench.motor, bench.joint) == ("motor", "joint")
+    assert (bench.motor_radius, bench.joint_radius) == (0.05, 0.05)
+    for cable in bench.cables:
+        assert cable.length == pytest.approx(2.0)
+        assert cable.wrap == pytest.approx(math.pi)
+        assert (cable.axial_stiffness, cable.friction) == (50e3, 0.12)
+        assert (cable.pretension, cable.segments) == (80.0, 20)
+    assert bench.transmission.ratio == 1.0
+
+
+def test_its_joints_have_the_stated_inertia_and_damping() -> None:
+    model = mujoco.MjModel.from_xml_path(str(scene_path("bench")))
+    for name, inertia in (("motor", 3e-4), ("joint", 2e-3)):
+        assert model.dof_M0[model.joint(name).dofadr[0]] == pytest.approx(inertia)
+    assert model.joint("joint").damping[0] == 0.02
+
+
+def test_positive_motor_torque_pulls_the_joint_positive() -> None:
+    model = mujoco.MjModel.from_xml_path(str(scene_path("bench")))
+    data = mujoco.MjData(model)
+    data.actuator("load").ctrl[0] = 0.0
+    for _ in range(3000):
+        data.actuator("motor").ctrl[0] = 6.0
+        mujoco.mj_step(model, data)
+    assert data.sensor("motor_angle_rad").data[0] > 0.01
+    assert data.sensor("joint_angle_rad").data[0] > 0.01
+    assert not any(warning.number for warning in data.warning)
+
+
+def test_the_first_cable_is_the_one_that_pulls_positive(tmp_path: Path) -> None:
+    names = [("agonist", "zz"), ("antzz", "aa")]
+    assert Bench.of(scene(tmp_path, *names)).names == ("zz", "aa")
+    swapped = [('gear="-0.05"', 'gear="x"'), ('gear="0.05"', 'gear="-0.05"')]
+    path = scene(tmp_path, *swapped, ('gear="x"', 'gear="0.05"'))
+    assert Bench.of(path).names == ("antagonist", "agonist")
+
+
+def test_one_cable_is_a_bench_too(tmp_path: Path) -> None:
+    bench = Bench.of(alone(tmp_path))
+    assert (bench.names, bench.joint_radius) == (("agonist",), 0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ([("<mujoco ", "<mujoko ")], "does not load"),
+        ([('"antagonist_distal" joint="joint"', '"antagonist_distal" joint="motor"'),
+          ('"antagonist_proximal" joint="motor"',
+           '"antagonist_proximal" joint="joint"')],
+         "different joints"),
+        ([('joint="joint" gear="0.05"', 'joint="joint" gear="0.04"')],
+         "different radii"),
+        ([('joint="joint" gear="-0.05"', 'joint="joint" gear="0.05"'),
+          ('joint="joint" gear="0.05"\n', 'joint="joint" gear="-0.05"\n')],
+         "signs"),
+        ([('joint="joint" gear="0.05"', 'tendon="agonist_route" gear="0.05"')],
+         "turns one hinge joint"),
+    ],
+)  # fmt: skip
+def test_a_scene_that_is_no_bench_is_refused_in_a_sentence(
+    tmp_path: Path, changes: list[tuple[str, str]], message: str
+) -> None:
+    with pytest.raises(CableError, match=message):
+        Bench.of(scene(tmp_path, *changes))
+
+
+def test_a_scene_without_cable_or_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="is no file"):
+        Bench.of(tmp_path / "none.xml")
+    path = tmp_path / "empty.xml"
+    path.write_text("<mujoco/>", encoding="utf-8")
+    with pytest.raises(CableError, match="has 0 cables"):
+        Bench.of(path)

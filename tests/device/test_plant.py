@@ -1,0 +1,56 @@
+"""Plants: devices with some of their values changed."""
+
+from __future__ import annotations
+
+import pytest
+
+from cc_mujoco import Plant
+from cc_mujoco.design._scenarios import Across
+from cc_mujoco.device import DEVICES, Nominal, Scene
+from cc_mujoco.errors import CableError
+
+
+def test_cables_wearer_and_sensors_are_those_of_the_values() -> None:
+    device = Scene("wrist")
+    values = {"friction": 0.1, "flexor.break_away": 2.0, "wearer": 0.5, "delay": 4}
+    plant = Plant(device, values)
+    assert plant.cables["flexor"].friction == plant.cables["extensor"].friction == 0.1
+    assert plant.cables["flexor"].static_friction == 0.2
+    assert (plant.delay, plant.noise) == (4, 1.0)
+    assert plant.wearer.stiffness == 0.5 * device.wearer.stiffness
+    for whole in (False, True):
+        mover = plant.model(whole).actuator(device.setup.mover)
+        assert (mover.gainprm[0], mover.biasprm[2]) == (
+            plant.wearer.stiffness,
+            -plant.wearer.damping,
+        )
+    assert plant == Plant("wrist", values) != Plant(device)
+
+
+@pytest.mark.parametrize(
+    ("values", "wrong"),
+    [
+        ({"frictoin": 0.1}, "unknown variable 'frictoin': did you mean 'friction'"),
+        ({"flexxor.friction": 0.1}, "unknown cable 'flexxor'"),
+        ({"flexor.wearer": 2.0}, "'wearer' belongs to no cable"),
+        ({"wearer": 0.0}, "'wearer' must be a number in"),
+        ({"delay": 1.5}, "'delay' must be a whole number in"),
+        ({"break_away": 2.0, "flexor.static_friction": 0.4}, "set the same thing"),
+        ({"pretension": 265.0}, "below the breaking load of 265 N"),
+    ],
+)
+def test_impossible_values_say_why(values: dict[str, float], wrong: str) -> None:
+    with pytest.raises(CableError, match=wrong):
+        Plant("wrist", values)
+
+
+def test_what_only_episodes_change_is_no_variable_of_designs() -> None:
+    with pytest.raises(CableError, match="unknown variable 'delay'"):
+        Across().check(Scene("wrist"), {"delay": 2})
+
+
+def test_the_plant_of_an_environment_has_no_scene_to_change() -> None:
+    scene = Scene("wrist")
+    device = Nominal(DEVICES["wrist"], scene.cables, scene.wearer)
+    with pytest.raises(CableError, match="has no scene to change"):
+        Plant(device, {"friction": 0.1}).model()

@@ -1,0 +1,160 @@
+"""A configuration that cannot be used is a ValueError that says what and why."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import pytest
+
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable._parameters import BEND_ALLOWED, CONDUIT_ALLOWED
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import PLUGIN, from_mjcf
+from cc_mujoco.plugin._config import REQUIRED
+from plugin.scenes import CONFIG, build, end, instance, model, pull_pull
+
+NOT_NUMBERS = ("abc", "4o", "nan", "inf", "1e400", "-1", "1e300", "1 2", " ")
+NOT_CONDUITS = (
+    "abc", "1", "1:", ":1", "1:x", "x:1", "0:1", "-1:1", "1:0", "1:-1", "1:nan",
+    "inf:1", "1:1e400", "1:1:1", "1;1", "1:0.3,1:0.3", "1:INF", "1 : 1", " ",
+    " ".join(["1:1"] * 65), "1:0.009", "50.1:inf",
+)  # fmt: skip
+NOT_SEGMENTS = ("abc", "4o", "nan", "1e1", "-1", "0", "1001", "2.0", "9" * 40, " ")
+NOT_ROUTES = ("nowhere", "mix", "pathway")
+NOT_BENDS = ("moving", "Route", "route", " ")  # `route` names no tendon here
+BAD = (
+    [(p.name, value) for p in PARAMETERS for value in NOT_NUMBERS if value != "-1"]
+    + [(p.name, repr(p.low - 1.0)) for p in PARAMETERS]
+    + [(p.name, "0") for p in PARAMETERS if p.low_open]
+    + [(p.name, repr(p.high * 1.0001)) for p in PARAMETERS]
+    + [(key, "") for key in REQUIRED]
+    + [("static_friction", "0.1499")]
+    + [("conduit", value) for value in NOT_CONDUITS]
+    + [("segments", value) for value in NOT_SEGMENTS]
+    + [("route", value) for value in NOT_ROUTES]
+    + [("bend", value) for value in NOT_BENDS]
+)
+ALLOWED = {p.name: p.allowed for p in PARAMETERS} | {
+    "conduit": CONDUIT_ALLOWED,
+    "segments": "a whole number in [1, 1000]",
+    "route": "the name of a spatial tendon of the model",
+    "bend": BEND_ALLOWED,
+}
+
+
+@pytest.mark.parametrize(("key", "value"), [("segments", " 7\t"), ("friction", " .2 ")])
+def test_blanks_around_a_number_mean_nothing_to_mujoco_and_python(
+    key: str, value: str
+) -> None:
+    compiled, _ = build(pull_pull(CONFIG | {key: value}))
+    assert getattr(from_mjcf(compiled)["flexor"], key) == float(value)
+
+
+@pytest.mark.parametrize(("key", "value"), BAD)
+def test_bad_value_is_named_with_what_is_allowed(key: str, value: str) -> None:
+    xml = pull_pull(CONFIG | {key: value})
+    with pytest.raises(ValueError, match="engine error") as caught:
+        mujoco.MjModel.from_xml_string(xml)
+    message = str(caught.value)
+    for part in (PLUGIN, "'flexor'", f"`{key}`", ALLOWED[key]):
+        assert part in message
+    assert f"'{value[:90]}" in message or (not value and "missing or empty" in message)
+    build(pull_pull())  # a good model still compiles
+
+
+@pytest.mark.parametrize(("key", "value"), [b for b in BAD if b[0] != "route"])
+def test_python_refuses_the_same_values(key: str, value: str) -> None:
+    with pytest.raises(CableError, match="flexor") as caught:
+        from_mjcf(pull_pull(CONFIG | {key: value}))
+    assert key in str(caught.value)
+    assert PLUGIN in str(caught.value)
+
+
+@pytest.mark.parametrize("key", [p.name for p in PARAMETERS] + ["segments", "conduit"])
+def test_python_refuses_an_empty_value_of_any_key(key: str) -> None:
+    with pytest.raises(CableError, match=key):
+        from_mjcf(pull_pull(CONFIG | {key: ""}))
+
+
+@pytest.mark.parametrize("key", REQUIRED)
+def test_missing_key_is_named(key: str) -> None:
+    config = {k: v for k, v in CONFIG.items() if k != key}
+    with pytest.raises(ValueError, match=f"`{key}` is missing") as caught:
+        build(pull_pull(config))
+    assert "'flexor'" in str(caught.value)
+    with pytest.raises(CableError, match=f"`{key}` is missing"):
+        from_mjcf(pull_pull(config))
+
+
+def test_unknown_key_names_plugin_instance_and_key() -> None:
+    with pytest.raises(ValueError, match="stifness") as caught:
+        build(pull_pull(CONFIG | {"stifness": "1"}))
+    assert PLUGIN in str(caught.value)
+    assert "'flexor'" in str(caught.value)
+    with pytest.raises(CableError, match=r"frction.*did you mean `friction`"):
+        from_mjcf(pull_pull(CONFIG | {"frction": "1"}))
+
+
+def test_bad_value_in_a_specification() -> None:
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    spec.plugins[0].config = CONFIG | {"friction": "4o"}
+    with pytest.raises(ValueError, match=r"flexor.*friction.*4o.*\[0, 5\]"):
+        spec.compile()
+
+
+PROXIMAL = end("one", "flexor", 'joint="motor"', -0.02)
+DISTAL = end("two", "flexor", 'joint="wrist"', -0.05)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "wanted"),
+    [
+        ("", ["used by 0 actuators", "used by two"]),
+        (PROXIMAL, ["used by 1 actuators", "used by two"]),
+        (PROXIMAL + DISTAL + end("three", "flexor", 'joint="sledge"', 1),
+         ["used by 3 actuators", "used by two"]),
+        (PROXIMAL + end("two", "flexor", 'joint="ball"', 1), ["'two'", "transmission"]),
+        (PROXIMAL + end("two", "flexor", 'tendon="mix"', 1), ["'two'", "transmission"]),
+        (PROXIMAL + end("two", "flexor", 'site="hook"', 1), ["'two'", "transmission"]),
+        (PROXIMAL + end("two", "flexor", 'jointinparent="wrist"', 1),
+         ["'two'", "transmission"]),
+        (PROXIMAL + end("two", "flexor", 'joint="wrist"', 0), ["'two'", "gear 0"]),
+        (PROXIMAL + end("two", "flexor", 'joint="wrist"', math.nan),
+         ["'two'", "no finite number"]),
+        (PROXIMAL + end("two", "flexor", 'joint="sledge"', math.inf),
+         ["'two'", "no finite number"]),
+        (PROXIMAL + end("two", "flexor", 'joint="motor"', -0.05),
+         ["'two'", "same joint"]),
+    ],
+)  # fmt: skip
+def test_wrong_ends_are_named(actuators: str, wanted: list[str]) -> None:
+    with pytest.raises(ValueError, match="'flexor'") as caught:
+        build(model(instance("flexor"), actuators))
+    for part in [PLUGIN, *wanted]:
+        assert part in str(caught.value)
+    build(model(instance("flexor"), PROXIMAL + DISTAL))
+
+
+def test_configuration_inside_an_actuator_has_no_partner() -> None:
+    keys = "".join(f'<config key="{k}" value="{v}"/>' for k, v in CONFIG.items())
+    inline = f'<plugin name="one" plugin="{PLUGIN}" joint="motor">{keys}</plugin>'
+    with pytest.raises(ValueError, match="used by 1 actuators"):
+        build(model("", inline))
+    with pytest.raises(CableError, match="partner"):
+        from_mjcf(model("", inline))
+
+
+@pytest.mark.parametrize("name", ["%s%n%d", "x" * 3000, "übung"])
+def test_names_of_any_kind_are_quoted(name: str) -> None:
+    with pytest.raises(ValueError, match="plugin->init failed") as caught:
+        build(model(instance(name, CONFIG | {"friction": "%s"}), ""))
+    assert f"instance '{name[:90]}" in str(caught.value)
+
+
+def test_optional_keys_have_the_defaults_of_the_table() -> None:
+    m, _ = build(pull_pull({key: CONFIG[key] for key in REQUIRED}))
+    cable = from_mjcf(m)["flexor"]
+    assert cable.segments == 50
+    for p in PARAMETERS:
+        assert p.name in REQUIRED or getattr(cable, p.name) == p.default

@@ -1,0 +1,170 @@
+"""Cables go into MJCF and come back exactly, whatever MjSpec does in between."""
+
+from __future__ import annotations
+
+import doctest
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cable.random_cables import sections
+from cc_mujoco.cable import PARAMETERS, Cable, Section
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import _mjcf as mjcf
+from cc_mujoco.plugin import from_mjcf, route, route_tendon, to_mjcf
+from plugin.scenes import CONFIG, end, excitation, instance, model, pull_pull, run
+
+ODD = Cable(
+    axial_stiffness=4000.1,
+    pretension=1 / 3,
+    friction=0.1 + 0.2,
+    static_friction=0.7,
+    critical_slip_distance=1e-5,
+    viscous_friction=5e-324,
+    stribeck_friction=0.2,
+    load_independent_friction=1e5,
+    segments=7,
+    conduit=(Section(1 / 7, math.inf), Section(0.5, 0.1), Section(2.0, 1e300)),
+)
+
+FOLLOWING = {"route": "path", "bend": "route"}
+
+
+@st.composite
+def any_cable(draw: st.DrawFn) -> Cable:
+    values = {
+        p.name: draw(st.floats(p.low, p.high, exclude_min=p.low_open))
+        for p in PARAMETERS
+    }
+    if values["static_friction"] < values["friction"]:
+        values["static_friction"] = 0.0
+    # What the motor's pulley of 0.02 m and a cable without pretension allow.
+    values["eccentricity"] *= 0.09
+    values["ovality"] *= 0.09
+    if values["pretension"] == 0.0:
+        values["tension_exponent"] = 0.0
+    return Cable(
+        **values,
+        segments=draw(st.integers(1, 60)),
+        conduit=tuple(draw(st.lists(sections(1e-3), min_size=1, max_size=8))),
+        **draw(st.sampled_from([{}, {"route": "path"}, FOLLOWING])),
+    )
+
+
+@settings(max_examples=60)
+@given(any_cable())
+def test_any_cable_survives_specification_text_and_compilation(cable: Cable) -> None:
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    to_mjcf(spec, "flexor", cable)
+    assert from_mjcf(spec)["flexor"] == cable
+    assert from_mjcf(spec.compile())["flexor"] == cable
+    assert from_mjcf(spec.to_xml())["flexor"] == cable
+    assert from_mjcf(spec)["extensor"] == from_mjcf(pull_pull())["extensor"]
+
+
+def test_reads_text_path_specification_and_model(tmp_path: Path) -> None:
+    xml = pull_pull()
+    path = tmp_path / "scene.xml"
+    path.write_text(xml)
+    expected = {name: Cable.from_config(CONFIG) for name in ("flexor", "extensor")}
+    spec = mujoco.MjSpec.from_string(xml)
+    for source in (xml, path, str(path), spec, spec.compile()):
+        assert from_mjcf(source) == expected
+    assert from_mjcf("<mujoco/>") == {}
+
+
+def test_new_cable_gets_two_ends() -> None:
+    spec = mujoco.MjSpec.from_string(model("", ""))
+    to_mjcf(spec, "one", ODD, ("motor", -0.02), (spec.tendon("path"), 1.5))
+    m = spec.compile()
+    assert from_mjcf(m) == {"one": ODD}
+    proximal, distal = m.actuator("one_proximal"), m.actuator("one_distal")
+    assert proximal.trntype == mujoco.mjtTrn.mjTRN_JOINT
+    assert proximal.trnid[0] == m.joint("motor").id
+    assert proximal.gear[0] == -0.02
+    assert distal.trntype == mujoco.mjtTrn.mjTRN_TENDON
+    assert distal.trnid[0] == m.tendon("path").id
+    assert distal.gear[0] == 1.5
+
+
+def test_specification_and_its_text_simulate_alike() -> None:
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    to_mjcf(spec, "flexor", ODD, distal=("wrist", -0.06))
+    m = spec.compile()
+    assert m.actuator("flexor_distal").gear[0] == -0.06
+    assert m.actuator("flexor_proximal").gear[0] == -0.02
+    again = mujoco.MjSpec.from_string(spec.to_xml()).compile()
+    torque = excitation(100)
+    ours = run(m, mujoco.MjData(m), torque)
+    theirs = run(again, mujoco.MjData(again), torque)
+    assert np.array_equal(ours[0], theirs[0])
+    assert np.array_equal(ours[1], theirs[1])
+
+
+@pytest.mark.parametrize(
+    ("ends", "message"),
+    [
+        ({"proximal": ("motor", 0.02)}, "no distal end"),
+        ({"proximal": ("moter", 0.02), "distal": ("wrist", 1)}, "did you mean 'motor'"),
+        ({"proximal": ("motor", 0.0), "distal": ("wrist", 1)}, "no pulley radius"),
+        ({"proximal": ("motor", math.nan), "distal": ("wrist", 1)}, "no pulley radius"),
+    ],
+)
+def test_impossible_ends_are_refused_and_change_nothing(
+    ends: dict[str, mjcf.End], message: str
+) -> None:
+    spec = mujoco.MjSpec.from_string(model("", ""))
+    before = spec.to_xml()
+    with pytest.raises(CableError, match=message):
+        to_mjcf(spec, "one", ODD, **ends)
+    assert spec.to_xml() == before
+
+
+ROUTED = CONFIG | {"route": "path"}
+CHILD = model(
+    instance("bowden", ROUTED),
+    end("near", "bowden", 'joint="motor"', -0.02)
+    + end("far", "bowden", 'joint="wrist"', -0.05),
+)
+
+
+def test_attached_twice_with_prefixes() -> None:
+    parent = mujoco.MjSpec.from_string(CHILD)  # has a tendon `path` of its own
+    for x, (prefix, suffix) in enumerate([("left_", ""), ("right_", "_b")]):
+        child = mujoco.MjSpec.from_string(CHILD)
+        frame = parent.worldbody.add_frame(pos=[x + 1, 0, 0])
+        parent.attach(child, frame=frame, prefix=prefix, suffix=suffix)
+    m = parent.compile()
+    expected = Cable.from_config(ROUTED)
+    names = ["bowden", "left_bowden", "right_bowden_b"]
+    assert from_mjcf(parent) == from_mjcf(m) == dict.fromkeys(names, expected)
+    assert from_mjcf(parent.to_xml()) == dict.fromkeys(names, expected)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    tendons = ("path", "left_path", "right_path_b")
+    for x, (name, tendon) in enumerate(zip(names, tendons, strict=True)):
+        assert route_tendon(m, name) == m.tendon(tendon).id
+        assert np.allclose(route(m, d, name)[:, 0], [x, x + 0.1])
+    single = mujoco.MjSpec.from_string(CHILD).compile()
+    torque = excitation(50)
+    _, alone = run(single, mujoco.MjData(single), torque)
+    for prefix in ("", "left_", "right_"):
+        name = f"{prefix}drive" + ("_b" if prefix == "right_" else "")
+        for i, value in enumerate(torque):
+            d.ctrl[m.actuator(name).id] = value
+            if prefix == "right_":
+                d.ctrl[m.actuator("drive").id] = torque[i]
+                d.ctrl[m.actuator("left_drive").id] = torque[i]
+                mujoco.mj_step(m, d)
+    # The last number is a checksum of the pose of the whole model.
+    for state in d.plugin_state.reshape(3, -1):
+        assert np.allclose(state[:-1], alone[-1][:-1], rtol=1e-6, atol=1e-12)
+
+
+def test_examples_in_the_documentation() -> None:
+    assert doctest.testmod(mjcf).failed == 0

@@ -1,0 +1,195 @@
+"""Pieces of an open path are as stiff as they are short, and lose no cable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cc_mujoco.plugin import read, settle, step_limits, stored_energy
+from plugin.mechanisms import drawn, loop
+from plugin.open_scenes import TIED, end, instance, scene
+from plugin.tendon_chain import Chain
+
+STIFFNESS, PRETENSION, RADIUS = 20000.0, 100.0, 0.05
+
+
+def hoist(length: float, **keys: object) -> mujoco.MjModel:
+    """Return a hook that hangs on a drum by a straight rope."""
+    world = (
+        '<body pos="0.3 0 0"><joint name="drum" axis="0 1 0" armature="0.1"/>'
+        '<geom size="0.02" mass="0.1"/></body><site name="out"/>'
+        f'<body pos="0 0 {-length}"><joint name="hook" type="slide" axis="0 0 1"/>'
+        '<geom size="0.02" mass="10"/><site name="hook"/></body>'
+    )
+    given = {
+        "conduit": f"{length}:inf", "segments": 1, "friction": 0.1, "ends": "explicit",
+        "axial_stiffness": STIFFNESS, "pretension": PRETENSION,
+    }  # fmt: skip
+    return mujoco.MjModel.from_xml_string(
+        scene(
+            world, '<site site="out"/><site site="hook"/>',
+            end("joint", "drum", -RADIUS) + end("tendon", "rope", 1),
+            instance(**(given | keys)),
+        )
+    )  # fmt: skip
+
+
+def put(m: mujoco.MjModel, d: mujoco.MjData, wound: float, up: float) -> float:
+    """Wind the drum so far [m], with the hook so high [m]; tension of the rope."""
+    d.qpos[:], d.qvel[:] = [wound / RADIUS, up], 0.0
+    mujoco.mj_step(m, d)
+    return float(read(m, d, "rope").tension_proximal)
+
+
+@pytest.mark.parametrize("more", [{}, {"end_compliance": 2e-6}], ids=str)
+def test_a_hoisted_hook_hangs_on_the_spring_of_the_rope_that_is_left(
+    more: dict[str, float],
+) -> None:
+    m = hoist(2.0, **more)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    for up in np.linspace(0.0, 1.8, 200):
+        tension = put(m, d, up, up)
+        # A drum takes the rope in as the pretension has strained it.
+        assert tension == pytest.approx(PRETENSION, rel=1e-6)
+    lowered = put(m, d, 1.8, 1.8 - 1e-5) - tension
+    left = 0.2 / (1.0 + PRETENSION / STIFFNESS)
+    # A spring at an end counts by the unstretched length of cable that it gives.
+    spring = more.get("end_compliance", 0.0) * (1.0 + PRETENSION / STIFFNESS)
+    soft = left / STIFFNESS + spring
+    assert lowered == pytest.approx(1e-5 / soft, rel=1e-4)
+    # Step limits know the pose.
+    whole, short = step_limits(m), step_limits(m, d)
+    if not more:
+        shorter = (short["rope"].pieces / whole["rope"].pieces) ** 2
+        assert shorter == pytest.approx(0.1, rel=1e-2)
+
+
+def test_a_drum_that_goes_to_and_fro_brings_the_rope_back() -> None:
+    m = hoist(1.0)
+    d = mujoco.MjData(m)
+    for turn in np.linspace(0.0, 20.0 * np.pi, 800):
+        wound = 0.2 * np.sin(turn)
+        tension = put(m, d, wound, wound + 2e-3 * np.cos(3.0 * turn) - 2e-3)
+    assert tension == pytest.approx(PRETENSION, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_without_friction_tension_is_that_of_the_whole_path(seed: int) -> None:
+    """Over geoms that turn too, after many small steps: T = EA (L / M - 1)."""
+    free = drawn(seed, friction=0.0)
+    m = free.model
+    d = mujoco.MjData(m)
+    poses = loop(m, seed, 120)
+    d.qpos[:] = poses[0]
+    settle(m, d)
+    stiffness, pretension = 1500.0, 100.0
+    cable = d.ten_length[0] / (1.0 + pretension / stiffness)
+    for k in range(240):
+        d.qpos[:], d.qvel[:] = poses[k % 120], 0.0
+        mujoco.mj_step(m, d)
+        whole = stiffness * (d.ten_length[0] / cable - 1.0)
+        if whole > 0.0:
+            tension = read(m, d, "rope").tension
+            assert tension == pytest.approx(whole, rel=1e-3, abs=1e-2)
+            energy = 0.5 * whole**2 / stiffness * cable
+            assert stored_energy(m, d, "rope") == pytest.approx(
+                energy, rel=2e-3, abs=1e-4
+            )
+        else:
+            lies = cable - d.ten_length[0]
+            assert read(m, d, "rope").slack == pytest.approx(lies, rel=1e-2, abs=1e-4)
+
+
+SITES = ["a", "b", "c", "e"]
+
+
+def guides(friction: float) -> mujoco.MjModel:
+    """Return a rope over sites of which two move, so that lengths change by half."""
+    world = (
+        '<site name="a" pos="-0.3 0 0"/><site name="b" pos="-0.1 0 0.1"/>'
+        '<body><joint name="x" type="slide" axis="1 0 0"/>'
+        '<geom size="0.01" mass="1"/><site name="c" pos="0.1 0 -0.05"/></body>'
+        '<body><joint name="y" type="slide" axis="1 0 0"/>'
+        '<geom size="0.01" mass="1"/><site name="e" pos="0.3 0 0"/></body>'
+    )
+    path = "".join(f'<site site="{name}"/>' for name in SITES)
+    probe = mujoco.MjModel.from_xml_string(scene(world, path, "", ""))
+    cable = instance(
+        friction=friction, conduit=f"{probe.tendon_length0[0]}:inf", segments=2,
+        axial_stiffness=3000, pretension=50, ends="explicit",
+    )  # fmt: skip
+    return mujoco.MjModel.from_xml_string(scene(world, path, TIED, cable))
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.5])
+def test_tensions_over_guides_that_move_are_those_of_the_chain(friction: float) -> None:
+    """Through turns in which the middle piece is half and one and a half as long."""
+    m = guides(friction)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    referee = Chain(m, d, SITES, stiffness=3000.0, pretension=50.0, friction=friction)
+    ours, true = [], []
+    for turn in np.linspace(0.0, 2.5 * np.pi, 800):
+        d.qpos[:] = [0.1 * np.sin(turn), 0.09 * np.sin(turn) + 0.004 * np.sin(3 * turn)]
+        d.qvel[:] = 0.0
+        mujoco.mj_step(m, d)
+        ours.append(read(m, d, "rope").tension)
+        true.append(referee.tension(d, 0.0))
+    error = np.sqrt(np.mean((np.array(ours) - true) ** 2, axis=0))
+    assert np.all(error < 5e-3 * np.abs(true).max(axis=0))
+
+
+def test_a_piece_that_becomes_too_short_for_the_step_is_warned_of_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    m = hoist(2.5)
+    m.opt.timestep = 0.6 * min(step_limits(m)["rope"])
+    d = mujoco.MjData(m)
+    put(m, d, 0.0, 0.0)
+    assert "stable only" not in capfd.readouterr().err
+    for up in np.linspace(0.0, 2.45, 50):
+        put(m, d, up, up)
+    assert capfd.readouterr().err.count("is stable only with a `timestep`") == 1
+
+
+def test_a_cable_takes_the_place_of_a_spring_that_is_a_tendon() -> None:
+    """As the refusal of a tendon with a `stiffness` says."""
+    stiffness, unstretched, turn = 500.0, 0.6, 1.0
+    world = (
+        '<site name="thigh" pos="-0.12 0 -0.15"/><geom name="roller" type="cylinder" '
+        'size="0.1 0.12" pos="0 0 0.12" zaxis="0 1 0"/>'
+        '<site name="back" pos="-0.14 0 0.12"/><body pos="0 0 0.12">'
+        '<joint name="flexion" axis="0 1 0" armature="1e7"/>'
+        '<geom size="0.09" mass="1e-9"/><site name="shoulder" pos="-0.11 0 0.38"/>'
+        "</body>"
+    )
+    band = (
+        '<site site="shoulder"/><geom geom="roller" sidesite="back"/>'
+        '<site site="thigh"/>'
+    )
+    option = 'gravity="0 0 0" timestep="0.002"'
+    probe = mujoco.MjModel.from_xml_string(scene(world, band, "", "", option))
+    length = float(probe.tendon_length0[0])
+    cable = instance(
+        friction=0,
+        conduit=f"{length}:inf",
+        segments=8,
+        axial_stiffness=stiffness * unstretched,
+        pretension=stiffness * (length - unstretched),
+    )
+    m = mujoco.MjModel.from_xml_string(scene(world, band, TIED, cable, option))
+    d = mujoco.MjData(m)
+    d.qvel[0] = turn
+    for _ in range(500):
+        mujoco.mj_step(m, d)
+    mujoco.mj_forward(m, d)
+    spring = stiffness * (d.ten_length[0] - unstretched)
+    assert spring > 1.2 * stiffness * (length - unstretched)
+    lever = d.ten_J.ravel()[0]
+    pulled = d.qfrc_passive[0] + d.qfrc_actuator[0]
+    assert pulled == pytest.approx(-spring * lever, rel=1e-4)

@@ -1,0 +1,199 @@
+"""Whatever data MuJoCo hands to the plugin, the process lives on.
+
+Each script runs in a process of its own, so that a crash fails one test.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from plugin.processes import Ended, processes
+from plugin.scenes import pull_pull
+
+SLEDGE = 'type="slide" axis="1 0 0" damping="1" stiffness="50"'
+LIMITED = pull_pull().replace(SLEDGE, SLEDGE + ' limited="true" range="-0.2 0.2"')
+ASLEEP = pull_pull(extra='<option><flag sleep="enable"/></option>')
+START = f"""
+import ctypes
+import mujoco
+import numpy as np
+import cc_mujoco
+from cc_mujoco.plugin._mj_offsets import structure
+from cc_mujoco.plugin._ffi import LIBRARY
+XML = {pull_pull()!r}
+LIMITED = {LIMITED!r}
+ASLEEP = {ASLEEP!r}
+def build(xml=XML):
+    m = mujoco.MjModel.from_xml_string(xml)
+    return m, mujoco.MjData(m)
+def works(m, d, steps=50):
+    d.ctrl[0] = 0.5
+    mujoco.mj_step(m, d, steps)
+    ends = d.actuator_force[1:5]
+    assert np.isfinite(ends).all() and (ends[::2] > 0).any(), ends
+def state(m, d):
+    out = np.empty(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(m, d, out, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return out
+def blocks(d):
+    at = structure("mjData").from_address(d._address).plugin_data
+    return (ctypes.c_size_t * 2).from_address(at)
+"""
+SCRIPTS = {
+    "muscle beside a cable": """
+muscle = '<muscle name="pull" joint="sledge"/></actuator>'
+m, d = build(LIMITED.replace("</actuator>", muscle))
+assert np.allclose(m.actuator_lengthrange[-1], (-0.2, 0.2), atol=0.02)
+works(m, d)
+""",
+    "muscle in the defaults": """
+limited = '<joint limited="true" range="-170 170"/>'
+defaults = "<default><muscle/>" + limited + "</default><worldbody>"
+xml = LIMITED.replace('type="ball"', "").replace("<worldbody>", defaults)
+m, d = build(xml)
+assert m.actuator_lengthrange[1:].all()
+mujoco.mj_step(m, d, 50)
+assert (d.actuator_force[1:5:2] > 0).all()
+""",
+    "length range asked for": """
+m, d = build(LIMITED)
+option = mujoco.MjLROpt()
+option.mode = mujoco.mjtLRMode.mjLRMODE_ALL
+option.uselimit = 1
+mujoco.mj_resetData(m, d)
+try:
+    mujoco.mj_setLengthRange(m, d, 0, option)
+    mujoco.mj_setLengthRange(m, d, 1, option)
+except mujoco.FatalError:
+    pass
+mujoco.mj_resetData(m, d)
+works(m, d)
+""",
+    "data without a block": """
+m, d = build()
+works(m, d)
+held = list(blocks(d))
+blocks(d)[0] = blocks(d)[1] = 0
+for integrator in range(4):
+    m.opt.integrator = integrator
+    mujoco.mj_resetData(m, d)
+    mujoco.mj_step(m, d, 10)
+    mujoco.mj_inverse(m, d)
+    assert not d.actuator_force[1:5].any()
+assert cc_mujoco.plugin.step_limits(m, d)["flexor"].proximal == np.inf
+cc_mujoco.plugin.settle(m, d)
+whole = mujoco.MjData(m)
+mujoco.mj_copyData(whole, m, d)
+mujoco.mj_copyData(d, m, whole)
+del d
+m.opt.integrator = 0
+mujoco.mj_resetData(m, whole)
+works(m, whole)
+""",
+    "failed load": """
+bad = XML.replace('value="0.15"', 'value="much"')
+for _ in range(3):
+    try:
+        build(bad)
+    except ValueError as error:
+        assert "friction" in str(error), error
+    else:
+        raise SystemExit(3)
+works(*build())
+""",
+    "configuration broken after the load": """
+m, d = build()
+works(m, d)
+kept = m.plugin_attr.copy()
+m.plugin_attr[:] = ord("x")
+m.plugin_attr[-1] = 0
+try:
+    mujoco.MjData(m)
+except (mujoco.FatalError, ValueError) as error:
+    print(error)
+else:
+    raise SystemExit(3)
+mujoco.mj_resetData(m, d)
+mujoco.mj_step(m, d, 3)
+mujoco.mj_forward(m, d)
+m.plugin_attr[:] = kept
+mujoco.mj_resetData(m, d)
+works(m, d)
+works(m, mujoco.MjData(m))
+""",
+    "print": """
+m, d = build()
+works(m, d)
+mujoco.mj_printModel(m, "model.txt")
+mujoco.mj_printData(m, d, "data.txt")
+mujoco.mj_printData(m, mujoco.MjData(m), "fresh.txt")
+blocks(d)[0] = 0
+mujoco.mj_printData(m, d, "none.txt")
+works(*build())
+""",
+    "inverse dynamics": """
+m, d = build()
+works(m, d)
+before = d.plugin_state.copy()
+mujoco.mj_inverse(m, d)
+m.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_FWDINV
+m.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE
+mujoco.mj_forward(m, d)
+mujoco.mj_inverse(m, d)
+assert np.array_equal(d.plugin_state, before)
+works(m, d)
+""",
+    "finite differences": """
+m, d = build()
+works(m, d)
+before = state(m, d)
+size = 2 * m.nv + m.na
+for centred in (False, True):
+    A, B = np.empty((size, size)), np.empty((size, m.nu))
+    mujoco.mjd_transitionFD(m, d, 1e-6, centred, A, B, None, None)
+    assert np.isfinite(A).all() and np.isfinite(B).all()
+    # The cables hold the motor: turned, it has another velocity a step later.
+    dof = m.joint("motor").dofadr[0]
+    assert A[m.nv + dof, dof] < -1e-3, A[m.nv + dof, dof]
+assert np.array_equal(state(m, d), before)
+DfDq, DfDv, DfDa = (np.empty((m.nv, m.nv)) for _ in range(3))
+mujoco.mjd_inverseFD(
+    m, d, 1e-6, False, DfDq, DfDv, DfDa, None, None, None, None
+)
+works(m, d)
+""",
+    "sleep": """
+m, d = build(ASLEEP)
+motor = m.body_treeid[m.body("motor").id]
+mujoco.mj_step(m, d, 3000)
+assert d.tree_asleep[motor] < 0
+works(m, d)
+""",
+    "made, copied and deleted in C": """
+m, d = build()
+works(m, d)
+for name in ("mj_makeData", "mj_copyData"):
+    getattr(LIBRARY, name).restype = ctypes.c_void_p
+address = ctypes.c_void_p
+for _ in range(20):
+    one = LIBRARY.mj_makeData(address(m._address))
+    two = LIBRARY.mj_copyData(None, address(m._address), address(d._address))
+    LIBRARY.mj_step(address(m._address), address(one))
+    LIBRARY.mj_step(address(m._address), address(two))
+    LIBRARY.mj_copyData(address(one), address(m._address), address(two))
+    LIBRARY.mj_step(address(m._address), address(one))
+    LIBRARY.mj_deleteData(address(two))
+    LIBRARY.mj_deleteData(address(one))
+works(m, d)
+""",
+}
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
+    return processes(START, SCRIPTS, tmp_path_factory.mktemp("scripts"))
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_survives(name: str, ended: dict[str, Ended]) -> None:
+    assert ended[name].code == 0, ended[name].said

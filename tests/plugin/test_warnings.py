@@ -1,0 +1,310 @@
+"""Warnings of a cable when a simulation begins: once, in one sentence, or none."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import cc_mujoco
+from cc_mujoco import Cable, Section
+from cc_mujoco.plugin import cables, settle, to_mjcf
+
+POSTS = """<mujoco><option timestep="1e-3" gravity="0 0 0"/><worldbody>
+<geom name="drum" type="cylinder" size="0.05 0.03" euler="90 0 0" pos="0 0 1"/>
+<site name="over" pos="0 0 1.07"/><site name="m" pos="-.05 0 .7"/>
+<body pos="-.05 0 .5"><joint name="l" type="slide" axis="0 0 1"/>
+  <geom size=".02" mass="1"/><site name="l"/></body>
+<body pos=".05 0 .5"><joint name="h" type="slide" axis="0 0 1"/>
+  <geom size=".02" mass="1"/><site name="h"/></body>
+<body><joint name="w" axis="0 1 0" armature="1e-3"/><geom size=".02" mass=".1"/></body>
+<body><joint name="v" axis="0 1 0" armature="1e-3"/><geom size=".02" mass=".1"/></body>
+</worldbody><tendon><spatial name="{name}">{path}</spatial></tendon></mujoco>"""
+PATHS = {
+    "geom": '<site site="l"/><geom geom="drum" sidesite="over"/><site site="h"/>',
+    "sites": '<site site="l"/><site site="over"/><site site="h"/>',
+    "straight": '<site site="l"/><site site="m"/>',
+}
+DRUMS = {"motor": ("w", 0.02), "joint": ("v", 0.02)}
+PER_LENGTH = ("viscous_friction", "load_independent_friction", "grease_drag")
+_names = (f"cable_{i}" for i in itertools.count())
+"""A warning comes once in a process, so every model has a cable of its own name."""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let MuJoCo write its log here."""
+    monkeypatch.chdir(tmp_path)
+
+
+def warned(what: mujoco.MjModel | None = None, steps: int = 2) -> list[str]:
+    """Return what MuJoCo has warned of, after it has stepped a model."""
+    if what is not None:
+        mujoco.mj_step(what, mujoco.MjData(what), steps)
+    log = Path("MUJOCO_LOG.TXT")
+    lines = log.read_text().splitlines() if log.exists() else []
+    return [line for line in lines if "instance 'cable_" in line]
+
+
+def over(path: str, **given: object) -> mujoco.MjModel:
+    """Return two sledges on a cord, of an own name, over a post."""
+    name = next(_names)
+    spec = mujoco.MjSpec.from_string(POSTS.format(path=PATHS[path], name=name))
+    given = {"friction": 0.2, "axial_stiffness": 2e3, "pretension": 20} | given
+    cc_mujoco.add_friction(spec, name, **given)
+    return spec.compile()
+
+
+def final(m: mujoco.MjModel) -> np.ndarray:
+    """Return tensions after the ends were led to and fro by hand [N]."""
+    d = mujoco.MjData(m)
+    for i in range(150):
+        d.qpos[:] = 1e-3 * i * np.array([0.2, -0.22, 5.0, -4.0])
+        mujoco.mj_step(m, d)
+    return cc_mujoco.read(m, d, cables(m)[0]).tension
+
+
+@pytest.mark.parametrize("drums", [False, True], ids=["tied", "drums"])
+@pytest.mark.parametrize("path", ["geom", "sites"])
+@pytest.mark.parametrize(
+    "key", [*PER_LENGTH, "wrap_growth", "eccentricity", "ovality", "friction"]
+)
+def test_a_term_of_an_open_path_acts_or_is_warned_of(
+    path: str, key: str, drums: bool
+) -> None:
+    ends = DRUMS if drums else {}
+    value = {"eccentricity": 2e-3, "ovality": 2e-3, "friction": 0.3}.get(key, 9)
+    m = over(path, ends="explicit", **(ends | {key: value}))
+    acts = not np.array_equal(final(m), final(over(path, ends="explicit", **ends)))
+    assert acts != any(f"key `{key}` has no effect" in line for line in warned())
+
+
+def test_friction_on_a_path_without_a_bend_is_warned_of() -> None:
+    (line,) = warned(over("straight", **DRUMS))
+    assert "key `friction` has no effect: the path bends at no site" in line
+    assert len(warned(over("straight", **(DRUMS | {"friction": 0.0})))) == 1
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-3])
+def test_sites_in_one_place_are_warned_of_as_a_small_gap_is(gap: float) -> None:
+    name = next(_names)
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><option timestep="1e-3"/><worldbody>
+        <site name="a" pos="-.3 0 0"/><site name="b" pos="0 0 .05"/>
+        <body pos="{gap} 0 .05"><joint type="slide" axis="1 0 0" stiffness="200"/>
+          <geom size=".03" mass="1"/><site name="c"/><site name="e" pos=".1 0 -.1"/>
+        </body><body pos="-.4 0 0"><joint name="w" axis="0 1 0" armature="1e-3"/>
+          <geom size=".02" mass=".1"/></body></worldbody><tendon>
+        <spatial name="{name}"><site site="a"/><site site="b"/><site site="c"/>
+          <site site="e"/></spatial></tendon></mujoco>"""
+    )
+    cc_mujoco.add_friction(
+        spec, name, motor=("w", 0.02), friction=0.3, axial_stiffness=5e4
+    )
+    (line,) = warned(spec.compile())
+    assert "its open path is stable only with a `timestep` below 0." in line
+
+
+def test_models_that_are_not_finished_are_not_warned_of() -> None:
+    names = [next(_names) for _ in range(3)]
+    bodies = "".join(
+        f'<site name="a{name}"/><body pos=".2 0 0"><joint axis="0 1 0"/>'
+        f'<geom size=".02"/><site name="b{name}" pos=".05 0 .02"/></body>'
+        for name in names
+    )
+    tendons = "".join(
+        f'<spatial name="{name}"><site site="a{name}"/><site site="b{name}"/></spatial>'
+        for name in names
+    )
+    spec = mujoco.MjSpec.from_string(
+        f'<mujoco><option timestep="0.01"/><worldbody>{bodies}</worldbody>'
+        f"<tendon>{tendons}</tendon></mujoco>"
+    )
+    for name in names:
+        cc_mujoco.add_friction(spec, name, friction=0.0, axial_stiffness=1e5)
+    assert warned() == []
+    assert len(warned(spec.compile())) == 3
+
+
+LEVER = """<mujoco><option timestep="1e-3" integrator="{integrator}"/><worldbody>
+<body name="hull"><body>
+  <joint name="m" axis="0 1 0" armature="1e-3" damping=".5" {own}/>
+  <geom size=".02"/></body><site name="near"/></body>
+<body pos="1 0 0"><joint name="j" axis="0 1 0" stiffness="5" damping=".2"/>
+  <geom size=".02" mass="1"/><site name="far" pos=".1 0 0"/></body>
+<site name="post" pos="1 0 .3"/></worldbody><tendon>
+<spatial name="way"><site site="near"/><site site="far"/></spatial>
+<spatial name="held"><site site="post"/><site site="far"/></spatial></tendon>
+<actuator>{more}</actuator></mujoco>"""
+
+
+def lever(
+    proximal: tuple[str, float],
+    distal: tuple[str, float],
+    own: str = "",
+    more: str = "",
+    integrator: str = "Euler",
+    **given: object,
+) -> mujoco.MjModel:
+    """Return a motor `m` and a lever `j`, with a cable between two of its parts."""
+    text = LEVER.format(own=own, more=more, integrator=integrator)
+    spec = mujoco.MjSpec.from_string(text)
+    keys = {"axial_stiffness": 2e4, "pretension": 20.0, "friction": 0.1} | given
+    cable = Cable(conduit=(Section(1.0, 0.5),), segments=20, **keys)
+    held = spec.tendon("held")
+    ends = [(held if e[0] == "held" else e[0], e[1]) for e in (proximal, distal)]
+    to_mjcf(spec, next(_names), cable, *ends)
+    return spec.compile()
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+def test_a_state_restored_without_its_cables_is_warned_of(integrator: str) -> None:
+    m = lever(
+        ("m", -0.02),
+        ("j", -0.03),
+        more='<position joint="m" kp="20"/>',
+        integrator=integrator,
+    )
+    d = mujoco.MjData(m)
+    settle(m, d)
+    d.ctrl[0] = 0.5
+    mujoco.mj_step(m, d, 200)
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(m, full))
+    mujoco.mj_getState(m, d, state, full)
+    qpos, qvel = d.qpos.copy(), d.qvel.copy()
+    d.ctrl[0] = 0.55
+    mujoco.mj_step(m, d, 60)
+    assert 1e-4 < 0.02 * abs(d.qpos[0] - qpos[0]) < 2e-3
+    mujoco.mj_setState(m, d, state, full)
+    mujoco.mj_step(m, d, 60)
+    assert warned() == []
+    d.qpos[:], d.qvel[:] = qpos, qvel
+    mujoco.mj_step(m, d)
+    assert "a state is restored with its `plugin_state`" in warned()[0]
+
+
+def test_a_joint_set_by_hand_elsewhere_and_small_differences_are_no_jump() -> None:
+    m = lever(("m", -0.02), ("held", 1.0))
+    d = mujoco.MjData(m)
+    settle(m, d)
+    for _ in range(20):
+        d.qpos[:] += 1e-6
+        mujoco.mj_step(m, d)
+    assert warned() == []
+
+
+@pytest.mark.parametrize("speed", [3.0, 30.0])
+def test_a_mocap_body_may_be_fast(speed: float) -> None:
+    name = next(_names)
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><option timestep="1e-3" gravity="0 0 0"/><worldbody>
+        <site name="a" pos="-.3 0 0"/>
+        <body mocap="true"><site name="x" pos="0 0 .1"/></body>
+        <body pos=".4 0 0"><joint type="slide" axis="1 0 0" stiffness="20"/>
+          <geom size=".03" mass="1"/><site name="b"/></body></worldbody><tendon>
+        <spatial name="{name}"><site site="a"/><site site="x"/><site site="b"/>
+        </spatial></tendon></mujoco>"""
+    )
+    cc_mujoco.add_friction(spec, name, friction=0.1, axial_stiffness=100)
+    m = spec.compile()
+    d = mujoco.MjData(m)
+    for i in range(50):
+        d.mocap_pos[0, 2] = 1e-3 * speed * i
+        mujoco.mj_step(m, d)
+    assert d.ten_length[0] > 0.8
+    assert warned() == []
+
+
+def test_a_geom_that_the_path_never_touches_is_named() -> None:
+    text = POSTS.format(path=PATHS["geom"], name="{name}")
+    for place, touched in (("0 0 1", True), ("5 0 1", False)):
+        name = next(_names)
+        spec = mujoco.MjSpec.from_string(
+            text.format(name=name).replace("0 0 1", place, 1)
+        )
+        cc_mujoco.add_friction(spec, name, friction=0.1, axial_stiffness=100)
+        lines = [line for line in warned(spec.compile()) if f"'{name}'" in line]
+        assert len(lines) == (0 if touched else 1)
+    assert "its path never touches geom 'drum'" in lines[0]
+
+
+def test_a_geom_that_the_path_touches_in_another_pose_is_not_named() -> None:
+    name = next(_names)
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><worldbody><site name="a" pos="-.3 0 .04"/>
+        <geom name="knee" type="cylinder" size=".03 .02" zaxis="0 1 0"/>
+        <body><joint axis="0 1 0" range="-10 100"/><geom size=".02" pos=".2 0 0"/>
+          <site name="b" pos=".3 0 .04"/></body></worldbody><tendon>
+        <spatial name="{name}"><site site="a"/><geom geom="knee"/><site site="b"/>
+        </spatial></tendon></mujoco>"""
+    )
+    cc_mujoco.add_friction(spec, name, friction=0.1, axial_stiffness=100)
+    m = spec.compile()
+    assert m.tendon_length0[0] == pytest.approx(0.6)
+    assert warned(m) == []
+
+
+PAYS_OUT = "can only pay the cable out from its pose in `qpos0`"
+ORDERS = {
+    "right": (("m", -0.02), ("j", 0.02), {}, None),
+    "tendon": (("m", -0.02), ("held", 1.0), {}, None),
+    "pushes": (("m", -0.02), ("held", -1.0), {}, "pushes its tendon apart"),
+    "range": (
+        ("m", 0.02),
+        ("j", 0.02),
+        {"own": 'range="0 3"', "more": '<motor joint="m"/>'},
+        PAYS_OUT,
+    ),
+    "range, right": (
+        ("m", -0.02),
+        ("j", 0.02),
+        {"own": 'range="0 3"', "more": '<motor joint="m"/>'},
+        None,
+    ),
+    "motor": (
+        ("m", 0.02),
+        ("j", 0.02),
+        {"more": '<motor joint="m" ctrlrange="0 1"/>'},
+        PAYS_OUT,
+    ),
+    "motor, right": (
+        ("m", 0.02),
+        ("j", 0.02),
+        {"more": '<motor joint="m" ctrlrange="-1 1"/>'},
+        None,
+    ),
+    "servo": (
+        ("m", 0.02),
+        ("j", 0.02),
+        {"more": '<position joint="m" kp="10" ctrlrange="0 3"/>'},
+        PAYS_OUT,
+    ),
+    "servo, right": (
+        ("m", -0.02),
+        ("j", 0.02),
+        {"more": '<position joint="m" kp="10" ctrlrange="0 3"/>'},
+        None,
+    ),
+    "route": (("m", -0.02), ("j", 0.02), {"route": "way"}, None),
+    "route, swapped": (
+        ("j", 0.02),
+        ("m", -0.02),
+        {"route": "way"},
+        "is at the last site of the route",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ORDERS)
+def test_an_end_that_can_never_pull_is_warned_of(case: str) -> None:
+    proximal, distal, given, wanted = ORDERS[case]
+    lines = warned(lever(proximal, distal, **given))
+    if wanted is None:
+        assert lines == []
+    else:
+        assert len(lines) == 1
+        assert wanted in lines[0]

@@ -1,0 +1,123 @@
+"""Files are written whole, and only files of the package are replaced."""
+
+from __future__ import annotations
+
+import errno
+from argparse import ArgumentTypeError
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cc_mujoco._utils.atomic_io import (
+    METADATA_KEY,
+    is_marked,
+    replacing,
+    replacing_folder,
+    require_ours,
+    require_unmodified,
+    write_manifest,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.report import figure, figure_path, save
+
+NAMES = ("log.parquet", "summary.png")
+
+
+def test_a_folder_without_files_of_our_names_may_be_written_to(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    for folder in (tmp_path, tmp_path / "new" / "deep"):
+        require_ours(folder, NAMES, lambda _: False)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_of_our_names_need_our_mark(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(CableError, match=f"{name}, which no such run wrote"):
+        require_ours(tmp_path, NAMES, lambda _: False)
+    require_ours(tmp_path, NAMES, lambda folder: folder == tmp_path)
+
+
+def test_a_link_that_leads_nowhere_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / NAMES[0]).symlink_to(tmp_path / "gone")
+    with pytest.raises(CableError, match="no such run wrote"):
+        require_ours(tmp_path, NAMES, lambda _: False)
+
+
+def test_no_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="is empty"):
+        require_ours("", NAMES, lambda _: True)
+    (tmp_path / "file").touch()
+    with pytest.raises(CableError, match="is a file"):
+        require_ours(tmp_path / "file", NAMES, lambda _: True)
+    with pytest.raises(CableError, match="cannot write"):
+        require_ours(tmp_path / "file" / "inside", NAMES, lambda _: True)
+
+
+def test_the_mark_is_read_from_the_content(tmp_path: Path) -> None:
+    path = tmp_path / "table.parquet"
+    assert not is_marked(path)
+    path.write_text("mine")
+    assert not is_marked(path)
+    table = pa.table({"a": [1.0]})
+    pq.write_table(table, path)
+    assert not is_marked(path)
+    pq.write_table(table.replace_schema_metadata({METADATA_KEY: b"1"}), path)
+    assert is_marked(path)
+
+
+def test_a_figure_replaces_only_figures_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    assert figure_path(str(path)) == path
+    save(path, figure(1.0, 1.0))
+    assert figure_path(str(path)) == path
+    figure(1.0, 1.0).savefig(path)
+    with pytest.raises(ArgumentTypeError, match="which no such run"):
+        figure_path(str(path))
+    path.write_text("mine")
+    with pytest.raises(ArgumentTypeError, match="which no such run"):
+        figure_path(str(path))
+    for folder in ("", str(tmp_path)):
+        with pytest.raises(ArgumentTypeError, match="is a folder"):
+            figure_path(folder)
+
+
+def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        path.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "a").write_text("old")
+    with (
+        pytest.raises(CableError, match=rf"{tmp_path}/a: No space left on device\.$"),
+        replacing(tmp_path / "a") as partial,
+    ):
+        write(partial)
+    assert (tmp_path / "a").read_text() == "old"
+    with (
+        pytest.raises(CableError, match=rf"{tmp_path}/new/b: No space left"),
+        replacing_folder(tmp_path / "new") as folder,
+        replacing(folder / "b") as partial,
+    ):
+        write(partial)
+    with (
+        pytest.raises(CableError, match=rf"{tmp_path}/new: No space left"),
+        replacing_folder(tmp_path / "new") as folder,
+    ):
+        write(folder / "b")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_file_that_is_not_as_it_was_written_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "table.md").write_text("one")
+    require_unmodified(tmp_path, ["table.md"])  # nobody says how it was written
+    write_manifest(tmp_path, ["table.md", "plot.png"])
+    require_unmodified(tmp_path, ["table.md", "plot.png"])
+    (tmp_path / "plot.png").write_text("of another")
+    with pytest.raises(CableError, match=r"plot\.png is not as an earlier run wrote"):
+        require_unmodified(tmp_path, ["table.md", "plot.png"])
+    (tmp_path / "table.md").write_text("my notes")
+    with pytest.raises(CableError, match=r"table\.md is not as an earlier run wrote"):
+        require_unmodified(tmp_path, ["table.md"])

@@ -23,9 +23,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.1.0"
 
-# MuJoCo loads models with cables once the engine has registered its plugin. Where it is
-# imported later, MuJoCo does that itself, by the entry point `cc_mujoco_plugin`: the
-# engine takes a second to import, for which `cc-mujoco --help` need not wait.
+# MuJoCo loads models with cables once `cc_mujoco.plugin` is imported. Where MuJoCo is
+# imported later, it does that itself, by the entry point `cc_mujoco_plugin`: the plugin
+# takes a second to import, for which `cc-mujoco --help` need not wait.
 if "mujoco" in sys.modules:
     import_module("cc_mujoco.plugin")
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import plugin as engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.device import Plant
@@ -130,7 +130,7 @@ class Device:
         self._companion_qpos = [
             int(model.joint(name).qposadr[0]) for name in setup.companions
         ]
-        self._readers = [engine.Reader(model, name) for name in engine.cables(model)]
+        self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         self._ends = [_ends(model, reader.name) for reader in self._readers]
         turned = model.joint("motor").id
         self.driven = tuple(
@@ -143,7 +143,7 @@ class Device:
         """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
         self.winding = winding_of(model, self._ends[0][1], setup.joint)
         """Winding of the first cable's distal end; None on a round pulley."""
-        self.cables = engine.from_mjcf(model)
+        self.cables = plugin.from_mjcf(model)
         """The cables of the model, as it was given."""
         self.ratio = self._ratio()
         """Joint torque per motor torque without friction in the neutral pose [-]."""
@@ -248,7 +248,7 @@ class Device:
         proximal, distal = self._ends[0]
         payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
         data.qpos[self.places.motor_q] += payed_out / model.actuator_gear[proximal, 0]
-        engine.settle(model, data)
+        plugin.settle(model, data)
 
     def read_cables(self, physics: Physics) -> dict[str, Any]:
         """Read the state of the cables, and the pose.
@@ -323,15 +323,16 @@ def load(setup: Setup, drawn: bool = True) -> mujoco.MjModel:
     """
     spec = whole = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
     if not drawn:
-        cables = engine.from_mjcf(whole)
+        cables = plugin.from_mjcf(whole)
         spec = strip(whole, route_tendons(cables.values()))
         for name, cable in cables.items():
-            engine.to_mjcf(spec, name, remaining_cable(spec, cable))
-    for plugin in spec.plugins:
-        config = dict(plugin.config)
-        if plugin.plugin_name == PLUGIN:
+            plugin.to_mjcf(spec, name, remaining_cable(spec, cable))
+    for instance in spec.plugins:
+        config = dict(instance.config)
+        if instance.plugin_name == PLUGIN:
             # Of the keys, `conduit` is one whose text may end in blanks.
-            plugin.config = {**config, "conduit": config["conduit"] + SPARE_BYTES * " "}
+            spare = config["conduit"] + SPARE_BYTES * " "
+            instance.config = {**config, "conduit": spare}
     return spec.compile()
 
 
@@ -365,7 +366,7 @@ def _winding_joint(model: mujoco.MjModel, name: str) -> int:
     return int(model.actuator_trnid[found[0], 0]) if on_joint else -1
 
 
-def _cable_columns(name: str, reading: engine.CableReading) -> dict[str, Any]:
+def _cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
     return {
         f"tension_{name}_proximal_n": reading.tension_proximal,
         f"tension_{name}_distal_n": reading.tension_distal,

@@ -20,7 +20,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cc_mujoco import plugin as engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
@@ -99,7 +99,7 @@ class Scene(Nominal):
         self.spec = _scene(name, timestep)
         mover = self.spec.actuator(setup.mover)
         wearer = Wearer(float(mover.gainprm[0]), -float(mover.biasprm[2]))
-        super().__init__(setup, engine.from_mjcf(self.spec), wearer)
+        super().__init__(setup, plugin.from_mjcf(self.spec), wearer)
         self.ends = {
             name: tuple(a for a in self.spec.actuators if a.plugin.name == name)
             for name in self.cables
@@ -318,7 +318,7 @@ class Plant:
         self._require_strength()
         if any(cable.path != PATHS[0] for cable in self.device.cables.values()):
             # The ends of a cable are implicit where they need it, its pieces are not.
-            limits = engine.step_limits(self.model()).values()
+            limits = plugin.step_limits(self.model()).values()
             step = float(scene.spec.option.timestep)
             limit = min(found.pieces for found in limits)
             if step >= limit:
@@ -448,7 +448,7 @@ class Plant:
         """Write the values into a scene, whole or bare."""
         values = self.values
         for name, cable in self.cables.items():
-            engine.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
+            plugin.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
             own = self._own(name)
             ends = (a for a in spec.actuators if a.plugin.name == name)
             for end, key in zip(ends, RADII, strict=True):

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from cc_mujoco import plugin as engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 
 ROUNDS = 101
@@ -36,7 +36,7 @@ def main() -> None:
     steps, count = arguments.steps, arguments.simulations
 
     cables = mujoco.MjSpec.from_file(str(scene_path("wrist"))).compile()
-    segments = [c.segments for c in engine.from_mjcf(cables).values()]
+    segments = [c.segments for c in plugin.from_mjcf(cables).values()]
     rivals = {"cables": cables, "ideal": ideal(False), "equality": ideal(True)}
     rates = compare({name: single(m, steps) for name, m in rivals.items()})
     print(f"wrist scene, cables of {segments} segments, steps per second:")

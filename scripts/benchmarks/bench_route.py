@@ -16,7 +16,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from cc_mujoco import plugin as engine
+from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD
 
@@ -35,8 +35,8 @@ def scene(bend: str | None, more: dict[str, float]) -> mujoco.MjModel:
             if actuator.plugin.active:
                 spec.delete(actuator)
     else:
-        cable = engine.from_mjcf(spec)[CABLE]
-        engine.to_mjcf(spec, CABLE, cable.replace(bend=bend, **more))
+        cable = plugin.from_mjcf(spec)[CABLE]
+        plugin.to_mjcf(spec, CABLE, cable.replace(bend=bend, **more))
     return spec.compile()
 
 
@@ -47,7 +47,7 @@ def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
     motor = data.actuator("motor")
     each = 10
     at = 0
-    pulls = CABLE in engine.cables(model)
+    pulls = CABLE in plugin.cables(model)
 
     def turn() -> float:
         nonlocal at

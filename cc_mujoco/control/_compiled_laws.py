@@ -29,7 +29,7 @@ LAW_INPUTS = (
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""Columns of `device._sensors.MEASURED_COLUMNS` that the laws read."""
+"""Columns of `device.MEASURED_COLUMNS` that the laws read."""
 ANGLE, VELOCITY, JOINT_VELOCITY, TORQUE, DESIRED = range(len(LAW_INPUTS))
 
 INTEGRAL_TORQUE, MOTOR_DIRECTION, RELEASED = range(3)

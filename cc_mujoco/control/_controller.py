@@ -52,9 +52,9 @@ class Controller(ABC):
         """Return the torque of the motor [N m], inside the limits of the drive.
 
         Args:
-            observation: At least the keys `device._sensors.MEASURED_COLUMNS`, each a
+            observation: At least the keys `device.MEASURED_COLUMNS`, each a
                 number or an array over environments; others are not read, except
-                `device._sensors.WINDING_COLUMNS` and, where the drive has such sensors,
+                `device.WINDING_COLUMNS` and, where the drive has such sensors,
                 `device.TENSION_COLUMN`.
 
         Returns:
@@ -79,7 +79,7 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
 
     Models of cables have a constant arm. So angle and velocity of the joint are those
     of that pulley, and both torques those that its tensions would make there. What
-    lacks `device._sensors.WINDING_COLUMNS` is taken for measured at such a pulley.
+    lacks `device.WINDING_COLUMNS` is taken for measured at such a pulley.
 
     Raises:
         CableError: If that is impossible, because other joints wind the cables too, or

@@ -28,7 +28,7 @@ PLANNER_INPUTS = (
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""Columns of `device._sensors.MEASURED_COLUMNS` that it reads."""
+"""Columns of `device.MEASURED_COLUMNS` that it reads."""
 _MIN_NOISE = 1e-5
 """Share of the greatest torque: a sensor without noise is no reason to turn for
 nothing."""

@@ -154,7 +154,7 @@ def _with_cable_velocity(observation: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the measurements, with the joint's velocity as the cables see it.
 
     Of a lever, or of cables that other joints wind, see
-    `device._sensors.WINDING_COLUMNS`.
+    `device.WINDING_COLUMNS`.
     """
     if WINDING_COLUMNS[1] not in observation:
         return observation

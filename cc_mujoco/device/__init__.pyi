@@ -12,8 +12,10 @@ from ._plant import Scene as Scene
 from ._registry import DEVICES as DEVICES
 from ._registry import Setup as Setup
 from ._registry import find_device as find_device
+from ._sensors import MEASURED_COLUMNS as MEASURED_COLUMNS
 from ._sensors import PERFECT_SENSING as PERFECT_SENSING
 from ._sensors import TENSION_COLUMN as TENSION_COLUMN
+from ._sensors import WINDING_COLUMNS as WINDING_COLUMNS
 from ._sensors import Measuring as Measuring
 from ._sensors import Sensing as Sensing
 from ._sensors import Sensors as Sensors

@@ -76,11 +76,11 @@ class Drive:
     see `guard`."""
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
-    with a model need `device._sensors.WINDING_COLUMNS`."""
+    with a model need `device.WINDING_COLUMNS`."""
     lever: bool = False
     """True if the cables pull a lever, whose arm changes with its angle; `distal` is
     that of the neutral pose. Then, too, controllers with a model need
-    `device._sensors.WINDING_COLUMNS`."""
+    `device.WINDING_COLUMNS`."""
     observed: Observed | None = None
     """Observation of the device's environment; saved policies need it."""
 

@@ -50,7 +50,7 @@ def drive_of(
         env = gymnasium.make(identity, disable_env_checker=True)
         inner: Any = env.unwrapped
         drive: Drive = inner.exo.device.drive(period)
-        # No rig measures `device._sensors.WINDING_COLUMNS`; `run` warns of a lever.
+        # No rig measures `device.WINDING_COLUMNS`; `run` warns of a lever.
         drive = dataclasses.replace(drive, lever=False)
         env.close()
     else:

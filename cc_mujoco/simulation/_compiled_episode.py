@@ -39,7 +39,7 @@ from cc_mujoco.plugin._ffi import (
 )
 from cc_mujoco.plugin._registration import add_plugin
 
-PLUGIN = "cc_mujoco.simulation._loop"
+PLUGIN = "cc_mujoco.episode"
 
 UNPOWERED, FEED_FORWARD, FEEDBACK, MODEL, STICTION = range(5)
 """Laws that drive the motor."""

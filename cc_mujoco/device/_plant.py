@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco import plugin
+from cc_mujoco._validation import require_dictionary
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
@@ -88,7 +89,7 @@ class Scene(Nominal):
         """Read the scene.
 
         Args:
-            name: key of `device._registry.DEVICES`.
+            name: key of `DEVICES`.
             timestep: of the physics [s]; that of the scene by default.
 
         Raises:
@@ -136,7 +137,7 @@ class Plant:
         """Change the values of a device.
 
         Args:
-            device: key of `device._registry.DEVICES`, or the device.
+            device: key of `DEVICES`, or the device.
             values: by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
 
         Raises:
@@ -144,7 +145,9 @@ class Plant:
         """
         self.device = Scene(device) if isinstance(device, str) else device
         cables = self.device.cables
-        self.values: dict[str, Value] = read_values(values or {}, cables)
+        self.values: dict[str, Value] = read_values(
+            require_dictionary("values", values), cables
+        )
         if FRICTION in self.values and "material" not in self.values:
             raise CableError(
                 f"variable {FRICTION!r} says where in the range of a material, and "

@@ -1,7 +1,7 @@
 """Estimation of a cable's properties while it runs, or from a recording of it.
 
 estimator = FrictionEstimator(cable, sensors, start=0.3)
-estimator.update(measured, plugin.read(model, data, "flexor").slip)   # in a step
+estimator.update(measured, cc_mujoco.read(model, data, "flexor").slip)   # in a step
 track = estimator.over(measured, directions)                    # of a recording
 """
 

@@ -1,7 +1,7 @@
 r"""Friction of a cable while it runs, from tension sensors along it (3.2.3).
 
     estimator = FrictionEstimator(cable, sensors, start=0.3)
-    reading = plugin.read(model, data, "flexor")      # in an environment step
+    reading = cc_mujoco.read(model, data, "flexor")      # in an environment step
     estimator.update(measured, reading.slip)
     estimator.friction, estimator.deviation
 

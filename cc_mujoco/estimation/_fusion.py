@@ -2,7 +2,7 @@ r"""Many noisy tension sensors on one cable, one estimate of all its tensions (3
 
     sensors = Sensors.at(cable, positions=(0.2, 1.0, 1.8), deviation=(1.0, 0.5, 2.0))
     fusion = TensionFusion(cable, sensors)
-    reading = plugin.read(model, data, "flexor")      # in an environment step
+    reading = cc_mujoco.read(model, data, "flexor")      # in an environment step
     fusion.update(measured, reading.slip)
     fusion.tension, fusion.deviation                  # every node, with its error
 

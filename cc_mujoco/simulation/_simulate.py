@@ -145,6 +145,8 @@ def simulate(
     played = [exos[id(plant)] for plant in made]
     exo = played[0]
     sensing = setup.sensing if sensing is None else sensing
+    if not isinstance(sensing, Sensing):
+        raise CableError(f"sensing must be a Sensing, not {sensing!r}.")
     law = _law(controller, [sensing.equip(one.drive) for one in played], alone)
     given = {"trajectory": motion, "task": task, "controller": controller}
     about = {key: _label(one) for key, one in given.items()} | dict(about or {})

@@ -54,3 +54,8 @@ def test_the_plant_of_an_environment_has_no_scene_to_change() -> None:
     device = Nominal(DEVICES["wrist"], scene.cables, scene.wearer)
     with pytest.raises(CableError, match="has no scene to change"):
         Plant(device, {"friction": 0.1}).model()
+
+
+def test_values_that_are_no_mapping_are_refused() -> None:
+    with pytest.raises(CableError, match=r"^values must be"):
+        Plant("wrist", ["friction"])  # type: ignore[arg-type]

@@ -176,3 +176,8 @@ def test_a_controller_of_another_period_is_refused() -> None:
     law = ProportionalIntegral(Drive(5.2, -1.0, 1.0, 0.002))
     with pytest.raises(CableError, match=r"period of 0\.002 s.*one of 0\.001 s"):
         simulate("wrist", law, duration=0.01)
+
+
+def test_sensors_that_are_none_are_refused() -> None:
+    with pytest.raises(CableError, match="sensing must be a Sensing, not 'perfect'"):
+        simulate("wrist", sensing="perfect", duration=0.1)  # type: ignore[call-overload]

@@ -18,7 +18,11 @@ from cc_mujoco._utils import code_stamp
 
 PACKAGE = Path(cc_mujoco.control.__file__).parents[1]
 SOURCES = {
-    "law.py": "from cc_mujoco.room import (\n    gain,\n    other,\n)\n",
+    "face/__init__.py": "",
+    "face/__init__.pyi": "from ._inner.part import third as third\n",
+    "face/_inner/part.py": "third = 1.0 / 3.0\n",
+    "law.py": "from cc_mujoco.face import third\n"
+    "from cc_mujoco.room import (\n    gain,\n    other,\n)\n",
     "room/__init__.py": "",
     "room/gain.py": "def late():\n    from cc_mujoco.deep import half\n",
     "room/other.py": "from cc_mujoco.law import turn\n",

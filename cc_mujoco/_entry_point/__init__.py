@@ -1,7 +1,7 @@
 """Entry point that MuJoCo calls at the end of its import, to register the cables.
 
-It lies outside `cc_mujoco`, so that a program that has no use for that package need not
-wait for its import, nor for Numba.
+It installs beside `cc_mujoco`, as `cc_mujoco_plugin`, so that a program that has no use
+for that package need not wait for its import, nor for Numba.
 """
 
 from __future__ import annotations

@@ -218,7 +218,7 @@ class Diagnosis:
     verdict: Verdict
     """Verdict in one word."""
     statement: str
-    """The same in one or two sentences."""
+    """Verdict in one or two sentences."""
     _: KW_ONLY
     effects: tuple[FoundEffect, ...] = ()
     """Effects that were named, in the order in which they were added."""

@@ -97,15 +97,15 @@ void cc_controller_reset(cc_controller *controller);
 
 /* Motor torque [N m] until the next reading, within CC_LOW and CC_HIGH. It is not a
  * number where a reading that the controller uses is none, infinite or beyond
- * {entry_points.MAX_READING:g} of its unit; then the state stays as it was, and what the motor does
- * is yours to decide. */
+ * {entry_points.MAX_READING:g} of its unit; then the state stays as it was,
+ * and what the motor does is yours to decide. */
 double cc_controller_step(cc_controller *controller, const cc_readings *readings);
 {_given_function(plan)}{_observer_functions(plan)}
 #ifdef __cplusplus
 }}
 #endif
 #endif
-"""  # noqa: E501
+"""
 
 
 def _given_function(plan: ExportPlan) -> str:

@@ -13,7 +13,8 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from functools import partial
 from numbers import Real
 
 import numpy as np
@@ -50,13 +51,16 @@ def _constant(
     name: str, unit: str, meaning: str, better: Better = "low", *needs: str
 ) -> Metric:
     """Define a metric that is a constant of the design."""
-    compute: Callable[[LogLike], float] = lambda log: metadata_constant(log, name)  # noqa: E731
+    compute = partial(metadata_constant, key=name)
     return Metric(name, unit, meaning, compute, better, "parts", needs)
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
     """Define a metric of the strides of an ankle that walks."""
-    compute: Callable[[LogLike], float] = lambda log: getattr(stride_metrics(log), name)  # noqa: E731
+
+    def compute(log: LogLike) -> float:
+        return float(getattr(stride_metrics(log), name))
+
     return Metric(name, unit, meaning, compute, better, needs=(PACE,))
 
 

@@ -17,7 +17,7 @@ _OFFSET_BOUNDS = (-0.3, 0.3)
 _DELAY_BOUNDS = (-0.1, 0.1)
 """Delay of a signal chain that would not have been noticed [s]."""
 JOINT_DELAY = "joint_delay"
-"""By how much the joint's angle and torque come late together [s]."""
+"""Effect that delays the joint's angle and torque together [s]."""
 
 
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from cc_mujoco.datasets._toml_table import Table
+from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.errors import CableError
 
 MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF

@@ -56,7 +56,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cc_mujoco.datasets._toml_table import Table, finite
+from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import CanAddress, UdpAddress, address_of

@@ -1,60 +1,103 @@
 """A scene without the parts that do not affect the physics.
 
-The scenes are drawn with care, and most of a step of theirs goes into things that only
-draw: sites along the conduits, the tendons through them, bodies that do not move.
-Without them a simulation moves the same, bit for bit, in half the time.
+Scenes are drawn with care, and most of a step goes into things that only draw: sites
+along the conduits, the tendons through them, bodies that do not move. Without them a
+simulation moves the same in half the time: bit for bit where the inertias were
+stated, else within rounding.
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Collection, Iterable
+from typing import Any
 
 import mujoco
 
 from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.plugin import PLUGIN
 
 ARENA_BYTES = 1 << 16
-"""Arena of a bare model [byte]; the scenes make a handful of constraints at most, which
-take a hundredth of it. With more, the allocator would be left with holes as large as an
-arena whenever a batch of simulations ends, and a study would grow with its designs."""
+"""Least arena of a bare model without contacts [byte]. MuJoCo's own is 13 MB: the
+allocator would be left with holes as large whenever a batch of simulations ends, and a
+study would grow with its designs."""
+
+_NO_COLLISIONS = int(
+    mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
+_DOFS = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}
+"""Degrees of freedom of a joint; one of any other type."""
+
+_ALWAYS_INFERRED = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+_ANCHORS = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE)
+
+_WRAPPED = {
+    mujoco.mjtWrap.mjWRAP_SITE: mujoco.mjtObj.mjOBJ_SITE,
+    mujoco.mjtWrap.mjWRAP_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
+}
+"""Type of what a tendon passes; a geom where it is none of these."""
+
+Names = dict[mujoco.mjtObj, set[str]]
+"""Names of elements by their type."""
 
 
 def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
-    """Return a copy with only joints, inertias, actuators and the tendons they need.
+    """Return a copy with only what moves, collides, pulls or holds.
+
+    Bodies whose inertia follows from their geoms get it stated. Where contacts are
+    enabled, geoms that can collide remain. All that actuators, tendons with a force,
+    equality constraints, flexes and other plugins refer to remains, too.
 
     Args:
-        whole: the scene; inertias are stated and nothing collides.
-        kept: tendons to keep in addition to those of actuators, see `route_tendons`.
+        whole: the scene.
+        kept: tendons to keep in addition to those with a force, see `route_tendons`.
     """
     spec = whole.copy()
-    spec.memory = ARENA_BYTES
-    tendons = {*kept}
-    for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
-            tendons.add(actuator.target)
-    for tendon in list(spec.tendons):
-        if tendon.name not in tendons:
-            spec.delete(tendon)
-        else:
-            tendon.material = ""
-    wraps = [wrap for tendon in spec.tendons for wrap in tendon.path]
-    needed = {wrap.target.name for wrap in wraps if wrap.target is not None}
-    needed |= {wrap.sidesite.name for wrap in wraps if wrap.sidesite is not None}
+    _state_length_ranges(spec, whole)
+    collides = not int(spec.option.disableflags) & _NO_COLLISIONS
+    if not collides:
+        for pair in [*spec.pairs, *spec.excludes]:
+            spec.delete(pair)
     for sensor in list(spec.sensors):
-        spec.delete(sensor)
-    for thing in [*spec.geoms, *spec.sites]:
-        if not thing.name or thing.name not in needed:
-            spec.delete(thing)
+        if sensor.type != mujoco.mjtSensor.mjSENS_PLUGIN:
+            spec.delete(sensor)
+    configured = _configured_names(spec)
+    for tendon in list(spec.tendons):
+        if tendon.name in configured or tendon.name in kept or _pulls(spec, tendon):
+            tendon.material = ""
         else:
-            thing.material = ""
-    for thing in [*spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
-        spec.delete(thing)
+            spec.delete(tendon)
+    needed = _needed_names(spec)
+    for names in needed.values():
+        names |= configured
+    _state_inertias(spec, needed, collides)
+    for geom in list(spec.geoms):
+        if _needs(spec, geom, needed, collides):
+            geom.material = ""
+        else:
+            spec.delete(geom)
+    for site in list(spec.sites):
+        if site.name and site.name in needed[mujoco.mjtObj.mjOBJ_SITE]:
+            site.material = ""
+        else:
+            spec.delete(site)
+    for camera in list(spec.cameras):
+        if camera.name not in needed[mujoco.mjtObj.mjOBJ_CAMERA]:
+            spec.delete(camera)
+    for flex in spec.flexes:
+        flex.material = ""
+    _delete_assets(spec)
     for body in reversed(spec.bodies[1:]):  # children before their parents
-        parts = [body.joints, body.bodies, body.geoms, body.sites]
-        if not any(parts) and not body.explicitinertial:
+        parts = [body.joints, body.bodies, body.geoms, body.sites, body.cameras]
+        if not any(parts) and not _has_weight(body) and not _is_named(body, needed):
             spec.delete(body)
-    # Compiled as it is, it would still look for the material of a tendon.
-    return spec.copy()
+    if not (collides and spec.geoms) and not spec.equalities and not spec.flexes:
+        spec.memory = _arena_bytes(spec)
+    # Compiled as it is, it would still look for the material of a tendon. What refers
+    # to a deleted element is not copied, and the scene would move without it.
+    copied = spec.copy()
+    return copied if _counts(copied) == _counts(spec) else whole.copy()
 
 
 def route_tendons(cables: Iterable[Cable]) -> tuple[str, ...]:
@@ -69,3 +112,170 @@ def route_tendons(cables: Iterable[Cable]) -> tuple[str, ...]:
 def remaining_cable(spec: mujoco.MjSpec, cable: Cable) -> Cable:
     """Return a cable as it is in a stripped scene, which may have lost its tendon."""
     return cable if spec.tendon(cable.route) else cable.replace(route="")
+
+
+def _counts(spec: mujoco.MjSpec) -> list[int]:
+    """Return the number of elements of each type that affect the physics."""
+    elements = [spec.joints, spec.actuators, spec.tendons, spec.equalities, spec.keys]
+    elements += [spec.pairs, spec.excludes, spec.sensors, spec.flexes, spec.plugins]
+    return [len(found) for found in elements]
+
+
+def _state_length_ranges(spec: mujoco.MjSpec, whole: mujoco.MjSpec) -> None:
+    """Write the length ranges that the compiler finds by simulation, for muscles."""
+    if any(a.gaintype == mujoco.mjtGain.mjGAIN_MUSCLE for a in spec.actuators):
+        model = whole.copy().compile()
+        for actuator, found in zip(
+            spec.actuators, model.actuator_lengthrange, strict=True
+        ):
+            if found[0] < found[1]:
+                actuator.lengthrange = found
+
+
+def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
+    """Write the inertia of moving bodies of which geoms are going to be deleted."""
+    if spec.compiler.inertiafromgeom == _ALWAYS_INFERRED:
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        for body in spec.bodies[1:]:
+            if body.geoms and not _infers_always(body):
+                _forget_inertia(body)
+    for body in spec.bodies[1:]:
+        if not body.explicitinertial and _moves(body):
+            if not all(_needs(spec, geom, needed, collides) for geom in body.geoms):
+                spec.adopt_inertial(body)
+
+
+def _infers_always(body: Any) -> bool:
+    """Return whether the inertia of a body follows from its geoms, stated or not.
+
+    Once `_state_inertias` has run, that is so only in an attached part, whose settings
+    are also those of the scene that it was attached to.
+    """
+    return bool(body.compiler.inertiafromgeom == _ALWAYS_INFERRED)
+
+
+def _forget_inertia(body: Any) -> None:
+    body.explicitinertial = False
+    body.mass, body.inertia = 0.0, [0.0] * 3
+    body.ipos, body.iquat = [math.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    body.fullinertia = [math.nan] + [0.0] * 5
+    body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _moves(body: Any) -> bool:
+    """Return whether a joint moves a body or one that carries it."""
+    while body is not None:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
+
+
+def _has_weight(body: Any) -> bool:
+    return body.explicitinertial and (body.mass > 0.0 or not _moves(body))
+
+
+def _is_named(body: Any, needed: Names) -> bool:
+    """Return whether something else needs an empty body."""
+    named = body.name and body.name in needed[mujoco.mjtObj.mjOBJ_BODY]
+    return bool(body.mocap or body.plugin.active or named)
+
+
+def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> bool:
+    """Return whether the physics needs a geom apart from the inertia of its body."""
+    body = geom.parent
+    if body.plugin.active or (_moves(body) and _infers_always(body)):
+        return True
+    touches = collides and (geom.contype != 0 or geom.conaffinity != 0)
+    medium = spec.option.density > 0.0 or spec.option.viscosity > 0.0
+    named = geom.name and geom.name in needed[mujoco.mjtObj.mjOBJ_GEOM]
+    return bool(touches or (medium and geom.fluid_ellipsoid) or named)
+
+
+def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
+    """Return whether a tendon has a force, or something else refers to it."""
+    limited = tendon.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+        tendon.limited == mujoco.mjtLimited.mjLIMITED_AUTO
+        and tendon.range[0] < tendon.range[1]
+    )
+    own = [*tendon.stiffness, *tendon.damping, tendon.frictionloss, tendon.armature]
+    return (
+        limited
+        or any(own)
+        or any(
+            actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
+            and actuator.target == tendon.name
+            for actuator in spec.actuators
+        )
+        or any(
+            equality.type == mujoco.mjtEq.mjEQ_TENDON
+            and tendon.name in (equality.name1, equality.name2)
+            for equality in spec.equalities
+        )
+    )
+
+
+def _configured_names(spec: mujoco.MjSpec) -> set[str]:
+    """Return all words in the configurations of plugins other than cables."""
+    return {
+        word
+        for plugin in spec.plugins
+        if plugin.plugin_name != PLUGIN
+        for text in dict(plugin.config).values()
+        for word in text.split()
+    }
+
+
+def _needed_names(spec: mujoco.MjSpec) -> Names:
+    """Return the elements to which what remains refers."""
+    body, site, geom = (
+        mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_GEOM
+    )  # fmt: skip
+    needed: Names = defaultdict(set)
+    for wrap in (wrap for tendon in spec.tendons for wrap in tendon.path):
+        if wrap.target is not None:
+            needed[_WRAPPED.get(wrap.type, geom)].add(wrap.target.name)
+        if wrap.sidesite is not None:
+            needed[site].add(wrap.sidesite.name)
+    for actuator in spec.actuators:
+        needed[site] |= {actuator.refsite, actuator.slidersite}
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_BODY:
+            needed[body].add(actuator.target)
+        else:
+            needed[site].add(actuator.target)
+    for equality in spec.equalities:
+        if equality.objtype in _ANCHORS:
+            needed[equality.objtype] |= {equality.name1, equality.name2}
+    for pair in spec.pairs:
+        needed[geom] |= {pair.geomname1, pair.geomname2}
+    for exclude in spec.excludes:
+        needed[body] |= {exclude.bodyname1, exclude.bodyname2}
+    for flex in spec.flexes:
+        needed[body] |= {*flex.nodebody, *flex.vertbody}
+    for sensor in spec.sensors:
+        for kind, name in (
+            (sensor.objtype, sensor.objname),
+            (sensor.reftype, sensor.refname),
+        ):
+            needed[body if kind == mujoco.mjtObj.mjOBJ_XBODY else kind].add(name)
+    for kind in (body, site, geom, mujoco.mjtObj.mjOBJ_CAMERA):
+        needed[kind].discard("")
+    return needed
+
+
+def _delete_assets(spec: mujoco.MjSpec) -> None:
+    """Delete what only draws, and the shapes that no geom has any more."""
+    drawn = [*spec.lights, *spec.skins, *spec.materials, *spec.textures, *spec.tuples]
+    meshes = {geom.meshname for geom in spec.geoms}
+    fields = {geom.hfieldname for geom in spec.geoms}
+    drawn += [mesh for mesh in spec.meshes if mesh.name not in meshes]
+    drawn += [field for field in spec.hfields if field.name not in fields]
+    for thing in drawn:
+        spec.delete(thing)
+
+
+def _arena_bytes(spec: mujoco.MjSpec) -> int:
+    """Return four times what joints and tendons can need without contacts."""
+    dofs = sum(_DOFS.get(joint.type, 1) for joint in spec.joints)
+    rows = 2 * (dofs + len(spec.tendons))
+    return max(ARENA_BYTES, 4 * 8 * (rows * (dofs + 40) + 26 * dofs**2))

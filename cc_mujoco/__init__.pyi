@@ -7,8 +7,8 @@ from .control import Controller as Controller
 from .control import controller as controller
 from .design import optimise as optimise
 from .design import study as study
-from .device import DEVICES as DEVICES
 from .device import MATERIALS as MATERIALS
+from .device import Device as Device
 from .device import Drive as Drive
 from .device import Plant as Plant
 from .device import Sensing as Sensing

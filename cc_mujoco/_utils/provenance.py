@@ -57,7 +57,7 @@ def sources() -> str:
     for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
         root = Path(str(importlib.import_module(package).__file__)).parent
         for path in root.rglob("*"):
-            if path.suffix in (".py", ".xml", ".csv"):
+            if path.suffix in (".py", ".xml", ".csv", ".toml"):
                 place = Path(*package.split("."), path.relative_to(root))
                 found[place.as_posix()] = path.read_bytes()
     digest = hashlib.sha256()

@@ -1,3 +1,5 @@
+from ._axes import AxesController as AxesController
+from ._axes import axes_controller as axes_controller
 from ._cable_model import CableModel as CableModel
 from ._controller import Controller as Controller
 from ._controller import as_round_pulley as as_round_pulley

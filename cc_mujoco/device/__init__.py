@@ -1,10 +1,11 @@
-"""Devices: the data that a scene omits, and a device on its MuJoCo model.
+"""Devices: a scene and its description, on its MuJoCo model, with values changed.
 
-    from cc_mujoco.device import Plant
-    Plant("wrist", {"friction": 0.2, "wearer": 0.5}).model()
+    from cc_mujoco.device import Device, Plant
+    Plant(Device("knee.xml"), {"friction": 0.2, "wearer": 0.5}).model()
 
-`Setup` describes a device, `Device` is one on a model, `Plant` one with values changed,
-`Drive` what a controller knows of it. `Sensing` is the quality of its sensors. `VALUES`
+`Device` is an MJCF file with what it does not tell (`Description`), `DeviceModel` the
+places of its parts on a compiled model, `Plant` a device with values changed, `Drive`
+what a controller knows of one axis. `Sensing` is the quality of its sensors. `VALUES`
 lists what can be changed, `VARIABLES` which of it a design may set, `IN_EPISODES` which
 of it may change from episode to episode of one model, `MATERIALS` the ropes.
 """

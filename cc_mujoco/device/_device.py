@@ -1,378 +1,310 @@
-"""A device in MuJoCo: the places of its parts in the arrays, and their readings.
+"""A device: a scene with a motor and a cable, and what the scene does not tell.
 
-Everything here works on the arrays of one simulation and, with a leading axis, of many;
-both give the same bits, because the arithmetic is elementwise.
+    device = Device("knee.xml")            # with knee.device.toml, if that is there
+    device.description.axes[0].joint       # 'knee'
+    Device("wrist")                        # one that ships with the package
+
+A device is given by the name of a built-in scene, by an MJCF file or by the TOML file
+of a description, and everything else takes the same three.
 """
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+import re
+import threading
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.assets import scene_path
-from cc_mujoco.cable._parameters import KEYS
-from cc_mujoco.device import Plant
-from cc_mujoco.device._drive import CableDrive, Drive
-from cc_mujoco.device._observation import Observed
-from cc_mujoco.device._registry import Setup, motor_lag
-from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco._utils.toml_table import Table
+from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.cable import Cable
+from cc_mujoco.device._derivation import describe
+from cc_mujoco.device._description import ENDING, Description, read_table
+from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
-from cc_mujoco.plugin._config import PLUGIN
-from cc_mujoco.plugin._mjcf import instances
 
-from ._moment_arm import Winding, winding_of
-
-Array = NDArray[np.float64]
+_ONE = threading.Lock()
 
 
-class Physics(NamedTuple):
-    """Arrays of a simulation, or of several with a leading axis."""
-
-    qpos: Array
-    qvel: Array
-    plugin_state: Array
-    actuator_force: Array
-    qfrc_actuator: Array
-    qfrc_passive: Array
-    qfrc_spring: Array
-    qfrc_damper: Array
-    actuator_length: Array
-    actuator_moment: Array
-
-    def apart(self) -> Physics:
-        """Return the same, with the results in writable arrays of their own."""
-        return self._replace(
-            **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
-        )
-
-    def take(self, other: Physics, row: Any = slice(None)) -> None:
-        """Write the results of another, for all simulations or one of them."""
-        for name in _RESULT_FIELDS:
-            getattr(self, name)[row] = getattr(other, name)
-
-
-class Places(NamedTuple):
-    """Indices of motor, joint and wearer in the arrays of a simulation."""
-
-    motor_q: int
-    """Index of the motor in `qpos`."""
-    motor_v: int
-    """Index of its velocity and torques, in `qvel` and `qfrc_actuator`."""
-    joint_q: int
-    joint_v: int
-    motor_out: int
-    """Index of the motor in `actuator_force`."""
-    wearer_out: int
-
-
-_RESULT_FIELDS = Physics._fields[3:]
-"""Fields that a step leaves behind and no state has."""
-
-VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
-"""Fields of a model that define what a plant is."""
-
-SPARE_BYTES = 1000
-"""Bytes in a model for longer configurations of a cable than that of the scene."""
-
-
-class Device:
-    """The model of a device and the places of its parts."""
+class Nominal:
+    """A device as it is, with no value changed."""
 
     def __init__(
-        self, setup: Setup, wearer: Wearer | None, model: mujoco.MjModel | None
+        self,
+        description: Description,
+        cables: Mapping[str, Cable],
+        wearers: Mapping[str, Wearer],
     ) -> None:
-        """Load the scene.
-
-        Args:
-            setup: The device.
-            wearer: Impedance of the wearer at the joint; that of the scene by default.
-            model: A variant of the scene; the scene by default.
-        """
-        self.setup = setup
-        if model is None:
-            model = load(setup)
-        self.model = model
-        mover = model.actuator(setup.mover)
-        self._wearer_actuator = mover
-        if wearer is not None:
-            _write_wearer(mover, wearer)
-        movers = [setup.mover, *setup.companions.values()]
-        self.wearers = [_wearer(model, name) for name in movers]
-        """Impedances at the joint and at its companions."""
-        motor = model.actuator("motor")
-        self._motor = int(motor.id)
-        self.motor_control = int(model.actuator_ctrladr[motor.id])
-        scripted = [model.actuator(name) for name in (*movers, *setup.helpers)]
-        self.script_controls = [int(model.actuator_ctrladr[a.id]) for a in scripted]
-        """Controls of the wearer and of motors that follow the gait by themselves."""
-        self.script_ranges = np.array([a.ctrlrange for a in scripted])
-        self.motor_scale = float(motor.ctrlrange[1])
-        """Control of the motor at an action of 1."""
-        self.torque_limit = float(self.motor_scale * motor.gear[0])
-        """Torque of the motor at an action of 1 [N m]."""
-        self.motor_gear = float(motor.gear[0])
-        turning, joint = model.joint("motor"), model.joint(setup.joint)
-        self.places = Places(
-            motor_q=int(turning.qposadr[0]),
-            motor_v=int(turning.dofadr[0]),
-            joint_q=int(joint.qposadr[0]),
-            joint_v=int(joint.dofadr[0]),
-            motor_out=int(model.actuator_outadr[motor.id]),
-            wearer_out=int(model.actuator_outadr[mover.id]),
-        )
-        self._companion_qpos = [
-            int(model.joint(name).qposadr[0]) for name in setup.companions
-        ]
-        self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
-        self._ends = [_ends(model, reader.name) for reader in self._readers]
-        turned = model.joint("motor").id
-        self.driven = tuple(
-            reader.name
-            for reader in self._readers
-            if _winding_joint(model, reader.name) == turned
-        )
-        """Names of the cables that the motor winds."""
-        self.cable_outputs = [place for ends in self._ends for place in ends]
-        """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
-        self.winding = winding_of(model, self._ends[0][1], setup.joint)
-        """Winding of the first cable's distal end; None on a round pulley."""
-        self.cables = plugin.from_mjcf(model)
-        """The cables of the model, as it was given."""
-        self.ratio = self._ratio()
-        """Joint torque per motor torque without friction in the neutral pose [-]."""
+        """Take the description, all cables by name, and the wearer by joint."""
+        self.description, self.cables, self.wearers = description, cables, wearers
 
     @property
-    def joint_range(self) -> tuple[float, float]:
-        """Stops of the joint [rad], infinite where it has none."""
-        joint = self.model.joint(self.setup.joint)
-        if not self.model.jnt_limited[joint.id]:
-            return -math.inf, math.inf
-        low, high = joint.range
-        return float(low), float(high)
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(axis.name for axis in self.description.axes)
 
-    def observed(self, period: float) -> Observed:
-        """Return the observation of a device that measures once a period [s]."""
-        units = self.setup.units
-        return Observed(
-            self.setup.scene,
-            tuple(units),
-            tuple(units.values()),
-            self.ratio,
-            period,
-            self.torque_limit,
-        )
 
-    def apply_plant(self, plant: Plant) -> None:
-        """Change the model, in place, into that of a plant.
+class Device(Nominal):
+    """A device as its scene has it, from which models with other values are made."""
+
+    def __init__(
+        self, source: str | Path, timestep: float | None = None, **given: Any
+    ) -> None:
+        """Read the scene and its description.
+
+        Args:
+            source: Name of a built-in scene, path of an MJCF file (`*.xml`), or of a
+                description (`*.toml`).
+            timestep: Of the physics [s]; that of the scene by default.
+            given: Keys of a description instead of those of the file beside the scene,
+                for example `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
 
         Raises:
-            CableError: If the model has no room for the configuration of a cable.
+            CableError: There is no such scene, or it is no device.
         """
-        self.wearers[0] = plant.wearer
-        _write_wearer(self._wearer_actuator, plant.wearer)
-        model = self.model
-        ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
-        for name, instance in instances(model).items():
-            config = plant.cables[name].to_config()
-            text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
-            start, end = int(model.plugin_attradr[instance]), ends[instance]
-            if len(text) > end - start:
-                raise CableError(
-                    f"cable {name!r} cannot be varied: the model has no room for its "
-                    "configuration; leave `model` out, or give a variant of the scene "
-                    f"with {SPARE_BYTES} blanks at the end of `conduit`."
-                )
-            attributes = model.plugin_attr[start:end]
-            attributes[:] = 0
-            attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
+        name, scene, table_path = _locate(source)
+        try:
+            spec = mujoco.MjSpec.from_file(str(scene))
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise CableError(f"scene {scene} does not load: {reason}") from None
+        table = Table(name, {})
+        if table_path is not None:
+            table = read_table(table_path)
+        self.files: tuple[Path, ...] = ()
+        """Files of the user that define it: scene, description, what these include."""
+        if name not in SCENES:
+            self.files = (*_files_of(scene), *([table_path] if table_path else ()))
+        self.path: Path | None = scene
+        """Path of the scene; None where the device was made of a specification."""
+        self._read(spec, name, table, timestep, given)
 
-    def drive(self, period: float) -> Drive:
-        """Return the prior knowledge of a controller that is called once a period [s].
-
-        That includes where its tension sensors are, and how good.
-        """
-        limit = self.torque_limit
-        cables, arms = self.cables, self._arms()
-        cable_drives = tuple(
-            CableDrive(
-                cables[reader.name], float(self.model.actuator_gear[end, 0]), arm
-            )
-            for reader, (end, _), arm in zip(
-                self._readers, self._ends, arms, strict=True
-            )
-            if reader.name in self.driven
-        )
-        pulls = all(cable.proximal < 0.0 for cable in cable_drives)
-        drive = Drive(
-            self.ratio,
-            -limit,
-            limit,
-            period,
-            pulls,
-            (cable_drives,),
-            inertia=float(self.model.dof_M0[self.places.motor_v]),
-            damping=float(self.model.dof_damping[self.places.motor_v]),
-            joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
-            motor_lag=motor_lag(self.model, self._motor),
-            lever=self.winding is not None,
-            safe_torque=self.setup.safe_torque,
-            crossed=self.winding.others(self.model) if self.winding else (),
-            observed=self.observed(period),
-        )
-        return self.setup.sensing.equip(drive)
-
-    def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
-        """Bring a simulation to the start of an episode: at rest, cables at pretension.
-
-        The motor takes the angle at which the cables are as long as in the neutral
-        pose, and the cables are laid where they then are (`plugin.settle`).
+    @classmethod
+    def from_mjcf(cls, path: str | Path, **given: Any) -> Device:
+        """Read a scene with its description, see `Device`.
 
         Args:
-            data: The simulation; nothing of its past remains.
-            angles: Of the joint and its companions [rad].
-            commands: Of what follows the script.
-        """
-        model = self.model
-        mujoco.mj_resetData(model, data)
-        data.qpos[self.places.joint_q] = angles[0]
-        data.qpos[self._companion_qpos] = angles[1:]
-        data.ctrl[self.script_controls] = commands
-        mujoco.mj_fwdPosition(model, data)
-        proximal, distal = self._ends[0]
-        payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
-        data.qpos[self.places.motor_q] += payed_out / model.actuator_gear[proximal, 0]
-        plugin.settle(model, data)
+            path: Of the MJCF file.
+            given: Keys of a description, as of `Device`.
 
-    def read_cables(self, physics: Physics) -> dict[str, Any]:
-        """Read the state of the cables, and the pose.
+        Raises:
+            CableError: It cannot be read, or is no device.
+        """
+        return cls(Path(path), **given)
+
+    @classmethod
+    def from_spec(
+        cls, spec: mujoco.MjSpec, name: str = "device", **given: Any
+    ) -> Device:
+        """Make a device of a specification, for example of `add_cable`.
 
         Args:
-            physics: The simulation, or several.
+            spec: The scene; it is copied.
+            name: Name of the device.
+            given: Keys of a description, as of `Device`.
 
-        Returns:
-            The columns of an episode log that are states of the cables: numbers (or
-            arrays over simulations) and, for the list columns, arrays of their own.
-            Angles and velocities are those after the last physics step; torques,
-            tensions and slip are those that acted during it.
+        Raises:
+            CableError: It is no device.
         """
-        columns: dict[str, Any] = {"qpos": physics.qpos.copy()}
-        for reader in self._readers:
-            columns |= _cable_columns(reader.name, reader.read(physics.plugin_state))
-        return columns
+        made = cls.__new__(cls)
+        made.files, made.path = (), None
+        made._original = spec  # copies point into what they are copies of
+        made._read(spec.copy(), name, Table(name, {}), None, given)
+        return made
 
-    def read_motion(
-        self, physics: Physics, winding: Winding | None = None
-    ) -> dict[str, Any]:
-        """Read angles, velocities and torques of motor, joint and wearer.
-
-        Args:
-            physics: The simulation, or several; its `plugin_state` is not read.
-            winding: That of each, where several differ.
-        """
-        qpos, qvel = physics.qpos.T, physics.qvel.T
-        force = physics.actuator_force.T
-        wearer = force[self.places.wearer_out]
-        # Cables on open paths pull by passive forces, added to those of the joints.
-        joint, passive = self.places.joint_v, physics.qfrc_passive.T
-        own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
-        pieces = passive[joint] - own
-        angle, velocity = qpos[self.places.joint_q], qvel[joint]
-        winding = winding or self.winding
-        winding_values = winding and winding.read(physics)
-        if winding_values is None:
-            winding_values = dict(
-                zip(WINDING_COLUMNS, (angle, velocity, 0.0 * angle + 1.0), strict=True)
-            )
-        return {
-            "motor_angle_rad": qpos[self.places.motor_q],
-            "motor_velocity_rad_s": qvel[self.places.motor_v],
-            "motor_torque_nm": force[self.places.motor_out] * self.motor_gear,
-            "joint_angle_rad": angle,
-            "joint_velocity_rad_s": velocity,
-            **winding_values,
-            # The wearer and the cables are all that acts on the joint.
-            "joint_torque_nm": physics.qfrc_actuator.T[joint] - wearer + pieces,
-            "wearer_torque_nm": wearer,
+    def _read(
+        self,
+        spec: mujoco.MjSpec,
+        name: str,
+        table: Table,
+        timestep: float | None,
+        given: Mapping[str, Any],
+    ) -> None:
+        if timestep is not None:
+            spec.option.timestep = timestep
+        table = Table(table.where, _merged(table.content, given))
+        description = describe(spec, name, table)
+        self.name, self.timestep, self.spec = name, timestep, spec
+        model = spec.compile()
+        self.movers = {
+            joint: Mover.of(model, int(model.actuator(actuator).id))
+            for joint, actuator in description.movers.items()
         }
+        """Wearer at every joint that it moves."""
+        wearers = {joint: mover.wearer for joint, mover in self.movers.items()}
+        super().__init__(description, plugin.from_mjcf(spec), wearers)
+        self.ends = {
+            name: tuple(a for a in spec.actuators if a.plugin.name == name)
+            for name in self.cables
+        }
+        """Actuators of each cable, that of the proximal end first."""
+        self.radii = {
+            name: tuple(abs(float(end.gear[0])) for end in ends)
+            for name, ends in self.ends.items()
+        }
+        """Pulley radii by cable, proximal and distal [m]; of a lever the gear of its
+        tendon."""
+        self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}
 
-    def _ratio(self) -> float:
-        return self._arms()[0] / float(self.model.actuator_gear[self._ends[0][0], 0])
+    def __reduce__(self) -> Any:
+        """Return what a copy in another process is made of."""
+        if self.path is None:
+            raise CableError(
+                f"device {self.name!r} was made of a specification, which another "
+                "process cannot have: write it to a file and give its path."
+            )
+        return _restored, (self.name, self.timestep)
 
-    def _arms(self) -> list[float]:
-        """Return every distal end's moment arm in the neutral pose [m/rad]."""
-        data = mujoco.MjData(self.model)
-        data.qvel[self.places.joint_v] = 1.0
-        mujoco.mj_fwdPosition(self.model, data)
-        mujoco.mj_fwdVelocity(self.model, data)
-        return [float(data.actuator_velocity[distal]) for _, distal in self._ends]
+    @property
+    def frame_skip(self) -> int:
+        """Physics steps between two calls of a controller."""
+        return frame_skip(self.description, float(self.spec.option.timestep))
+
+    def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
+        """Return the scene without what is only seen, to be copied.
+
+        Args:
+            kept: Tendons that stay, see `route_tendons`.
+        """
+        with _ONE:  # two threads would make two, and what one stands on would go
+            if kept not in self._bare:
+                self._bare[kept] = strip(self.spec, kept)
+            return self._bare[kept]
+
+    def xml(self) -> str:
+        """Return the MJCF of the scene."""
+        if self.name in SCENES:
+            return scene_path(self.name).read_text(encoding="utf-8")
+        return str(self.spec.to_xml())
 
 
-def load(setup: Setup, drawn: bool = True) -> mujoco.MjModel:
-    """Return the scene of a device, with room for other configurations of its cables.
+def frame_skip(description: Description, timestep: float) -> int:
+    """Return the physics steps between two calls of a controller.
+
+    Raises:
+        CableError: The period of the device is no whole number of steps.
+    """
+    steps = round(description.period / timestep)
+    if steps < 1 or abs(steps * timestep - description.period) > 1e-9:
+        raise CableError(
+            f"device {description.scene!r}: the control period of "
+            f"{1e3 * description.period:g} ms must be a whole number of time steps of "
+            f"{1e3 * timestep:g} ms; change `timestep` in <option>, or `period` in the "
+            f"description, for example period = {max(steps, 1) * timestep:g}."
+        )
+    return steps
+
+
+def find_device(source: str | Path | Device) -> Device:
+    """Return a device by its name or file; a device itself is returned as it is.
+
+    Raises:
+        CableError: There is no such device.
+    """
+    if isinstance(source, Device):
+        return source
+    return load_device(source)
+
+
+def load_device(source: str | Path, timestep: float | None = None) -> Device:
+    """Return a device, that of the call before where no file has changed since.
 
     Args:
-        setup: The device.
-        drawn: With what is only seen, which takes up to half of the time of a step.
+        source: As of `Device`.
+        timestep: As of `Device`.
+
+    Raises:
+        CableError: There is no such device.
     """
-    spec = whole = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
-    if not drawn:
-        cables = plugin.from_mjcf(whole)
-        spec = strip(whole, route_tendons(cables.values()))
-        for name, cable in cables.items():
-            plugin.to_mjcf(spec, name, remaining_cable(spec, cable))
-    for instance in spec.plugins:
-        config = dict(instance.config)
-        if instance.plugin_name == PLUGIN:
-            # Of the keys, `conduit` is one whose text may end in blanks.
-            spare = config["conduit"] + SPARE_BYTES * " "
-            instance.config = {**config, "conduit": spare}
-    return spec.compile()
+    name, scene, table = _locate(source)
+    files: Iterable[Path] = ()
+    if name not in SCENES:
+        files = [*_files_of(scene), *([table] if table else ())]
+    stamps = tuple((str(f), f.stat().st_mtime_ns, f.stat().st_size) for f in files)
+    return _load(name, timestep, stamps)
 
 
-def physics_of(data: mujoco.MjData) -> Physics:
-    """Return views on the arrays of a simulation."""
-    return Physics(*(getattr(data, name) for name in Physics._fields))
+@lru_cache(maxsize=32)
+def _load(name: str, timestep: float | None, stamps: tuple[Any, ...]) -> Device:
+    return Device(name, timestep)
 
 
-def _write_wearer(mover: Any, wearer: Wearer) -> None:
-    gains = wearer.gains()
-    mover.gainprm[0] = gains.gain
-    mover.biasprm[:3] = gains.bias
+def _restored(name: str, timestep: float | None) -> Device:
+    return load_device(name, timestep)
 
 
-def _wearer(model: mujoco.MjModel, name: str) -> Wearer:
-    actuator = model.actuator(name)
-    return Wearer(float(actuator.gainprm[0]), -float(actuator.biasprm[2]))
+def _locate(source: str | Path) -> tuple[str, Path, Path | None]:
+    """Return the name of a device, its scene and the file of its description."""
+    name = str(source)
+    if isinstance(source, str) and name in SCENES:
+        scene = scene_path(name)
+        table = scene.with_suffix(ENDING)
+        return name, scene, table if table.is_file() else None
+    path = Path(source)
+    if path.suffix not in (".xml", ".toml"):
+        raise CableError(
+            f"{CableError.unknown('device', name, SCENES)} A device of your own is "
+            "given by its MJCF file, for example knee.xml."
+        )
+    if not path.is_file():
+        raise CableError(f"there is no file {name}; give an MJCF file of a device.")
+    if path.suffix == ".toml":
+        stem = path.name.removesuffix(ENDING).removesuffix(".toml")
+        scene_name = read_table(path).text("scene") or f"{stem}.xml"
+        scene = path.parent / scene_name
+        if not scene.is_file():
+            raise CableError(
+                f"{path}: there is no scene {scene}; write its path as `scene`."
+            )
+        return name, scene, path
+    beside = path.with_suffix(ENDING)
+    return name, path, beside if beside.is_file() else None
 
 
-def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
-    """Return the indices of the proximal and the distal end in `actuator_length`."""
-    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
-    proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
-    return proximal, distal
+def _files_of(scene: Path) -> list[Path]:
+    """Return a scene and the files that it includes or loads, as far as they exist."""
+    found, waiting = [], [scene]
+    while waiting:
+        path = waiting.pop()
+        if path in found:
+            continue
+        found.append(path)
+        if path.suffix != ".xml":
+            continue
+        text = path.read_text(encoding="utf-8", errors="replace")
+        folders = {"", *re.findall(r'\b(?:mesh|texture|asset)dir\s*=\s*"([^"]*)"', text)}
+        for name in re.findall(r'\bfile\s*=\s*"([^"]+)"', text):
+            for folder in folders:
+                for base in (scene.parent, path.parent):
+                    if (base / folder / name).is_file():
+                        waiting.append(base / folder / name)
+    return list(dict.fromkeys(found))
 
 
-def _winding_joint(model: mujoco.MjModel, name: str) -> int:
-    """Return the index of the joint that winds the proximal end, or -1."""
-    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
-    on_joint = model.actuator_trntype[found[0]] == mujoco.mjtTrn.mjTRN_JOINT
-    return int(model.actuator_trnid[found[0], 0]) if on_joint else -1
+def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table with other values, and the tables inside it likewise."""
+    found = dict(content)
+    for key, value in given.items():
+        inner = found.get(key)
+        if isinstance(value, Mapping) and isinstance(inner, Mapping):
+            found[key] = _merged(inner, value)
+        elif isinstance(value, Mapping) and isinstance(inner, list) and len(inner) == 1:
+            found[key] = [_merged(inner[0], value)]
+        elif value is not None:
+            found[key] = dict(value) if isinstance(value, Mapping) else value
+    return found
 
 
-def _cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
-    return {
-        f"tension_{name}_proximal_n": reading.tension_proximal,
-        f"tension_{name}_distal_n": reading.tension_distal,
-        f"moving_{name}_fraction": reading.moving_fraction,
-        f"slack_{name}_m": reading.slack,
-        f"dissipated_{name}_j": reading.dissipated,
-        f"tension_{name}_nodes_n": reading.tension,
-        f"slip_{name}_direction": reading.slip,
-    }
+def bare_model(device: Device) -> mujoco.MjSpec:
+    """Return the scene of a device without what is only seen, with its own cables."""
+    spec = device.stripped(route_tendons(device.cables.values())).copy()
+    for name, cable in device.cables.items():
+        plugin.to_mjcf(spec, name, remaining_cable(spec, cable))
+    return spec

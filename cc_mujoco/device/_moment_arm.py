@@ -18,8 +18,11 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.device._sensors import WINDING_COLUMNS
+
+Array = NDArray[np.float64]
 
 MIN_LEVERAGE = 0.1
 """Least leverage that is reported; with less the cable hardly turns the joint."""
@@ -99,9 +102,8 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
     own, length = dofs.tolist().index(dof), float(data.actuator_length[end])
     arm = float(data.actuator_moment[start + own])
     arms = np.empty((len(POSE_SHARES), count))
-    for row, share in zip(arms, POSE_SHARES, strict=True):
-        low, high = model.jnt_range.T
-        data.qpos[model.jnt_qposadr] = low + share * (high - low)
+    for row, qpos in zip(arms, _poses(model), strict=True):
+        data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
         row[:] = data.actuator_moment[start : start + count]
     moves = np.abs(arms).max(axis=0) > ARM_TOLERANCE * abs(arm)
@@ -119,3 +121,46 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
         length,
         arm,
     )
+
+
+def neutral_moments(model: mujoco.MjModel) -> Array:
+    """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
+    return _moments(model, [model.qpos0])[0]
+
+
+def swept_moments(model: mujoco.MjModel) -> Array:
+    """Return the moment arms of all actuators over the joints' ranges.
+
+    Returns:
+        Arms [m/rad, m/m or 1], (poses, outputs, nv).
+    """
+    return _moments(model, [model.qpos0, *_poses(model)])
+
+
+def _moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
+    data = mujoco.MjData(model)
+    found = np.zeros((len(poses), model.nout, model.nv))
+    for dense, qpos in zip(found, poses, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mju_sparse2dense(
+            dense,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+    return found
+
+
+def _poses(model: mujoco.MjModel) -> list[Array]:
+    """Return poses over the ranges of all limited joints with one coordinate."""
+    single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    swept = np.isin(model.jnt_type, single) & (model.jnt_limited != 0)
+    places, (low, high) = model.jnt_qposadr[swept], model.jnt_range[swept].T
+    poses = []
+    for share in POSE_SHARES:
+        qpos = model.qpos0.copy()
+        qpos[places] = low + share * (high - low)
+        poses.append(qpos)
+    return poses

@@ -25,9 +25,6 @@ from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-ACTION_SPACE = Box(-1.0, 1.0, (1,), dtype=np.float32)
-"""Action of every environment: the share of the motor's torque."""
-
 OBSERVATION_LIMIT = 10.0
 """Value at which an observation saturates."""
 

@@ -12,9 +12,8 @@ it to either of two cables. A lever keeps its inertia.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Mapping
-from functools import cache
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -22,19 +21,19 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._validation import require_dictionary
-from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
-from cc_mujoco.device._registry import Setup, find_device
-from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
+from cc_mujoco.device._description import Axis, Description
+from cc_mujoco.device._device import Device, Nominal, find_device
+from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons
 from cc_mujoco.device._variables import (
     DELAY,
     NOISE,
     WEARER,
     Value,
-    of_cable,
+    of_owner,
     read_values,
     split,
 )
@@ -66,57 +65,8 @@ FRICTION = "material_friction"
 UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 """Values of a cable that does nothing."""
 
-_ONE = threading.Lock()
-
 _TIGHT = ("pretension", "strength", "diameter", "material")
 """Variables of which a cable's pretension may break it."""
-
-
-class Nominal:
-    """A device as it is, with no value changed."""
-
-    def __init__(
-        self, setup: Setup, cables: Mapping[str, Cable], wearer: Wearer
-    ) -> None:
-        """Take the description, all cables by name, and the wearer at the joint."""
-        self.setup, self.cables, self.wearer = setup, cables, wearer
-
-
-class Scene(Nominal):
-    """A device as its scene has it, from which models with other values are made."""
-
-    def __init__(self, name: str, timestep: float | None = None) -> None:
-        """Read the scene.
-
-        Args:
-            name: key of `DEVICES`.
-            timestep: of the physics [s]; that of the scene by default.
-
-        Raises:
-            CableError: there is no such device.
-        """
-        setup = find_device(name)
-        self.name, self.timestep = name, timestep
-        self.spec = _scene(name, timestep)
-        mover = self.spec.actuator(setup.mover)
-        wearer = Wearer(float(mover.gainprm[0]), -float(mover.biasprm[2]))
-        super().__init__(setup, plugin.from_mjcf(self.spec), wearer)
-        self.ends = {
-            name: tuple(a for a in self.spec.actuators if a.plugin.name == name)
-            for name in self.cables
-        }
-        """Actuators of each cable, that of the proximal end first."""
-        self.radii = {
-            name: tuple(abs(float(end.gear[0])) for end in ends)
-            for name, ends in self.ends.items()
-        }
-        """Pulley radii by cable, proximal and distal [m]; of a lever the gear of its
-        tendon."""
-        self.discs = (
-            ("motor", setup.motor_pulley),
-            (setup.joint, setup.joint_pulley),
-        )
-        """Joint and inertia [kg m^2] of the pulleys, at the motor first."""
 
 
 class Plant:
@@ -132,21 +82,23 @@ class Plant:
     """
 
     def __init__(
-        self, device: str | Nominal, values: Mapping[str, object] | None = None
+        self,
+        device: str | Path | Nominal,
+        values: Mapping[str, object] | None = None,
     ) -> None:
         """Change the values of a device.
 
         Args:
-            device: key of `DEVICES`, or the device.
+            device: a `Device`, or what one is made of: name or file.
             values: by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
 
         Raises:
             CableError: names, values or their combination are impossible.
         """
-        self.device = Scene(device) if isinstance(device, str) else device
+        self.device = device if isinstance(device, Nominal) else find_device(device)
         cables = self.device.cables
         self.values: dict[str, Value] = read_values(
-            require_dictionary("values", values), cables
+            require_dictionary("values", values), cables, self.device.axis_names
         )
         if FRICTION in self.values and "material" not in self.values:
             raise CableError(
@@ -164,27 +116,35 @@ class Plant:
         if not isinstance(other, Plant):
             return NotImplemented
         mine, its = (
-            (p.setup.scene, p.values, dict(p.cables), p.wearer) for p in (self, other)
+            (p.description.scene, p.values, dict(p.cables), p.wearers)
+            for p in (self, other)
         )
         return mine == its
 
     __hash__ = None  # type: ignore[assignment]
 
     @property
-    def setup(self) -> Setup:
+    def description(self) -> Description:
         """Description of the device."""
-        return self.device.setup
+        return self.device.description
 
     @property
-    def wearer(self) -> Wearer:
-        """Wearer at the joint that the cables drive."""
-        factor, wearer = float(self.values.get(WEARER.name, 1.0)), self.device.wearer
-        return Wearer(factor * wearer.stiffness, factor * wearer.damping)
+    def wearers(self) -> dict[str, Wearer]:
+        """Wearer at the joints that the cables drive, by joint."""
+        factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
+        return {
+            axis.joint: Wearer(
+                factor * nominal[axis.joint].stiffness,
+                factor * nominal[axis.joint].damping,
+            )
+            for axis in self.description.axes
+            if axis.joint in nominal
+        }
 
     @property
     def delay(self) -> int:
         """Samples by which measurements are late; those of the device by default."""
-        return int(self.values.get(DELAY.name, self.setup.sensing.delay))
+        return int(self.values.get(DELAY.name, self.description.sensing.delay))
 
     @property
     def noise(self) -> float:
@@ -203,21 +163,20 @@ class Plant:
         thick = self.diameters
         if (material := self.material) is not None:
             return {name: material.breaking_load(d) for name, d in thick.items()}
-        given = float(self.values.get("strength", self.setup.strength))
-        return {n: given * (d / self.setup.diameter) ** 2 for n, d in thick.items()}
+        given = float(self.values.get("strength", self.description.strength))
+        return {n: given * (d / self.description.diameter) ** 2 for n, d in thick.items()}
 
     @property
     def diameters(self) -> dict[str, float]:
         """Diameter of each cable [m]."""
         return {
-            name: float(self._own(name).get("diameter", self.setup.diameter))
+            name: float(self._own(name).get("diameter", self.description.diameter))
             for name in self.cables
         }
 
-    @property
-    def motor(self) -> Motor:
-        """The motor as far as the values say what it is."""
-        values = self.values
+    def motor(self, axis: Axis) -> Motor:
+        """Return the motor of an axis as far as the values say what it is."""
+        values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
         return Motor(
@@ -227,26 +186,22 @@ class Plant:
             mass=float(values.get("motor_mass", math.nan)),
         )
 
-    @property
-    def gearing(self) -> float:
-        """Turns of the rotor per turn of its pulley; NaN where nobody says."""
-        scene = self.setup.gearing
-        return float(self.values.get("gearing", math.nan if scene is None else scene))
+    def gearing(self, axis: Axis) -> float:
+        """Return the turns of a rotor per turn of its pulley; NaN where nobody says."""
+        scene = math.nan if axis.gearing is None else axis.gearing
+        return float(self._of_axis(axis).get("gearing", scene))
 
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Constants that metrics need, as far as known."""
-        motor = self.motor
+    def facts(self, axis: Axis) -> dict[str, Any]:
+        """Return the constants of an axis that metrics need, as far as known."""
+        motor = self.motor(axis)
         found = {
-            GEARING: self.gearing,
+            GEARING: self.gearing(axis),
             WINDING_RESISTANCE: motor.resistance,
             TORQUE_CONSTANT: motor.torque_constant,
             CONTINUOUS_TORQUE: motor.continuous_torque,
         }
         return {
-            STRENGTH: self.strength,
-            SAFE_TORQUE: self.setup.safe_torque,
-            PULL_PULL: self.setup.pull_pull,
+            **facts_of(axis, self.strength),
             **{key: value for key, value in found.items() if not math.isnan(value)},
         }
 
@@ -292,22 +247,24 @@ class Plant:
                 long for so stiff a cable.
         """
         scene, values = self._scene, self.values
-        wearer_scaling.require_possible(self.setup, values)
+        wearer_scaling.require_possible(self.description, values)
         if wearer_scaling.LEG_LENGTH in values and route_tendons(self.cables.values()):
             raise CableError(
                 f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
                 "but a cable bends as the scene draws its route along a leg; leave "
                 "`bend` as it is."
             )
-        geared = [name for name in GEARED if name in values]
-        if geared and math.isnan(self.gearing):
-            raise CableError(
-                f"variable {geared[0]!r} needs a `gearing`, since the scene "
-                f"{self.setup.scene!r} does not say how its motor is geared."
-            )
+        for axis in self.description.axes:
+            geared = [name for name in GEARED if name in self._of_axis(axis)]
+            if geared and math.isnan(self.gearing(axis)):
+                raise CableError(
+                    f"variable {geared[0]!r} needs a `gearing`, since the scene "
+                    f"{self.description.scene!r} does not say how its motor is geared."
+                )
         for name, (_, distal) in scene.ends.items():
             joint = distal.trntype == mujoco.mjtTrn.mjTRN_JOINT
-            if RADII[1] in self._own(name) and not (joint or self.setup.lever):
+            lever = self._lever(name)
+            if RADII[1] in self._own(name) and not (joint or lever):
                 raise CableError(
                     f"variable {RADII[1]!r} cannot be varied for cable {name!r}, whose "
                     "tendon has no lever that moves; the scene draws its path."
@@ -349,10 +306,7 @@ class Plant:
         if whole:
             spec = scene.spec.copy()
         else:
-            kept = route_tendons(self.cables.values())
-            with _ONE:  # two threads would make two, and what one stands on would go
-                bare, _ = _stripped(scene.name, scene.timestep, kept)
-            spec = bare.copy()
+            spec = scene.stripped(route_tendons(self.cables.values())).copy()
         self._apply(spec, whole)
         return spec
 
@@ -363,16 +317,26 @@ class Plant:
         return str(spec.to_xml())
 
     @property
-    def _scene(self) -> Scene:
-        if not isinstance(self.device, Scene):
+    def _scene(self) -> Device:
+        if not isinstance(self.device, Device):
             raise CableError(
-                f"a plant of {self.setup.scene!r} has no scene to change: make it of a "
-                "`Scene` or its name."
+                f"a plant of {self.description.scene!r} has no scene to change: make "
+                "it of a `Device` or its name."
             )
         return self.device
 
+    def _of_axis(self, axis: Axis) -> dict[str, Value]:
+        return of_owner(self.values, axis.name)
+
+    def _lever(self, cable: str) -> tuple[str, ...]:
+        """Return the sites of the lever that a cable pulls."""
+        for axis in self.description.axes:
+            if cable in axis.cables:
+                return axis.lever
+        return ()
+
     def _own(self, cable: str) -> dict[str, Value]:
-        return of_cable(self.values, cable)
+        return of_owner(self.values, cable)
 
     def _cable(self, name: str) -> Cable:
         """Return a cable with its values.
@@ -389,8 +353,8 @@ class Plant:
         if "conduit" in own:
             config = {"conduit": str(own["conduit"])}
             changes["conduit"] = Cable.from_config(config, where).conduit
-        diameter = float(own.get("diameter", self.setup.diameter))
-        stiffness = (diameter / self.setup.diameter) ** 2 * cable.axial_stiffness
+        diameter = float(own.get("diameter", self.description.diameter))
+        stiffness = (diameter / self.description.diameter) ** 2 * cable.axial_stiffness
         friction = own.get("friction")
         if (material := self.material) is not None:
             # Sources do not tell the two frictions apart; the scene does.
@@ -431,6 +395,14 @@ class Plant:
         The radii are that of the scene and that of the plant, for each cable on it.
         """
         scene = self._scene
+        discs = [
+            disc
+            for axis in self.description.axes
+            for disc in (
+                (0, axis.drum, axis.motor_pulley),
+                (1, axis.joint, axis.joint_pulley),
+            )
+        ]
         return [
             (
                 joint,
@@ -444,32 +416,26 @@ class Plant:
                     if scene.ends[n][place].target == joint
                 ],
             )
-            for place, (joint, disc) in enumerate(scene.discs)
+            for place, joint, disc in discs
         ]
 
     def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
         """Write the values into a scene, whole or bare."""
-        values = self.values
         for name, cable in self.cables.items():
             plugin.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
             own = self._own(name)
             ends = (a for a in spec.actuators if a.plugin.name == name)
             for end, key in zip(ends, RADII, strict=True):
                 if key in own:
-                    self._set_radius(spec, end, float(own[key]))
-        self._resize(spec, wearer_scaling.body_of(values))
-        if WEARER.name in values:
-            gains, mover = self.wearer.gains(), spec.actuator(self.setup.mover)
-            mover.gainprm[0] = gains.gain
-            mover.biasprm[:3] = gains.bias
-        motor, joint = spec.actuator("motor"), spec.joint("motor")
-        if "motor_torque" in values:
-            limit = float(values["motor_torque"]) / motor.gear[0]
-            motor.ctrlrange = [-limit, limit]
-        if "rotor_inertia" in values:
-            joint.armature = float(values["rotor_inertia"])
-        elif "motor" in values:
-            joint.armature = self.motor.rotor_inertia * self.gearing**2
+                    self._set_radius(spec, name, end, float(own[key]))
+        self._resize(spec, wearer_scaling.body_of(self.values))
+        if WEARER.name in self.values:
+            for name, wearer in self.wearers.items():
+                self._scene.movers[name].impose(
+                    spec.actuator(self.description.movers[name]), wearer
+                )
+        for axis in self.description.axes:
+            self._apply_motor(spec, axis)
         for name, disc, radii in self._pulley_inertias():
             more = sum((radius / nominal) ** 4 - 1.0 for nominal, radius in radii)
             if disc and more:
@@ -478,8 +444,23 @@ class Plant:
                 about = 0.5 * (1.0 + np.abs(turning.axis))
                 inertia = disc / len(radii) * more * about
                 turning.parent.inertia = turning.parent.inertia + inertia
+
+    def _apply_motor(self, spec: mujoco.MjSpec, axis: Axis) -> None:
+        """Write the values of a motor into a scene."""
+        values = self._of_axis(axis)
+        motor, drum = spec.actuator(axis.motor), spec.joint(axis.drum)
+        if "motor_torque" in values:
+            limit = float(values["motor_torque"]) / abs(
+                motor.gainprm[0] * motor.gear[0]
+            )
+            motor.ctrlrange = [-limit, limit]
+            motor.forcerange = [0.0, 0.0]
+        if "rotor_inertia" in values:
+            drum.armature = float(values["rotor_inertia"])
+        elif "motor" in values:
+            drum.armature = self.motor(axis).rotor_inertia * self.gearing(axis) ** 2
         if "motor_damping" in values:
-            joint.damping = [float(values["motor_damping"]), 0.0, 0.0]
+            drum.damping = [float(values["motor_damping"]), 0.0, 0.0]
 
     def _resize(self, spec: mujoco.MjSpec, body: Body) -> None:
         """Give a leg the inertia and the lengths of a wearer of another size.
@@ -506,40 +487,57 @@ class Plant:
             part = spec.body(name)
             down = (body.longer - 1.0) * np.array(part.pos)
             part.pos = np.array(part.pos) + down
-        for name in self.setup.lever:
-            site = spec.site(name)
-            if site.parent.name == "shank":
-                site.pos = np.array(site.pos) + down
+        for axis in self.description.axes:
+            for name in axis.lever:
+                site = spec.site(name)
+                if site.parent.name == "shank":
+                    site.pos = np.array(site.pos) + down
 
-    def _set_radius(self, spec: mujoco.MjSpec, end: object, radius: float) -> None:
+    def _set_radius(
+        self, spec: mujoco.MjSpec, cable: str, end: Any, radius: float
+    ) -> None:
         """Give an end of a cable another pulley, or move its lever."""
         actuator: mujoco.MjsActuator = end
         if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             gear = math.copysign(radius, actuator.gear[0])
             actuator.gear = [gear, 0, 0, 0, 0, 0]
             return
-        for name in self.setup.lever:
+        lever = self._lever(cable)
+        place = _lever_direction(spec, lever)
+        for name in lever:
             site = spec.site(name)
-            site.pos = [math.copysign(radius, site.pos[0]), *site.pos[1:]]
+            moved = np.array(site.pos)
+            moved[place] = math.copysign(radius, moved[place])
+            site.pos = moved
 
 
-def _scene(name: str, timestep: float | None) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec.from_file(str(scene_path(name)))
-    if timestep is not None:
-        spec.option.timestep = timestep
-    return spec
+def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
+    """Return the constants of an axis that metrics need, as far as known.
 
-
-@cache
-def _stripped(
-    name: str, timestep: float | None, kept: tuple[str, ...]
-) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
-    """Return the scene stripped, to be copied; stripping it takes a tenth of a second.
-
-    Behind it stands the scene: MuJoCo's copies point into what they are copies of.
+    Args:
+        axis: The axis.
+        strength: Breaking load of each cable of the device, NaN where unknown [N].
     """
-    whole = _scene(name, timestep)
-    return strip(whole, kept), whole
+    found: dict[str, Any] = {PULL_PULL: axis.pull_pull}
+    known = {name: load for name, load in strength.items() if not math.isnan(load)}
+    if known:
+        found[STRENGTH] = known
+    if math.isfinite(axis.safe_torque):
+        found[SAFE_TORQUE] = axis.safe_torque
+    return found
+
+
+def _lever_direction(spec: mujoco.MjSpec, lever: tuple[str, ...]) -> int:
+    """Return the coordinate of its body in which a lever is farthest from the joint."""
+    site = spec.site(lever[-1])
+    joint = next(
+        (j for j in site.parent.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE), None
+    )
+    apart = np.array(site.pos)
+    if joint is not None:
+        apart = apart - joint.pos
+        apart -= (apart @ joint.axis) * np.array(joint.axis)
+    return int(np.abs(apart).argmax())
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:

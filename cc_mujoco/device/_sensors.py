@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._validation import require_parameter
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.errors import CableError
 
 # Devices are known before MuJoCo and Numba are loaded.
@@ -404,6 +405,24 @@ class Measuring:
         if not self._row.ndim:
             return int(self._steps - age) % size
         return (self._steps - age) % size * self._row.size + self._row
+
+
+class AxesMeasuring:
+    """Sensors of all axes of a device."""
+
+    def __init__(self, prefixes: Sequence[str], axes: Sequence[Measuring]) -> None:
+        """Take the sensors of each axis and the beginnings of its columns."""
+        self._prefixes, self._axes = tuple(prefixes), tuple(axes)
+
+    def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
+        """Return the readings of all axes; see `Measuring.measure`."""
+        if len(self._axes) == 1:
+            return self._axes[0].measure(columns, going)
+        found: dict[str, Any] = {}
+        for prefix, axis in zip(self._prefixes, self._axes, strict=True):
+            seen = axis.measure(axis_columns(columns, prefix, self._prefixes), going)
+            found |= {prefix + name: value for name, value in seen.items()}
+        return found
 
 
 def _copy_array(value: Any) -> Any:

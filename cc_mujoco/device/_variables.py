@@ -283,8 +283,22 @@ CONFLICTS: tuple[tuple[str, ...], ...] = (
 """Variables of which a design may set only one, because they set the same thing."""
 
 
+OF_AXES = (
+    "motor_torque",
+    "rotor_inertia",
+    "motor",
+    "gearing",
+    "winding_resistance",
+    "torque_constant",
+    "continuous_torque",
+    "motor_mass",
+    "motor_damping",
+)
+"""Variables that belong to an axis, so that two motors may differ in them."""
+
+
 def split(name: str) -> tuple[str | None, str]:
-    """Return the cable and the variable that a name stands for; None is any cable."""
+    """Return the owner and the variable that a name stands for; None is any owner."""
     cable, dot, own = name.rpartition(".")
     return (cable if dot else None), own
 
@@ -297,27 +311,33 @@ def describe(name: str) -> Parameter:
 def find(
     name: str,
     cables: Iterable[str],
+    axes: Iterable[str] = (),
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Parameter:
-    """Look a variable up, with or without the name of a cable before it.
+    """Look a variable up, with or without the name of a cable or axis before it.
 
     Args:
-        name: `NAME` or `CABLE.NAME`.
+        name: `NAME`, `CABLE.NAME` or `AXIS.NAME`.
         cables: the cables of the scene.
+        axes: the axes of the device.
         among: the variables that there are.
         kind: what an error calls them.
 
     Raises:
-        CableError: there is no such variable or cable.
+        CableError: there is no such variable, cable or axis.
     """
-    cable, own = split(name)
+    owner, own = split(name)
     if own not in among:
         raise CableError.unknown(kind, name, among)
-    if cable is None:
+    if owner is None:
         return among[own]
-    if cable not in set(cables):
-        raise CableError.unknown("cable", cable, cables)
+    if own in OF_AXES:
+        if owner not in set(axes):
+            raise CableError.unknown("axis", owner, axes)
+        return among[own]
+    if owner not in set(cables):
+        raise CableError.unknown("cable", owner, cables)
     if own not in OF_CABLES:
         raise CableError(
             f"variable {own!r} belongs to no cable; write {own!r}, not {name!r}."
@@ -326,21 +346,21 @@ def find(
 
 
 def read_values(
-    values: Mapping[str, object], cables: Iterable[str]
+    values: Mapping[str, object], cables: Iterable[str], axes: Iterable[str]
 ) -> dict[str, Value]:
     """Return values with names and bounds checked, in the order given.
 
     Raises:
         CableError: an unknown name, a value out of bounds, or two names for one thing.
     """
-    cables = tuple(cables)
+    cables, axes = tuple(cables), tuple(axes)
     read = {
-        name: find(name, cables, VALUES).read(value, f"variable {name!r}")
+        name: find(name, cables, axes, VALUES).read(value, f"variable {name!r}")
         for name, value in values.items()
     }
-    for cable in cables:
+    for owner in (*cables, *axes):
         for group in CONFLICTS:
-            clash = [n for n in group if n in read or f"{cable}.{n}" in read]
+            clash = [n for n in group if n in read or f"{owner}.{n}" in read]
             if len(clash) > 1:
                 raise CableError(
                     f"variables {clash[0]!r} and {clash[1]!r} set the same thing; "
@@ -349,10 +369,10 @@ def read_values(
     return read
 
 
-def of_cable(values: Mapping[str, Value], cable: str) -> dict[str, Value]:
-    """Return the values for a cable; those that name it take precedence."""
+def of_owner(values: Mapping[str, Value], owner: str) -> dict[str, Value]:
+    """Return the values for a cable or an axis; those that name it take precedence."""
     own = {name: value for name, value in values.items() if "." not in name}
-    start = f"{cable}."
+    start = f"{owner}."
     return own | {
         name[len(start) :]: value
         for name, value in values.items()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from cc_mujoco.device._registry import Setup
+from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Pace, Profile, Trajectory, Walk
@@ -71,7 +71,7 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
     return Profile(**said, toe_off=toe_off)
 
 
-def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
+def require_possible(device: Description, design: Mapping[str, Value]) -> None:
     """Refuse walks and profiles that a scene cannot have.
 
     Raises:
@@ -80,15 +80,26 @@ def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
     require_scene(device, design)
     pace_of(design)
     profile = profile_of(design)
-    if profile is not None and profile.peak_torque > device.safe_torque:
+    helped = helped_axis(device)
+    if profile is None or helped is None:
+        return
+    if profile.peak_torque > helped.safe_torque:
         raise CableError(
             f"`peak_torque` is {profile.peak_torque:g} N m; it must be at most the "
-            f"{device.safe_torque:g} N m that the cables may put into joint "
-            f"{device.joint!r}."
+            f"{helped.safe_torque:g} N m that the cables may put into joint "
+            f"{helped.joint!r}."
         )
 
 
-def require_scene(device: Setup, names: Collection[str]) -> None:
+def helped_axis(device: Description) -> Axis | None:
+    """Return the axis that helps the push-off of an ankle; None if there is none."""
+    for axis in device.axes:
+        if axis.task.partition(":")[0] == ASSIST:
+            return axis
+    return None
+
+
+def require_scene(device: Description, names: Collection[str]) -> None:
     """Refuse to vary a walk or a profile in a scene without.
 
     Raises:
@@ -96,14 +107,14 @@ def require_scene(device: Setup, names: Collection[str]) -> None:
     """
     for name in (*WALKER, *PROFILE):
         walks = device.trajectory == WALK
-        if name in names and not (walks if name in WALKER else device.task == ASSIST):
+        if name in names and not (walks if name in WALKER else helped_axis(device)):
             what = "walks" if name in WALKER else "is helped in push-off"
             scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
             raise CableError(
                 f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
                 f"the scene is {device.scene!r}."
             )
-    if LEG_LENGTH in names and not device.lever:
+    if LEG_LENGTH in names and not any(axis.lever for axis in device.axes):
         raise CableError(
             f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
             f"{device.scene!r} draws the paths of its cables along a leg of "

@@ -15,7 +15,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from cc_mujoco.device._device import Device, Physics, physics_of
+from cc_mujoco.device._model import DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation._loop import Columns, missing_torque_error, unstable
@@ -24,9 +24,6 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-FRAME_SKIP = 2
-"""Physics steps in a control step of the devices as they are."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -66,7 +63,7 @@ class Simulations:
     def start(
         self,
         row: int,
-        device: Device,
+        device: DeviceModel,
         script: Script,
         prepare: Callable[[mujoco.MjData], object] = lambda data: None,
     ) -> None:
@@ -93,8 +90,8 @@ class Simulations:
         """Advance by the physics steps of a sample.
 
         Args:
-            share: Of the largest torque of each motor, in [-1, 1], (n,).
-            scale: Control of the motors at their largest torque, one number or (n,).
+            share: Of the largest torque of each motor, in [-1, 1], (n, axes).
+            scale: Control of the motors at their largest torque, (axes,) or (n, axes).
             commands: What the wearers do, (n or 1, physics steps, controls).
             going: Mask of the simulations to be advanced, (n,).
 
@@ -102,7 +99,7 @@ class Simulations:
             mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
         """
         control, device = self._control, self._device
-        control[:, :, device.motor_control] = (share * scale)[:, None]
+        control[:, :, device.motor_controls] = (share * scale)[:, None]
         control[:, :, device.script_controls] = commands
         self.roll(self._skip, going, control if going.all() else control[going])
 
@@ -150,7 +147,7 @@ class Fleet:
     def __init__(
         self,
         exo: WornDevice,
-        devices: Sequence[Device],
+        devices: Sequence[DeviceModel],
         scripts: Sequence[Script],
         threads: int = 1,
         controller: str = "",
@@ -178,12 +175,17 @@ class Fleet:
         self.simulations = Simulations(exo, count, models, threads)
         self._exo, self._devices, self._controller = exo, devices, controller
         self._whole = whole
-        self._winding = Winding.over([device.winding for device in devices])
+        self.prefixes = exo.device.prefixes
+        """Beginnings of the columns of each axis."""
+        self._windings = tuple(
+            Winding.over([axis.winding for axis in axes])
+            for axes in zip(*(device.axes for device in devices), strict=True)
+        )
         self._scripts = scripts
         self._commands = np.stack([script.commands for script in scripts])
         self._marks = np.stack([script.marks for script in scripts])
-        self._scale = np.array([device.motor_scale for device in devices])
-        self._limit = np.array([device.torque_limit for device in devices])
+        self._scale = np.stack([device.motor_scales for device in devices])
+        self._limit = np.stack([device.torque_limits for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
         self._nodes = [reader.nodes for reader in readers]
         self._tensions = [f"tension_{name}_nodes_n" for name in self.cables]
@@ -202,8 +204,11 @@ class Fleet:
 
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `DrivenDevice.advance`."""
-        if not np.isfinite(torque).all():
-            self._refuse(np.isfinite(torque))
+        if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
+            torque = np.broadcast_to(torque, self.going.shape)[:, None]
+        finite = np.isfinite(torque)
+        if not finite.all():
+            self._refuse(finite.all(axis=1))
         # `np.clip` takes several times as long for small arrays.
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
         # The actions of the environments are of single precision.
@@ -221,15 +226,12 @@ class Fleet:
     def _columns(self, now: Physics) -> Columns:
         """Return what can be measured now, and what is kept of it beside."""
         state, count, marks = now.plugin_state, self.going.size, self._marks
-        columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
-        _, phase, sine, cosine = marks[:, self._step].T
-        given = np.empty((3, count))
-        given[0] = self._exo.task.torque(
-            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
-        )
-        given[1], given[2] = sine, cosine
-        columns["desired_torque_nm"] = given[0]
-        columns["phase_sine"], columns["phase_cosine"] = given[1], given[2]
+        columns = self._exo.read(now, marks[:, self._step], None, self._windings)
+        for prefix in self.prefixes:
+            names = ("desired_torque_nm", "phase_sine", "phase_cosine")
+            for name in names:
+                key = prefix + name
+                columns[key] = np.array(np.broadcast_to(columns[key], (count,)))
         if self._whole:
             steps = np.full(count, self._step)
             each = np.broadcast_to(marks[:, self._step], (count, marks.shape[2]))
@@ -263,6 +265,7 @@ class Alone:
     def __init__(self, fleet: Fleet) -> None:
         """Take the fleet."""
         self._fleet, self.steps = fleet, fleet.steps
+        self.prefixes = fleet.prefixes
 
     def start(self) -> Columns:
         """Bring it to the start; see `DrivenDevice.start`."""
@@ -270,7 +273,7 @@ class Alone:
 
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `DrivenDevice.advance`."""
-        columns = self._fleet.advance(np.reshape(torque, 1))
+        columns = self._fleet.advance(np.reshape(torque, (1, -1)))
         if why := self._fleet.failed[0]:
             raise unstable(why)
         return {name: value[0] for name, value in columns.items()}

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control import Controller, controller
+from cc_mujoco.control import AxesController, Controller, controller
+from cc_mujoco.control._axes import Law, by_axis
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, TENSION_COLUMN, WINDING_COLUMNS
 
@@ -137,3 +138,28 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
         # Past the checks of a drive, which are of numbers.
         object.__setattr__(whole, name, np.array(differing[name]))
     return whole
+
+
+def batched_controller(
+    given: Law | Mapping[str, Law],
+    drives: Sequence[Sequence[Drive]],
+    prefixes: Sequence[str],
+) -> Controller:
+    """Make the controller of many devices, of one axis or several.
+
+    Args:
+        given: As of `control.axes_controller`.
+        drives: Of every axis of each device.
+        prefixes: Beginnings of the columns of each axis.
+
+    Raises:
+        CableError: There is no such controller or axis.
+    """
+    each = list(zip(*drives, strict=True))
+    laws = by_axis(given, prefixes)
+    if len(each) == 1:
+        return BatchedController(laws[0], each[0])
+    return AxesController(
+        [BatchedController(law, own) for law, own in zip(laws, each, strict=True)],
+        prefixes,
+    )

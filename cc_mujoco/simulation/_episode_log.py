@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import METADATA_KEY, replacing
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation._log_columns import LogColumn, cables_in, columns_for
+from cc_mujoco.simulation._log_columns import (
+    AXES,
+    LogColumn,
+    cables_in,
+    columns_for,
+    prefixes_in,
+)
 
 """Key of the Parquet schema metadata that holds the log's metadata as JSON."""
 
@@ -50,7 +56,9 @@ class EpisodeLog:
                 metadata cannot be written as JSON.
         """
         self.cables = cables_in(columns)
-        self.schema = columns_for(self.cables)
+        self.prefixes = prefixes_in(columns) or ("",)
+        """Beginnings of the columns of each axis; empty where there is only one."""
+        self.schema = columns_for(self.cables, self.prefixes)
         names = [column.name for column in self.schema]
         for name in columns:
             if name not in names:
@@ -100,6 +108,27 @@ class EpisodeLog:
     def columns(self) -> Mapping[str, NDArray[Any]]:
         """All columns by name, in file order."""
         return dict(self._columns)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes; none where there is only one."""
+        return tuple(prefix.rstrip(".") for prefix in self.prefixes if prefix)
+
+    def axis(self, name: str | None = None) -> EpisodeLog | AxisLog:
+        """Return the log of one axis, with plain names; by default of the only one.
+
+        Raises:
+            CableError: There is no such axis, or none is named and there are several.
+        """
+        if name is None and not self.axes:
+            return self
+        if name is None:
+            raise CableError(
+                f"the log has the axes {', '.join(self.axes)}; name one of them."
+            )
+        if name not in self.axes:
+            raise CableError.unknown("axis of the log", name, self.axes)
+        return AxisLog(self, name)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file; an older file at `path` stays until this is whole.
@@ -153,19 +182,45 @@ class EpisodeLog:
         return cls(columns, json.loads(metadata))
 
 
+class AxisLog:
+    """Log of one axis of several: its columns under plain names."""
+
+    def __init__(self, whole: EpisodeLog, name: str) -> None:
+        """Take the log of the device and the name of the axis."""
+        self._whole, self._prefix, self.name = whole, f"{name}.", name
+        facts = whole.metadata.get(AXES, {}).get(name, {})
+        self.metadata: dict[str, Any] = {**whole.metadata, **facts}
+        self.cables = whole.cables
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self._whole)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return one column of the axis, or of the device; see `EpisodeLog`."""
+        own = self._prefix + name
+        return self._whole[own if own in self._whole.columns else name]
+
+
 class Recorder:
     """Collector of samples for an `EpisodeLog`."""
 
-    def __init__(self, cables: Iterable[str], metadata: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        cables: Iterable[str],
+        metadata: Mapping[str, Any],
+        prefixes: Iterable[str] = ("",),
+    ) -> None:
         """Prepare an empty log.
 
         Args:
             cables: Names of the cables whose columns every sample brings.
             metadata: JSON-serializable description of the episode.
+            prefixes: Beginnings of the columns of each axis.
         """
         self.metadata = dict(metadata)
-        self._rows: dict[str, list[Any]] = {c.name: [] for c in columns_for(cables)}
-        self._schema = columns_for(cables)
+        self._schema = columns_for(cables, prefixes)
+        self._rows: dict[str, list[Any]] = {c.name: [] for c in self._schema}
 
     def record(self, info: Mapping[str, Any]) -> None:
         """Append one sample; keys that are not columns are ignored.

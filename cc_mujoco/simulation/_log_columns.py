@@ -34,8 +34,15 @@ class LogColumn:
 MODEL_XML = "model_xml"
 """Metadata key: the MJCF of the model."""
 
-DEVICE_COLUMNS = (
-    LogColumn("time_s", "s", "simulated time"),
+AXES = "axes"
+"""Metadata key: the facts of each axis by name, of a device with several."""
+
+TIME_COLUMN = LogColumn("time_s", "s", "simulated time")
+POSE_COLUMN = LogColumn(
+    "qpos", "mixed", "generalized coordinates (rad, m)", listed=True
+)
+
+AXIS_COLUMNS = (
     LogColumn("motor_angle_rad", "rad", "angle of the motor pulley"),
     LogColumn("motor_velocity_rad_s", "rad/s", "angular velocity of the motor pulley"),
     LogColumn("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
@@ -56,9 +63,8 @@ DEVICE_COLUMNS = (
     LogColumn("reference_angle_rad", "rad", "angle that the wearer aims for"),
     LogColumn("phase_sine", "1", "sine of the phase of the wearer's cycle"),
     LogColumn("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
-    LogColumn("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
 )
-"""Columns that every log has once."""
+"""Columns that every log has for each axis; of several they begin with its name."""
 
 CABLE_COLUMNS = (
     LogColumn("tension_{cable}_proximal_n", "N", "tension at the motor end"),
@@ -83,11 +89,23 @@ CABLE_COLUMNS = (
 """Columns that every log has for each cable."""
 
 
-def columns_for(cables: Iterable[str]) -> tuple[LogColumn, ...]:
-    """Return the columns of a log with these cables, in file order."""
-    return DEVICE_COLUMNS + tuple(
-        column.of(cable) for cable in cables for column in CABLE_COLUMNS
+def columns_for(
+    cables: Iterable[str], prefixes: Iterable[str] = ("",)
+) -> tuple[LogColumn, ...]:
+    """Return the columns of a log with these cables and axes, in file order."""
+    axes = tuple(
+        replace(column, name=prefix + column.name)
+        for prefix in prefixes
+        for column in AXIS_COLUMNS
     )
+    own = tuple(column.of(cable) for cable in cables for column in CABLE_COLUMNS)
+    return (TIME_COLUMN, *axes, POSE_COLUMN, *own)
+
+
+def prefixes_in(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the beginnings of the columns of each axis among these names, in order."""
+    end = AXIS_COLUMNS[0].name
+    return tuple(name[: -len(end)] for name in names if name.endswith(end))
 
 
 def cables_in(names: Iterable[str]) -> tuple[str, ...]:

@@ -37,6 +37,8 @@ class DrivenDevice(Protocol):
 
     steps: int
     """Control steps in an episode."""
+    prefixes: tuple[str, ...]
+    """Beginnings of the columns of each axis; one that is empty for a single one."""
 
     def start(self) -> Columns:
         """Begin the episode."""
@@ -44,7 +46,8 @@ class DrivenDevice(Protocol):
     def advance(self, torque: NDArray[np.float64]) -> Columns:
         """Advance a control step with a motor torque [N m], one for all or for each.
 
-        That of one device is finite; of several, one whose torque is not has failed.
+        Of several axes the torques are (..., axes). That of one device is finite; of
+        several, one whose torque is not has failed.
 
         Raises:
             CableError: The episode cannot go on.
@@ -81,7 +84,9 @@ def run(
     with controller_errors(called()):
         controller.reset()
     columns = plant.start()
-    shape = np.shape(columns["joint_angle_rad"])
+    shape = np.shape(columns[f"{plant.prefixes[0]}joint_angle_rad"])
+    axes = len(plant.prefixes)
+    shapes = ((), shape) if axes == 1 else ((*shape, axes),)
     for step in range(plant.steps + 1):
         seen = measure(columns)
         begun = time.thread_time()
@@ -89,16 +94,17 @@ def run(
             torque = np.asarray(controller.torque(seen), dtype=float)
         if clock is not None:
             clock.spent.append(time.thread_time() - begun)
-        if torque.shape not in ((), shape):
+        if torque.shape not in shapes:
             each = f", or one for each of {shape[0]} environments" if shape else ""
+            right = f"one number{each}" if axes == 1 else f"of shape {shapes[0]}"
             raise CableError(
                 f"controller {called()!r} gave torques of shape {torque.shape}; it "
-                f"must be one number{each}."
+                f"must be {right}."
             )
         for observe in observers:
             observe(step, columns, torque)
         if step < plant.steps:
-            if not shape and not np.isfinite(torque):
+            if not shape and not np.isfinite(torque).all():
                 at = missing_torque_error(called(), step * controller.drive.period)
                 raise CableError(f"{at}; it must be a number in N m.")
             columns = plant.advance(torque)
@@ -158,6 +164,7 @@ class Single:
         self._env, self._inner, self._seed = env, env.unwrapped, seed
         self._options = None if options is None else dict(options)
         self.steps: int = self._inner.exo.steps
+        self.prefixes: tuple[str, ...] = self._inner.exo.device.prefixes
 
     def start(self) -> Columns:
         """Reset; see `DrivenDevice.start`."""

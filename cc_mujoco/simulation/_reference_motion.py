@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device._device import Device
+from cc_mujoco.device._model import AxisModel, DeviceModel
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Motion, Task, Trajectory, trajectory
-from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._csv_motion import resolve_trajectory
 
 Array = NDArray[np.float64]
+
+
+MARKS = 4
+"""Marks of an axis: reference angle [rad], phase of the cycle, its sine and cosine."""
 
 
 @dataclass(frozen=True, eq=False)
 class Script:
     """The wearer's part in an episode of n control steps and m physics steps."""
 
-    angles: Array
-    """First angle of the joint and of its companions [rad]."""
+    angles: Mapping[str, float]
+    """First angle of each joint that the wearer moves [rad]."""
     commands: Array
-    """Controls before every physics step, (m + 1, k): of the wearer's actuators, then
-    of the motors that follow the gait by themselves.
+    """Controls of the wearer before every physics step, (m + 1, k).
 
     One per physics step: a command that is held over a control period would be a
     staircase, which a stiff wearer follows as one.
     """
     marks: Array
-    """Marks at every control step, (n + 1, 4): reference angle [rad], phase of the
-    cycle, sine and cosine of that phase."""
+    """`MARKS` of every axis in turn at every control step, (n + 1, 4 axes)."""
 
 
 class Author:
@@ -43,23 +45,28 @@ class Author:
     """
 
     def __init__(
-        self, device: Device, source: Trajectory, steps: int, frame_skip: int
+        self,
+        device: DeviceModel,
+        sources: Sequence[Trajectory],
+        steps: int,
+        frame_skip: int,
     ) -> None:
         """Prepare.
 
         Args:
-            device: Whose joint is moved.
-            source: How it is moved.
+            device: Whose joints are moved.
+            sources: How the joint of each axis is moved; what is the same trajectory
+                is one motion.
             steps: Control steps in an episode.
             frame_skip: Physics steps in a control step.
         """
         self._device = device
-        self._source = source
+        self._sources = tuple(sources)
         self._steps = steps
         self.frame_skip = frame_skip
         self._single_script: Script | None = None
-        self._wearer = device.wearers[0]
-        """Wearer whose script that is."""
+        self._wearers = device.wearers
+        """Wearers whose script that is."""
 
     def write(self, rng: np.random.Generator) -> Script:
         """Write the script of an episode.
@@ -68,110 +75,131 @@ class Author:
             rng: Source of all that is random about it.
 
         Raises:
-            CableError: If the joint would have to leave its range.
+            CableError: If a joint would have to leave its range.
         """
-        wearer = self._device.wearers[0]
-        if self._single_script is not None and wearer == self._wearer:
+        wearers = self._device.wearers
+        if self._single_script is not None and wearers == self._wearers:
             return self._single_script
         before = repr(rng.bit_generator.state)
         script = self._write(rng)
         if repr(rng.bit_generator.state) == before:
-            self._single_script, self._wearer = script, wearer
+            self._single_script, self._wearers = script, wearers
         return script
 
     def _write(self, rng: np.random.Generator) -> Script:
         device = self._device
         dt = float(device.model.opt.timestep)
         substeps = self._steps * self.frame_skip
-        sampled = self._source.sample(substeps * dt, dt, rng)
-        motion = sampled.companions.get(device.setup.joint, sampled)
-        self._check(motion)
-        setup = device.setup
-        motions = [sampled.companions.get(name) for name in setup.companions]
-        played = [motion, *motions]
-        commands = np.zeros((substeps + 1, len(device.script_controls)))
-        for place, part in enumerate(played):
-            if part is not None:
-                wearer = device.wearers[place]
-                commands[:, place] = wearer.command(part.angle, part.velocity)
-        walked = motion.phase if motion.measured is None else motion.measured
-        share = gait.assistance(walked)
-        for place, (rest, peak) in enumerate(setup.helpers.values(), len(played)):
-            commands[:, place] = rest + (peak - rest) * share
-        phase = motion.phase[:: self.frame_skip]
-        turn = 2 * np.pi * phase
-        return Script(
-            np.array([0.0 if part is None else part.angle[0] for part in played]),
-            np.clip(commands, *device.script_ranges.T),
-            np.stack(
-                [motion.angle[:: self.frame_skip], phase, np.sin(turn), np.cos(turn)],
-                axis=-1,
-            ),
-        )
+        sampled: dict[int, Motion] = {}
+        for source in self._sources:
+            if id(source) not in sampled:
+                sampled[id(source)] = source.sample(substeps * dt, dt, rng)
+        moved: dict[str, Motion] = {}
+        motions = []
+        for axis, source in zip(device.axes, self._sources, strict=True):
+            motion = sampled[id(source)]
+            moved |= motion.companions
+            joint = axis.axis.joint
+            if joint not in device.movers:  # the body moves by itself
+                motion = resting(motion, device.neutral(joint))
+            motion = motion.companions.get(joint, motion)
+            moved[joint] = motion
+            motions.append(motion)
+            self._check(axis, motion)
+        angles = {}
+        commands = np.zeros((substeps + 1, len(device.movers)))
+        for place, (joint, mover) in enumerate(device.movers.items()):
+            part = moved.get(joint)
+            if part is None:
+                angles[joint] = device.neutral(joint)
+                commands[:, place] = mover.command(angles[joint], 0.0)
+            else:
+                angles[joint] = float(part.angle[0])
+                commands[:, place] = mover.command(part.angle, part.velocity)
+        marks = []
+        for motion in motions:
+            phase = motion.phase[:: self.frame_skip]
+            turn = 2 * np.pi * phase
+            angle = motion.angle[:: self.frame_skip]
+            marks += [angle, phase, np.sin(turn), np.cos(turn)]
+        return Script(angles, commands, np.stack(marks, axis=-1))
 
-    def _check(self, motion: Motion) -> None:
-        low, high = self._device.joint_range
+    def _check(self, axis: AxisModel, motion: Motion) -> None:
+        low, high = axis.joint_range
         least, most = float(motion.angle.min()), float(motion.angle.max())
         if least < low or most > high:
             raise CableError(
-                f"the trajectory moves joint {self._device.setup.joint!r} from "
+                f"the trajectory moves joint {axis.axis.joint!r} from "
                 f"{least:g} to {most:g} rad, but it must stay in "
                 f"[{low:g}, {high:g}] rad."
             )
 
 
+def resting(motion: Motion, angle: float) -> Motion:
+    """Return a motion that stays at an angle, with the phase of another."""
+    still = np.zeros_like(motion.time)
+    return Motion(motion.time, still + angle, still, still, motion.phase)
+
+
 class Scripts:
     """The scripts of many environments, as arrays over environments."""
 
-    def __init__(self, author: Author, count: int, task: Task) -> None:
+    def __init__(self, author: Author, count: int, tasks: Sequence[Task]) -> None:
         """Prepare.
 
         Args:
             author: Writes the scripts.
             count: Number of environments.
-            task: What the wearers should feel.
+            tasks: What the wearers should feel at each axis.
         """
         self._author = author
-        self._task = task if task.of_phase else None
+        self._tasks = tuple(task if task.of_phase else None for task in tasks)
         self._count = count
         self._rows = np.zeros(count, dtype=np.intp)
         self._shared: Script | None = None
         """Only script so far."""
         self._commands = np.zeros((0, 0, 0))
         self._marks = np.zeros((0, 0, 0))
-        self._asked = np.zeros((0, 0))
+        self._demands = [np.zeros((0, 0)) for _ in tasks]
 
     def write(self, environment: int, rng: np.random.Generator) -> Script:
         """Write the script of the next episode of an environment."""
         script = self._author.write(rng)
+        demands = [self._scripted_torque(script, n) for n in range(len(self._tasks))]
         if not self._commands.size:
             # One row is enough for all where every episode is the same.
             self._shared = script
             self._commands, self._marks = script.commands[None], script.marks[None]
-            self._asked = self._scripted_torque(script)[None]
+            self._demands = [demand[None] for demand in demands]
         elif self._shared is not None and script is not self._shared:
             self._shared = None
             self._rows = np.arange(self._count)
             self._commands = np.repeat(self._commands, self._count, axis=0)
             self._marks = np.repeat(self._marks, self._count, axis=0)
-            self._asked = np.repeat(self._asked, self._count, axis=0)
+            self._demands = [
+                np.repeat(demand, self._count, axis=0) for demand in self._demands
+            ]
         if self._shared is None:
             row = self._rows[environment]
             self._commands[row] = script.commands
             self._marks[row] = script.marks
-            self._asked[row] = self._scripted_torque(script)
+            for kept, demand in zip(self._demands, demands, strict=True):
+                kept[row] = demand
         return script
 
     def marks(self, steps: NDArray[np.intp]) -> Array:
-        """Return every environment's marks at its control step, (environments, 4)."""
+        """Return every environment's marks at its control step, (environments, 4 n)."""
         return self._at(self._marks, steps)
 
-    def asked(self, steps: NDArray[np.intp]) -> Array | None:
-        """Return the task's torque in every environment there, (environments,) [N m].
+    def demands(self, steps: NDArray[np.intp]) -> list[Array | None]:
+        """Return the torque of each axis' task in every environment there [N m].
 
-        None where it follows from more than the phase.
+        None where it follows from more than the phase, else (environments,).
         """
-        return None if self._task is None else self._at(self._asked, steps)
+        return [
+            None if task is None else self._at(kept, steps)
+            for task, kept in zip(self._tasks, self._demands, strict=True)
+        ]
 
     def commands(self, steps: NDArray[np.intp]) -> Array:
         """Return the commands of every environment during the next control step.
@@ -195,13 +223,14 @@ class Scripts:
             found = written[rows, places]
         return found
 
-    def _scripted_torque(self, script: Script) -> Array:
-        """Return the task's torque along a script; (0,) if not of the phase alone."""
-        if self._task is None:
+    def _scripted_torque(self, script: Script, axis: int) -> Array:
+        """Return a task's torque along a script; (0,) if not of the phase alone."""
+        task = self._tasks[axis]
+        if task is None:
             return np.zeros(0)
-        phase = script.marks[:, 1]
+        phase = script.marks[:, MARKS * axis + 1]
         nothing = np.zeros_like(phase)
-        demanded = self._task.torque(nothing, nothing, phase)
+        demanded = task.torque(nothing, nothing, phase)
         return np.array(np.broadcast_to(demanded, phase.shape), dtype=np.float64)
 
 

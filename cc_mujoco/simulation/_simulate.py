@@ -20,43 +20,37 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
-from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.control import Controller
-from cc_mujoco.control import controller as make_controller
+from cc_mujoco.control import axes_controller
+from cc_mujoco.control._axes import law_drives
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._sensors import Measuring, Sensing
+from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Spring, Task, Trajectory
-from cc_mujoco.metrics._metric import (
-    DRIVEN,
-    PULL_PULL,
-    RATIO,
-    SAFE_TORQUE,
-    SPRING,
-    STRENGTH,
-)
+from cc_mujoco.human import Spring, Trajectory
+from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
 from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder
-from cc_mujoco.simulation._log_columns import MODEL_XML, columns_for
+from cc_mujoco.simulation._log_columns import AXES, MODEL_XML, columns_for
 from cc_mujoco.simulation._loop import Columns, Single, Trace, run
 
 if TYPE_CHECKING:
     import gymnasium
 
-    from cc_mujoco.device import Plant
-    from cc_mujoco.simulation._worn_device import WornDevice
+    from cc_mujoco.device import Description, Device, Plant
+    from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
-Law = str | Controller | Callable[[Drive], Any]
-"""Name of a controller, a controller, or a function that makes one of a drive."""
+Law = str | Controller | Callable[..., Any] | Mapping[str, Any]
+"""Name of a controller, a controller, a function that makes one of a drive, or any but
+the second by the name of an axis."""
 
 
 @overload
 def simulate(
-    plants: str | Plant,
+    plants: str | Path | Device | Plant,
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
-    task: str | Task | None = ...,
+    task: TaskChoice = ...,
     seed: int = ...,
     duration: float = ...,
     sensing: Sensing | None = ...,
@@ -72,7 +66,7 @@ def simulate(
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
-    task: str | Task | None = ...,
+    task: TaskChoice = ...,
     seed: int | Sequence[int] = ...,
     duration: float = ...,
     sensing: Sensing | None = ...,
@@ -83,11 +77,11 @@ def simulate(
 
 
 def simulate(
-    plants: str | Plant | list[Any] | tuple[Any, ...],
+    plants: str | Path | Device | Plant | list[Any] | tuple[Any, ...],
     controller: Law = "pi",
     *,
     motion: str | Path | Trajectory | None = None,
-    task: str | Task | None = None,
+    task: TaskChoice = None,
     seed: int | Sequence[int] = 0,
     duration: float = 10.0,
     sensing: Sensing | None = None,
@@ -98,17 +92,17 @@ def simulate(
     """Simulate an episode of a plant, or of several plants of one device at once.
 
     Args:
-        plants: Name of a device or a `Plant`, or a list of them of one device and of
-            equal layout.
+        plants: Name or file of a device, a `Device` or a `Plant`, or a list of them of
+            one device and of equal layout.
         controller: Name, `module:function` or file of a policy, as of
             `cc_mujoco.control._controller`, or a function that is called with the
-            drive, as `module:function` is: it is made for each plant and knows its
-            values. Or a `Controller`, which knows the values of the drive that it was
+            drive, as `module:function` is: it is made for each axis of each plant and
+            knows its values; see `control.axes_controller` for different ones. Or a `Controller`, which knows the values of the drive that it was
             made for and reads numbers of a plant and arrays over a list of plants.
         motion: Motion of the wearer: a name, a CSV file or a `Trajectory`; that of the
             device by default.
-        task: Torque that the wearer should feel: a name or a `Task`; that of the device
-            by default.
+        task: Torque that the wearer should feel: a name or a `Task`, for all axes or by
+            axis; that of the device by default.
         seed: Seed of all that is random, one for all plants or one for each.
         duration: Length of the episode [s], rounded to whole control steps of 1 ms.
         sensing: Sensors of the controller; those of the device by default.
@@ -126,30 +120,33 @@ def simulate(
     """
     from gymnasium.utils import seeding  # a list of names need not wait for these
 
-    from cc_mujoco.device import Plant
-    from cc_mujoco.simulation._batch import FRAME_SKIP, Alone, Fleet
+    from cc_mujoco.simulation._batch import Alone, Fleet
     from cc_mujoco.simulation._worn_device import WornDevice
 
-    alone = isinstance(plants, (str, Plant))
     made = _plants(plants)
+    alone = not isinstance(plants, (list, tuple))
     seeds = _seeds(seed, len(made))
     if not (isinstance(threads, int) and threads >= 0):
         raise CableError(f"threads must be an integer >= 0, not {threads!r}.")
-    setup = made[0].setup
-    motion = setup.trajectory if motion is None else motion
-    task = setup.task if task is None else task
+    device = made[0].description
+    motion = device.trajectory if motion is None else motion
     exos = {
-        key: WornDevice(setup, motion, task, duration, FRAME_SKIP, None, plant.model())
+        key: WornDevice(device, plant.model(), motion, task, duration)
         for key, plant in {id(plant): plant for plant in made}.items()
     }
     played = [exos[id(plant)] for plant in made]
     exo = played[0]
-    sensing = setup.sensing if sensing is None else sensing
+    sensing = device.sensing if sensing is None else sensing
     if not isinstance(sensing, Sensing):
         raise CableError(f"sensing must be a Sensing, not {sensing!r}.")
-    law = _law(controller, [sensing.equip(one.drive) for one in played], alone)
-    given = {"trajectory": motion, "task": task, "controller": controller}
-    about = {key: _label(one) for key, one in given.items()} | dict(about or {})
+    drives = [[sensing.equip(drive) for drive in one.drives] for one in played]
+    law = _law(controller, drives, exo.device.prefixes, alone)
+    given = {
+        "trajectory": _label(motion),
+        "task": task_label(device, task),
+        "controller": _label(controller),
+    }
+    about = given | dict(about or {})
     called = str(about["controller"])
     scripts = [
         one.author.write(seeding.np_random(own)[0])
@@ -159,16 +156,25 @@ def simulate(
     fleet = Fleet(exo, devices, scripts, threads, called, whole=True)
     late = [plant.values.get("delay", sensing.delay) for plant in made]
     noise = [plant.noise for plant in made]
-    measuring = Measuring(
-        sensing,
-        law.drive,
-        exo.device.driven,
-        seeds[0] if alone else seeds,
-        exo.steps,
-        delay=late[0] if alone else late,
-        noise=noise[0] if alone else noise,
+    measuring = AxesMeasuring(
+        exo.device.prefixes,
+        [
+            Measuring(
+                sensing,
+                drive,
+                driven,
+                _own_seeds(seeds[0] if alone else seeds, n),
+                exo.steps,
+                delay=late[0] if alone else late,
+                noise=noise[0] if alone else noise,
+            )
+            for n, (drive, driven) in enumerate(
+                zip(law_drives(law, exo.drives), exo.device.driven, strict=True)
+            )
+        ],
     )
-    trace = Trace([column.name for column in columns_for(fleet.cables)], exo.steps)
+    names = columns_for(fleet.cables, exo.device.prefixes)
+    trace = Trace([column.name for column in names], exo.steps)
 
     def check(step: int, _: Columns, __: object) -> None:
         for row, why in enumerate(fleet.failed):
@@ -191,7 +197,7 @@ def simulate(
                 name: kept if alone else kept[:, row]
                 for name, kept in trace.columns.items()
             },
-            describe(played[row], plant.cables, sensing, own, about) | _facts(plant),
+            describe(played[row], plant, sensing, own, about),
         )
         for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
@@ -200,27 +206,30 @@ def simulate(
 
 def _plants(given: Any) -> list[Plant]:
     """Return the plants that are given, one for each name."""
-    from cc_mujoco.device import Plant
+    from cc_mujoco.device import Nominal, Plant
 
-    listed: Any = [given] if isinstance(given, (str, Plant)) else given
-    if not isinstance(listed, Sequence) or not listed:
-        raise CableError(
-            "plants must be the name of a device, a Plant or a list of them, not "
-            f"{given!r}."
-        )
-    named = {name: Plant(name) for name in listed if isinstance(name, str)}
-    plants = [named[one] if isinstance(one, str) else one for one in listed]
+    single = (str, Path, Nominal)
+    listed: Any = given if isinstance(given, (list, tuple)) else [given]
+    if not listed:
+        raise CableError("plants must be at least one; the list is empty.")
+    named: dict[Any, Plant] = {}
+    plants: list[Plant] = []
+    for row, one in enumerate(listed):
+        if isinstance(one, single):
+            one = named.setdefault(id(one), Plant(one))
+        if not isinstance(one, Plant):
+            raise CableError(
+                f"plant {row} must be the name or file of a device, a Device or a "
+                f"Plant, not {one!r}."
+            )
+        plants.append(one)
     first = plants[0]
     for row, plant in enumerate(plants):
-        if not isinstance(plant, Plant):
-            raise CableError(
-                f"plant {row} must be the name of a device or a Plant, not {plant!r}."
-            )
-        if plant.setup is not first.setup:
+        if plant.description.scene != first.description.scene:
             raise CableError(
                 "the plants of a batch must be of one device, not of "
-                f"{first.setup.scene!r} and {plant.setup.scene!r}; simulate each "
-                "device by itself."
+                f"{first.description.scene!r} and {plant.description.scene!r}; "
+                "simulate each device by itself."
             )
         if plant.layout != first.layout:
             raise CableError(
@@ -228,13 +237,6 @@ def _plants(given: Any) -> list[Plant]:
                 "simulate it by itself."
             )
     return plants
-
-
-def _facts(plant: Plant) -> dict[str, Any]:
-    """Return the metadata of a plant whose values are not those of its device."""
-    if not plant.values:
-        return {}
-    return {**plant.facts, MODEL_XML: plant.xml(), "values": dict(plant.values)}
 
 
 def _seeds(given: Any, count: int) -> list[int]:
@@ -250,26 +252,50 @@ def _seeds(given: Any, count: int) -> list[int]:
     return [int(one) for one in seeds]
 
 
-def _law(given: Any, drives: Sequence[Drive], alone: bool) -> Controller:
+def _own_seeds(seeds: int | list[int], axis: int) -> Any:
+    """Return the seeds of the sensors of an axis; those of the first are as given."""
+    if not axis:
+        return seeds
+    if isinstance(seeds, int):
+        return int(np.random.SeedSequence([seeds, axis]).generate_state(1)[0])
+    return [_own_seeds(seed, axis) for seed in seeds]
+
+
+def _law(
+    given: Any,
+    drives: Sequence[Sequence[Drive]],
+    prefixes: Sequence[str],
+    alone: bool,
+) -> Controller:
     """Return the controller of a plant, or of several."""
-    from cc_mujoco.simulation._batched_controller import BatchedController
+    from cc_mujoco.simulation._batched_controller import batched_controller
 
     if isinstance(given, Controller):
-        period = drives[0].period
+        period = drives[0][0].period
         if given.drive.period != period:
             raise CableError(
                 f"the controller is made for a period of {given.drive.period:g} s, but "
                 f"the episode has one of {period:g} s."
             )
         return given
-    if not (isinstance(given, str) or callable(given)):
+    if not (isinstance(given, (str, Mapping)) or callable(given)):
         raise CableError(
             "controller must be a name, a Controller or a function of a Drive, not "
             f"{given!r}."
         )
-    return (
-        make_controller(given, drives[0]) if alone else BatchedController(given, drives)
-    )
+    if alone:
+        return axes_controller(given, drives[0], prefixes)
+    return batched_controller(given, drives, prefixes)
+
+
+def task_label(device: Description, given: Any) -> str:
+    """Return the name of a task for the metadata, of several axes with their names."""
+    if given is not None and not isinstance(given, Mapping):
+        return _label(given)
+    own = {axis.name: axis.task for axis in device.axes} | dict(given or {})
+    if len(own) == 1:
+        return _label(next(iter(own.values())))
+    return ",".join(f"{name}={_label(task)}" for name, task in own.items())
 
 
 def _label(given: Any) -> str:
@@ -278,6 +304,8 @@ def _label(given: Any) -> str:
         return str(given)
     if isinstance(given, Controller):
         return given.name or type(given).__name__
+    if isinstance(given, Mapping):
+        return ",".join(f"{name}={_label(one)}" for name, one in given.items())
     return str(getattr(given, "__qualname__", type(given).__name__))
 
 
@@ -308,16 +336,30 @@ def play(
         CableError: If the simulation diverges or the controller fails.
     """
     exo: WornDevice = env.unwrapped.exo  # type: ignore[attr-defined]
-    sensing = sensing or exo.setup.sensing
+    sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
-    driven = exo.device.driven
-    measuring = Measuring(sensing, controller.drive, driven, seed, plant.steps)
-    recorder = Recorder(plugin.cables(exo.device.model), {})
+    device = exo.device
+    measuring = AxesMeasuring(
+        device.prefixes,
+        [
+            Measuring(
+                sensing,
+                drive,
+                driven,
+                _own_seeds(seed, n),
+                plant.steps,
+            )
+            for n, (drive, driven) in enumerate(
+                zip(law_drives(controller, exo.drives), device.driven, strict=True)
+            )
+        ],
+    )
+    recorder = Recorder(plugin.cables(device.model), {}, device.prefixes)
 
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
-            own = plugin.from_mjcf(exo.device.model)
-            recorder.metadata.update(describe(exo, own, sensing, seed, about or {}))
+            made = env.unwrapped.plant  # type: ignore[attr-defined]
+            recorder.metadata.update(describe(exo, made, sensing, seed, about or {}))
         recorder.record(columns)
         if step and progress is not None:
             progress(float(columns["time_s"]))
@@ -329,7 +371,7 @@ def play(
 
 def describe(
     exo: WornDevice,
-    cables: Mapping[str, Cable],
+    plant: Plant,
     sensing: Sensing,
     seed: int,
     about: Mapping[str, Any],
@@ -338,26 +380,40 @@ def describe(
 
     Args:
         exo: Device, wearer, motion and task.
-        cables: Those of the device, by name.
+        plant: The device with its values.
         sensing: What the controller saw with.
         seed: Of the episode.
         about: Further metadata.
     """
-    setup, wearer = exo.setup, exo.device.wearers[0]
-    return {
-        "scene": setup.scene,
+    from cc_mujoco.device import Device
+
+    description, device = exo.description, exo.device
+    cables = plugin.from_mjcf(device.model)
+    facts = {}
+    for axis, drive, driven, task in zip(
+        description.axes, exo.drives, device.driven, exo.tasks, strict=True
+    ):
+        wearer = device.wearers.get(axis.joint)
+        facts[axis.name] = {
+            "wearer": None if wearer is None else dataclasses.asdict(wearer),
+            RATIO: 1.0 / drive.ratio,
+            DRIVEN: list(driven),
+            **plant.facts(axis),
+            SPRING: isinstance(task, Spring),
+        }
+    own = next(iter(facts.values())) if len(facts) == 1 else {AXES: facts}
+    found = {
+        "scene": description.scene,
         **about,
         "seed": seed,
         "duration": exo.steps * exo.period,
         "sensing": sensing.to_json(),
-        "wearer": dataclasses.asdict(wearer),
-        RATIO: 1.0 / exo.drive.ratio,
-        DRIVEN: list(exo.device.driven),
-        STRENGTH: dict.fromkeys(cables, setup.strength),
-        SAFE_TORQUE: setup.safe_torque,
-        PULL_PULL: setup.pull_pull,
-        SPRING: isinstance(exo.task, Spring),
+        **own,
         "cables": {name: cable.to_config() for name, cable in cables.items()},
         "versions": versions(),
-        MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
     }
+    if plant.values:
+        found["values"] = dict(plant.values)
+    if isinstance(plant.device, Device):
+        found[MODEL_XML] = plant.xml() if plant.values else plant.device.xml()
+    return found

@@ -15,14 +15,18 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device import Nominal, Plant
-from cc_mujoco.device._device import Array, Device, Physics
-from cc_mujoco.device._observation import ACTION_SPACE
+from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._description import Description
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._model import Array, DeviceModel, Physics
+from cc_mujoco.device._moment_arm import Winding
+from cc_mujoco.device._observation import OBSERVATION_LIMIT, ObservationHistory
 from cc_mujoco.device._ranges import Ranges
-from cc_mujoco.device._registry import Setup
 from cc_mujoco.device._sensors import BIAS, PERFECT_SENSING, Measuring
 from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
@@ -30,7 +34,10 @@ from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, sc
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human import task as find_task
 
-from ._reference_motion import Author, find_trajectory
+from ._reference_motion import MARKS, Author, find_trajectory
+
+TaskChoice = str | Task | Mapping[str, str | Task] | None
+"""Task of all axes, or by the name of an axis; None for that of the device."""
 
 EFFORT_COST = 0.05
 """Reward lost by full motor torque [1/s]."""
@@ -63,33 +70,36 @@ class WornDevice:
 
     def __init__(
         self,
-        setup: Setup,
-        trajectory: str | Path | Trajectory | None,
-        task: str | Task | None,
-        duration: float,
-        frame_skip: int,
-        wearer: Wearer | None,
-        model: mujoco.MjModel | None,
+        description: Description,
+        model: mujoco.MjModel,
+        trajectory: str | Path | Trajectory | None = None,
+        task: TaskChoice = None,
+        duration: float = 10.0,
+        frame_skip: int | None = None,
+        wearer: Wearer | None = None,
         hold: int = 1,
         history: int = 0,
         memory: bool = False,
         randomise: Mapping[str, Any] | None = None,
         smoothness: float = 0.0,
     ) -> None:
-        """Load the scene and work out the spaces.
+        """Work out the spaces.
 
         Args:
-            setup: The device.
+            description: The device.
+            model: Its scene, or a variant.
             trajectory: Name, CSV file or trajectory that the wearer follows; that of
                 the device by default.
-            task: Name of the virtual environment, or the environment itself; that of
-                the device by default. By name, help that follows the gait has the pace
-                of a `Walk`, not the size of who walks, which a walk does not know; see
-                `human._scaled_assistance`. An environment itself stays what it is.
+            task: Name of the virtual environment, or the environment itself, for all
+                axes or by axis; that of the device by default. By name, help that
+                follows the gait has the pace of a `Walk`, not the size of who walks,
+                which a walk does not know; see `human._scaled_assistance`. An
+                environment itself stays what it is.
             duration: Length of an episode [s], rounded to whole control steps.
-            frame_skip: Physics steps from one sample of the sensors to the next.
-            wearer: Impedance of the wearer; that of the scene by default.
-            model: A variant of the scene; the scene by default.
+            frame_skip: Physics steps from one sample of the sensors to the next; those
+                of the period of the device by default.
+            wearer: Impedance of the wearer at the only axis; that of the model by
+                default.
             hold: Samples in a control step.
             history: Earlier frames in an observation; see `Observed`.
             memory: Whether plays are observed; see `Observed`.
@@ -99,30 +109,31 @@ class WornDevice:
         Raises:
             CableError: If an argument cannot be used.
         """
-        trajectory = setup.trajectory if trajectory is None else trajectory
-        task = setup.task if task is None else task
-        if not isinstance(task, (str, Task)):
-            raise CableError(
-                f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
-                f"not {task!r}."
-            )
         if not (wearer is None or isinstance(wearer, Wearer)):
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
+        require_number("smoothness", smoothness, 0.0, 1e3, "")
+        self.smoothness = float(smoothness)
+        self.description = description
+        self.device = DeviceModel(description, model, wearer)
+        if frame_skip is None:
+            frame_skip = self.device.frame_skip
         whole = isinstance(frame_skip, (int, np.integer)) and frame_skip is not True
         if not (whole and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
         frame_skip = int(frame_skip)
-        require_number("smoothness", smoothness, 0.0, 1e3, "")
-        self.smoothness = float(smoothness)
-        self.setup = setup
-        self.device = Device(setup, wearer, model)
         self.frame_skip = frame_skip
         self.sampling = frame_skip * float(self.device.model.opt.timestep)
         """Time between samples of the sensors [s]."""
-        frame = self.device.observed(self.sampling)
-        self.observed = dataclasses.replace(
-            frame, hold=hold, history=history, memory=memory
+        self.observed = tuple(
+            dataclasses.replace(
+                axis.observed(description.scene, self.sampling),
+                hold=hold,
+                history=history,
+                memory=memory,
+            )
+            for axis in self.device.axes
         )
+        """Observation of every axis."""
         self.hold = hold
         self.period = hold * self.sampling
         """Time between control steps [s]."""
@@ -130,24 +141,42 @@ class WornDevice:
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
         self.samples = hold * self.steps
-        source = find_trajectory(trajectory, setup.reach)
-        if (
-            isinstance(_unperturbed(source), Walk)
-            and setup.joint not in gait.GAIT_ANGLES
-        ):
-            raise CableError(
-                f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and scene "
-                f"{setup.scene!r} drives the joint {setup.joint!r}; choose another "
-                f"trajectory, such as {setup.trajectory!r}."
-            )
-        self.task = _task_of(task, source)
-        self.author = Author(self.device, source, self.samples, frame_skip)
-        self.drive = self.device.drive(self.period)
-        """Knowledge that a controller may have of the device as its scene has it."""
-        nominal = Nominal(setup, self.device.cables, self.device.wearers[0])
+        sources = _sources(description, trajectory)
+        self.tasks = tuple(
+            _task_of(one, source)
+            for one, source in zip(_tasks(description, task), sources, strict=True)
+        )
+        """Task of every axis."""
+        self.author = Author(self.device, sources, self.samples, frame_skip)
+        self.drives = self.device.drives(self.period)
+        """Knowledge that a controller may have of each axis as its scene has it."""
+        nominal = Nominal(description, self.device.cables, self.device.wearers)
         self.plants = Ranges(randomise, nominal)
-        self.observation_space = self.observed.space
-        self.action_space = ACTION_SPACE
+        spaces = [observed.space for observed in self.observed]
+        size = sum(space.shape[0] for space in spaces)
+        limit = OBSERVATION_LIMIT
+        self.observation_space = Box(-limit, limit, (size,), dtype=np.float32)
+        self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
+
+    @property
+    def drive(self) -> Drive:
+        """Knowledge that a controller may have of the only axis.
+
+        Raises:
+            CableError: There are several axes.
+        """
+        self.description.axis()
+        return self.drives[0]
+
+    @property
+    def task(self) -> Task:
+        """Task of the only axis.
+
+        Raises:
+            CableError: There are several axes.
+        """
+        self.description.axis()
+        return self.tasks[0]
 
     def require_timestep(self) -> None:
         """Refuse a time step that was changed after `sampling` followed from it.
@@ -164,55 +193,96 @@ class WornDevice:
             )
 
     def normalised(self, action: Any, going: Any = True) -> Any:
-        """Return the actions (..., 1) as numbers in [-1, 1].
+        """Return the actions (..., axes) as numbers in [-1, 1].
 
         Args:
-            action: Of one environment (1,), or of several (n, 1).
+            action: Of one environment (axes,), or of several (n, axes).
             going: Of several, the mask (n,) of those whose action counts; that of the
                 others is 0.
 
         Raises:
             CableError: If actions are of another shape, or one is no finite number.
         """
-        shape = (*np.shape(going), 1)
+        shape = (*np.shape(going), len(self.drives))
         try:
             given = np.asarray(action)
         except ValueError:  # rows of unequal lengths
             raise CableError(f"an action must be an array of shape {shape}.") from None
         if given.shape != shape:
             raise CableError(
-                f"an action must be of shape {shape}, a share of the motor's torque "
+                f"an action must be of shape {shape}, a share of each motor's torque "
                 f"for each environment, not of shape {given.shape}."
             )
         if given.dtype.kind not in "fiu":
             raise CableError(f"an action must be of numbers, not of {given.dtype}.")
-        numbers = np.where(going, given.T[0].astype(np.float64), 0.0)
+        counts = np.asarray(going)[..., None]
+        numbers = np.where(counts, given.astype(np.float64), 0.0)
         wrong = numbers[~np.isfinite(numbers)]
         if wrong.size:
             raise CableError(f"an action must be a finite number, not {wrong[0]}.")
         return np.minimum(np.maximum(numbers, -1.0), 1.0)
 
     def action(self, torque: Any) -> NDArray[np.float32]:
-        """Return the action, (..., 1), that makes the motor give a torque [N m]."""
-        scaled = np.asarray(torque)[..., None] / self.device.torque_limit
+        """Return the action, (..., axes), that makes the motors give torques [N m].
+
+        Args:
+            torque: Of the only motor (...), or of each motor (..., axes).
+        """
+        given = np.asarray(torque)
+        if len(self.drives) == 1 and given.shape[-1:] != (1,):
+            given = given[..., None]
+        scaled = given / self.device.torque_limits
         return np.clip(scaled, -1.0, 1.0).astype(np.float32)
 
-    def sensors(self, seeds: int | Sequence[int]) -> Measuring:
-        """Return the sensors of one environment or of several.
+    def sensors(self, seeds: int | Sequence[int]) -> tuple[Measuring, ...]:
+        """Return the sensors of every axis, of one environment or of several.
 
         Encoders are exact, and the error of torque is that of the plant.
 
         Args:
             seeds: Any number, or one for each of several environments.
         """
-        names = self.observed.columns
-        return Measuring(
-            PERFECT_SENSING, self.drive, (), seeds, self.samples, names=names
+        return tuple(
+            Measuring(
+                PERFECT_SENSING,
+                drive,
+                (),
+                seeds,
+                self.samples,
+                names=observed.columns,
+            )
+            for drive, observed in zip(self.drives, self.observed, strict=True)
         )
+
+    def sights(self, count: int) -> tuple[ObservationHistory, ...]:
+        """Return the observation of every axis, of n environments."""
+        return tuple(ObservationHistory(observed, count) for observed in self.observed)
+
+    def measured(
+        self, sensors: Sequence[Measuring], columns: Mapping[str, Any], going: Any = True
+    ) -> list[Array]:
+        """Return what the device measures of every axis, (k,) or (n, k) each.
+
+        Args:
+            sensors: Of every axis.
+            columns: Of `feel`.
+            going: As of `Measuring.measure`.
+        """
+        return [
+            observed.of(one.measure(self.axis_columns(columns, n), going))
+            for n, (observed, one) in enumerate(
+                zip(self.observed, sensors, strict=True)
+            )
+        ]
+
+    def axis_columns(self, columns: Mapping[str, Any], axis: int) -> Mapping[str, Any]:
+        """Return the columns of an axis under plain names."""
+        prefixes = self.device.prefixes
+        return axis_columns(columns, prefixes[axis], prefixes)
 
     def begin(
         self,
-        sensors: Measuring,
+        sensors: Sequence[Measuring],
         plant: Plant,
         rng: np.random.Generator,
         row: Any = ...,
@@ -220,45 +290,87 @@ class WornDevice:
         """Begin an episode of the sensors; draws the errors of torque if there are any.
 
         Args:
-            sensors: Of one environment or of several.
+            sensors: Of every axis, of one environment or of several.
             plant: Of the episode; without noise and delay its sensors are exact.
             rng: Source of what is drawn.
             row: Of several environments the one that begins.
         """
-        errors = None
-        if noise := float(plant.values.get(NOISE.name, 0.0)):
-            scale = noise * self.setup.sensing.torque_noise
-            bias = BIAS * rng.normal()
-            errors = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
-        sensors.begin(int(plant.values.get(DELAY.name, 0)), errors, row)
+        noise = float(plant.values.get(NOISE.name, 0.0))
+        for one in sensors:
+            errors = None
+            if noise:
+                scale = noise * self.description.sensing.torque_noise
+                bias = BIAS * rng.normal()
+                errors = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
+            one.begin(int(plant.values.get(DELAY.name, 0)), errors, row)
 
-    def feel(
-        self, physics: Physics, marks: Array, asked: Array | None = None
-    ) -> tuple[dict[str, Any], Any]:
-        """Return the true columns that the device can measure, and the reward.
+    def read(
+        self,
+        physics: Physics,
+        marks: Array,
+        demands: Sequence[Array | None] | None = None,
+        windings: Sequence[Winding | None] = (),
+    ) -> dict[str, Any]:
+        """Return the true columns that the device can measure.
 
         Args:
             physics: The simulation, or several.
             marks: Row of `Script.marks` at that sample.
-            asked: Torque that the task demands there, if it is known already [N m].
+            demands: Torque that the task of each axis demands there, where it is known
+                already [N m].
+            windings: Those of each axis, where several simulations differ.
+        """
+        device, rows = self.device, marks.T
+        columns: dict[str, Any] = {}
+        for n, (axis, prefix, task) in enumerate(
+            zip(device.axes, device.prefixes, self.tasks, strict=True)
+        ):
+            found = axis.read_motion(physics, windings[n] if windings else None)
+            _, phase, sine, cosine = rows[MARKS * n : MARKS * (n + 1)]
+            demand = None if demands is None else demands[n]
+            if demand is None:
+                angle, velocity = (
+                    found["joint_angle_rad"],
+                    found["joint_velocity_rad_s"],
+                )
+                demand = task.torque(angle, velocity, phase)
+            found["desired_torque_nm"] = demand
+            found["phase_sine"], found["phase_cosine"] = sine, cosine
+            if prefix:
+                found = {prefix + name: value for name, value in found.items()}
+            columns |= found
+        return columns
+
+    def feel(
+        self,
+        physics: Physics,
+        marks: Array,
+        demands: Sequence[Array | None] | None = None,
+    ) -> tuple[dict[str, Any], Any]:
+        """Return the columns of `read`, and the reward.
+
+        Args:
+            physics: As of `read`.
+            marks: As of `read`.
+            demands: As of `read`.
 
         Returns:
             Columns of an episode log; their reward per second for tracking the desired
-            torque.
+            torques, the mean over axes.
         """
-        _, phase, sine, cosine = marks.T
-        columns = self.device.read_motion(physics)
-        if asked is None:
-            angle, velocity = (
-                columns["joint_angle_rad"],
-                columns["joint_velocity_rad_s"],
+        columns = self.read(physics, marks, demands)
+        costs = []
+        for axis, prefix in zip(
+            self.description.axes, self.device.prefixes, strict=True
+        ):
+            error = (
+                columns[f"{prefix}joint_torque_nm"]
+                - columns[f"{prefix}desired_torque_nm"]
             )
-            asked = self.task.torque(angle, velocity, phase)
-        columns["desired_torque_nm"] = asked
-        columns["phase_sine"], columns["phase_cosine"] = sine, cosine
-        error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
-        cost = np.minimum(np.abs(error) / self.setup.torque_scale, MAX_ERROR_COST)
-        return columns, -cost
+            costs.append(np.minimum(np.abs(error) / axis.torque_scale, MAX_ERROR_COST))
+        if len(costs) == 1:
+            return columns, -costs[0]
+        return columns, -sum(costs) / len(costs)
 
     def told(
         self, physics: Physics, columns: dict[str, Any], step: Any, marks: Array
@@ -273,39 +385,81 @@ class WornDevice:
         """
         columns = columns | self.device.read_cables(physics)
         columns["time_s"] = step * self.sampling
-        columns["reference_angle_rad"] = marks.T[0]
+        for n, prefix in enumerate(self.device.prefixes):
+            columns[f"{prefix}reference_angle_rad"] = marks.T[MARKS * n]
         return columns
 
-    def costs(self, action: Any, before: Any) -> tuple[Any, Any]:
+    def costs(self, action: Array, before: Array) -> tuple[Any, Any]:
         """Return the rewards of a step for the effort of an action and its change.
 
         Args:
-            action: Of one environment or of several, (n,).
+            action: Of one environment or of several, (..., axes).
             before: That of the control step before; 0 at the start of an episode.
         """
-        return (
-            -EFFORT_COST * self.period * action * action,
-            -self.smoothness * np.abs(action - before),
-        )
+        effort = -EFFORT_COST * self.period * action * action
+        change = -self.smoothness * np.abs(action - before)
+        return effort.mean(axis=-1), change.mean(axis=-1)
 
     def beyond(self, marks: Array) -> str:
-        """Return a sentence if the task exceeds the motor, else "".
+        """Return a sentence if a task exceeds its motor, else "".
 
         Args:
             marks: `Script.marks`; the demand is that along the reference.
         """
-        reference, phase = marks[:, 0], marks[:, 1]
-        velocity = np.gradient(reference, self.sampling)
-        asked = self.task.torque(reference, velocity, phase)
-        least, most = self.drive.reach
-        if least <= asked.min() and asked.max() <= most:
-            return ""
-        ends = (asked.min(), asked.max(), least, most)
-        low, high, weakest, strongest = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
-        return (
-            f"the task asks for {low} to {high} N m at joint {self.setup.joint!r}, "
-            f"where the motor gives {weakest} to {strongest} N m even without friction."
-        )
+        for n, (axis, task, drive) in enumerate(
+            zip(self.description.axes, self.tasks, self.drives, strict=True)
+        ):
+            reference, phase = marks[:, MARKS * n], marks[:, MARKS * n + 1]
+            velocity = np.gradient(reference, self.sampling)
+            demand = task.torque(reference, velocity, phase)
+            least, most = drive.reach
+            if least <= demand.min() and demand.max() <= most:
+                continue
+            ends = (demand.min(), demand.max(), least, most)
+            low, high, weakest, strongest = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
+            return (
+                f"the task asks for {low} to {high} N m at joint {axis.joint!r}, "
+                f"where the motor gives {weakest} to {strongest} N m even without "
+                "friction."
+            )
+        return ""
+
+
+def _sources(
+    description: Description, given: str | Path | Trajectory | None
+) -> tuple[Trajectory, ...]:
+    """Return the trajectory of every axis; one that is no name is that of all."""
+    trajectory = description.trajectory if given is None else given
+    found: list[Trajectory] = []
+    for axis in description.axes:
+        source = find_trajectory(trajectory, axis.reach)
+        # What is the same for all joints is one motion.
+        found.append(next((one for one in found if one == source), source))
+        if isinstance(_unperturbed(source), Walk) and axis.joint not in gait.GAIT_ANGLES:
+            raise CableError(
+                f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and scene "
+                f"{description.scene!r} drives the joint {axis.joint!r}; choose another "
+                f"trajectory, such as {description.trajectory!r}."
+            )
+    return tuple(found)
+
+
+def _tasks(description: Description, given: TaskChoice) -> list[str | Task]:
+    """Return the task of every axis, as it is given."""
+    found: list[str | Task] = []
+    own = given if isinstance(given, Mapping) else {}
+    for name in own:
+        description.axis(name)
+    for axis in description.axes:
+        task = own.get(axis.name) if isinstance(given, Mapping) else given
+        task = axis.task if task is None else task
+        if not isinstance(task, (str, Task)):
+            raise CableError(
+                f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
+                f"not {task!r}."
+            )
+        found.append(task)
+    return found
 
 
 def _task_of(task: str | Task, source: Trajectory) -> Task:

@@ -1,0 +1,35 @@
+"""Columns of a device with several axes: those of an axis begin with its name.
+
+    column_prefixes(["hip", "ankle"])           # ("hip.", "ankle."); of one axis ("",)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+
+def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the beginnings of the columns of axes by their names."""
+    found = tuple(names)
+    return ("",) if len(found) == 1 else tuple(f"{name}." for name in found)
+
+
+def axis_columns(
+    columns: Mapping[str, Any], prefix: str, prefixes: Sequence[str]
+) -> Mapping[str, Any]:
+    """Return the columns of one axis under plain names, with those of the device.
+
+    Args:
+        columns: By name; those of an axis begin with its prefix.
+        prefix: Of the axis; with an empty one the columns are returned as they are.
+        prefixes: Those of all axes.
+    """
+    if not prefix:
+        return columns
+    every, size = tuple(prefixes), len(prefix)
+    found = {n: value for n, value in columns.items() if not n.startswith(every)}
+    for name, value in columns.items():
+        if name.startswith(prefix):
+            found[name[size:]] = value
+    return found

@@ -1,0 +1,151 @@
+"""Description of a device: what its scene does not tell, and the axes it has.
+
+    knee.device.toml, beside knee.xml
+
+        meaning = "knee exoskeleton, pulled straight by one Bowden cable"
+        trajectory = "sine"
+
+        [axis]
+        motor = "knee_motor"          # actuator
+        joint = "knee"
+        safe_torque = 40              # N m
+
+        [wearer.knee]
+        actuator = "human"            # or stiffness = 300, damping = 6
+
+Every key is optional; `_derivation` finds or assumes what is missing.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco._utils.toml_table import Table
+from cc_mujoco.device._axis_columns import column_prefixes
+from cc_mujoco.device._sensors import Sensing
+from cc_mujoco.errors import CableError
+
+ENDING = ".device.toml"
+"""Ending of the file beside a scene."""
+
+PERIOD = 1e-3
+"""Time between two calls of a controller, unless a device says otherwise [s]."""
+
+FREE_ROOTS = ("held", "free")
+"""Choices for a body on a free joint."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A motor, the cables that it winds and the joint that they drive."""
+
+    name: str
+    """Name in columns, variables and options of a device with several axes."""
+    motor: str
+    """Actuator of the motor."""
+    drum: str
+    """Joint that the motor turns."""
+    joint: str
+    """Joint that the cables drive."""
+    cables: tuple[str, ...]
+    """Cables that the motor winds."""
+    pull_pull: bool
+    """True if two cables hold each other taut, so that both slack is a failure."""
+    torque: float
+    """Largest torque of the motor at its drum [N m]."""
+    reach: float
+    """Largest excursion of named motions from `centre` [rad]; leaves room before the
+    stops."""
+    centre: float
+    """Angle about which named motions move [rad]."""
+    torque_scale: float
+    """Torque error that costs a reward of 1 per second [N m]."""
+    units: Mapping[str, float]
+    """Observed columns by name, and the size that counts as 1; see `Observed`."""
+    task: str
+    """Default task: what the wearer should feel."""
+    safe_torque: float = math.inf
+    """Most that the cables may put into the joint of a wearer [N m]; infinite where
+    nobody knows."""
+    motor_pulley: float = 0.0
+    """Inertia of the motor's pulley about its axis [kg m^2], which grows as radius^4;
+    0 where nobody knows."""
+    gearing: float | None = None
+    """Turns of the rotor per turn of the motor's pulley; None where the scene has a
+    geared motor and states no more of it."""
+    joint_pulley: float = 0.0
+    """Inertia of the joint's pulley [kg m^2]; 0 for a lever, which keeps its own."""
+    lever: tuple[str, ...] = ()
+    """Sites that move with the lever: the two ends of the free rope at the joint."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """Properties that distinguish one device from another."""
+
+    scene: str
+    """Name of a built-in scene, or path of an MJCF file."""
+    meaning: str
+    """Description of the device in a line."""
+    axes: tuple[Axis, ...]
+    """Axes, at least one."""
+    movers: Mapping[str, str]
+    """Joints that the wearer moves, and the actuators that do so, as springs and
+    dampers."""
+    sensing: Sensing
+    """Quality of the measurements."""
+    trajectory: str
+    """Default motion of the wearer."""
+    strength: float = math.nan
+    """Breaking load of a cable [N]; NaN where nobody knows."""
+    diameter: float = math.nan
+    """Diameter of a cable [m]; NaN where nobody knows."""
+    period: float = PERIOD
+    """Time between two calls of a controller [s]."""
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False)
+    """Origin of each property by its key in the file: `given`, `scene` (derived from
+    it) or `assumed`."""
+
+    def axis(self, name: str | None = None) -> Axis:
+        """Return an axis by its name; the only one of a device by default.
+
+        Raises:
+            CableError: There is none by that name, or none is named and there are
+                several.
+        """
+        if name is None and len(self.axes) == 1:
+            return self.axes[0]
+        names = [axis.name for axis in self.axes]
+        if name is None:
+            raise CableError(
+                f"device {self.scene!r} has the axes {', '.join(names)}; name one."
+            )
+        for axis in self.axes:
+            if axis.name == name:
+                return axis
+        raise CableError.unknown(f"axis of device {self.scene!r}", name, names)
+
+    @property
+    def prefixes(self) -> tuple[str, ...]:
+        """Beginnings of the columns of each axis; empty where there is only one."""
+        return column_prefixes(axis.name for axis in self.axes)
+
+
+def read_table(path: Path) -> Table:
+    """Read the file of a description.
+
+    Raises:
+        CableError: It cannot be read, or is no TOML.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise CableError(f"cannot read {path}: {error.strerror}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is no TOML file: {error}.") from None
+    return Table(str(path), content)

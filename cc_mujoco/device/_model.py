@@ -1,0 +1,534 @@
+"""A device on a MuJoCo model: the places of its parts in the arrays, and readings.
+
+Everything here works on the arrays of one simulation and, with a leading axis, of many;
+both give the same bits, because the arithmetic is elementwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.device import Plant
+from cc_mujoco.device._description import Axis, Description
+from cc_mujoco.device._device import Device, bare_model, frame_skip
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.device._moment_arm import Winding, winding_of
+from cc_mujoco.device._mover import MotorLimits, Mover
+from cc_mujoco.device._observation import Observed
+from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Wearer
+from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._mjcf import instances
+
+Array = NDArray[np.float64]
+
+
+class Physics(NamedTuple):
+    """Arrays of a simulation, or of several with a leading axis."""
+
+    qpos: Array
+    qvel: Array
+    plugin_state: Array
+    actuator_force: Array
+    qfrc_actuator: Array
+    qfrc_passive: Array
+    qfrc_spring: Array
+    qfrc_damper: Array
+    qfrc_gravcomp: Array
+    qfrc_fluid: Array
+    actuator_length: Array
+    actuator_moment: Array
+
+    def apart(self) -> Physics:
+        """Return the same, with the results in writable arrays of their own."""
+        return self._replace(
+            **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
+        )
+
+    def take(self, other: Physics, row: Any = slice(None)) -> None:
+        """Write the results of another, for all simulations or one of them."""
+        for name in _RESULT_FIELDS:
+            getattr(self, name)[row] = getattr(other, name)
+
+
+class Places(NamedTuple):
+    """Indices of motor and joint in the arrays of a simulation."""
+
+    motor_q: int
+    """Index of the motor in `qpos`."""
+    motor_v: int
+    """Index of its velocity and torques, in `qvel` and `qfrc_actuator`."""
+    joint_q: int
+    joint_v: int
+    motor_out: int
+    """Index of the motor in `actuator_force`."""
+    wearer_out: int
+    """Index of the wearer in it; -1 where the body is moved otherwise."""
+
+
+_RESULT_FIELDS = Physics._fields[3:]
+"""Fields that a step leaves behind and no state has."""
+
+VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
+"""Fields of a model that define what a plant is."""
+
+SPARE_BYTES = 1000
+"""Bytes in a model for longer configurations of a cable than that of the scene."""
+
+
+class AxisModel:
+    """An axis of a device: its places in the arrays of a model, and its readings."""
+
+    def __init__(
+        self,
+        axis: Axis,
+        model: mujoco.MjModel,
+        ends: Mapping[str, tuple[int, int]],
+        mover: Mover | None,
+    ) -> None:
+        """Find the parts.
+
+        Args:
+            axis: Their names.
+            model: The model of the device.
+            ends: Indices of both ends of every cable in `actuator_force`.
+            mover: The wearer at the joint; None where nothing follows a reference.
+        """
+        self.axis, self.model = axis, model
+        motor = model.actuator(axis.motor)
+        self._motor = int(motor.id)
+        self.motor_control = int(model.actuator_ctrladr[motor.id])
+        self._ends = {name: ends[name] for name in axis.cables}
+        turning, joint = model.joint(axis.drum), model.joint(axis.joint)
+        self.places = Places(
+            motor_q=int(turning.qposadr[0]),
+            motor_v=int(turning.dofadr[0]),
+            joint_q=int(joint.qposadr[0]),
+            joint_v=int(joint.dofadr[0]),
+            motor_out=int(model.actuator_outadr[motor.id]),
+            wearer_out=-1 if mover is None else mover.out,
+        )
+        arms = _arms(model, self.places)
+        self._proximal = {
+            name: float(arms[0][ends[0]]) for name, ends in self._ends.items()
+        }
+        self._distal = {
+            name: float(arms[1][ends[1]]) for name, ends in self._ends.items()
+        }
+        winds = all(arm > 0.0 for arm in self._proximal.values())
+        self.sense = -1.0 if winds else 1.0
+        """Sign of the motor's angle in the columns: positive winds a cable that only
+        pulls."""
+        self.motor_gear = self.sense * float(motor.gear[0])
+        """Torque of the motor, as in the columns, per its force [N m/N or 1]."""
+        limits = MotorLimits.of(model, self._motor)
+        self.torque_limit = limits.torque
+        """Torque of the motor at an action of 1 [N m]."""
+        self.motor_scale = self.sense * limits.control
+        """Control of the motor at an action of 1."""
+        self._torques = sorted(self.sense * end for end in limits.torques)
+        own = (ends for ends in self._ends.items() if self._distal[ends[0]])
+        first = next(own)[1]
+        self.first = first
+        """Both ends of the first cable of the joint, in `actuator_force`."""
+        self.proximal_arm = float(arms[0][first[0]])
+        """Displacement of its proximal end per motor angle of the model [m/rad]."""
+        self.winding = winding_of(model, first[1], axis.joint)
+        """Winding of the first cable's distal end; None on a round pulley."""
+        self.driven = tuple(name for name in axis.cables if self._distal[name])
+        """Names of the cables from the motor to the joint."""
+        name = self.driven[0]
+        self.ratio = self._distal[name] / (self.sense * self._proximal[name])
+        """Joint torque per motor torque without friction in the neutral pose [-]."""
+        self._mover = mover
+        self._others = _other_torques(model, self.places, mover)
+        self._weightless = bool(
+            np.any(model.body_gravcomp) or model.opt.density or model.opt.viscosity
+        )
+
+    @property
+    def joint_range(self) -> tuple[float, float]:
+        """Stops of the joint [rad], infinite where it has none."""
+        joint = self.model.joint(self.axis.joint)
+        if not self.model.jnt_limited[joint.id]:
+            return -math.inf, math.inf
+        low, high = joint.range
+        return float(low), float(high)
+
+    def observed(self, device: str, period: float) -> Observed:
+        """Return the observation of an axis that is measured once a period [s]."""
+        units = self.axis.units
+        return Observed(
+            device,
+            tuple(units),
+            tuple(units.values()),
+            self.ratio,
+            period,
+            self.torque_limit,
+        )
+
+    def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
+        """Return the prior knowledge of a controller, without sensors.
+
+        Args:
+            cables: All cables of the device.
+            device: Its name.
+            period: Time between two calls of the controller [s].
+        """
+        low, high = self._torques
+        cable_drives = tuple(
+            CableDrive(
+                cables[name], self.sense * self._proximal[name], self._distal[name]
+            )
+            for name in self.driven
+        )
+        pulls = all(cable.proximal < 0.0 for cable in cable_drives)
+        return Drive(
+            self.ratio,
+            low,
+            high,
+            period,
+            pulls,
+            (cable_drives,),
+            inertia=float(self.model.dof_M0[self.places.motor_v]),
+            damping=float(self.model.dof_damping[self.places.motor_v]),
+            joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
+            motor_lag=motor_lag(self.model, self._motor),
+            lever=self.winding is not None,
+            safe_torque=self.axis.safe_torque,
+            crossed=self._crossed(),
+            observed=self.observed(device, period),
+        )
+
+    def _crossed(self) -> tuple[str, ...]:
+        return self.winding.others(self.model) if self.winding else ()
+
+    def read_motion(
+        self, physics: Physics, winding: Winding | None = None
+    ) -> dict[str, Any]:
+        """Read angles, velocities and torques of motor, joint and wearer.
+
+        Args:
+            physics: The simulation, or several; its `plugin_state` is not read.
+            winding: That of each, where several differ.
+        """
+        qpos, qvel = physics.qpos.T, physics.qvel.T
+        force = physics.actuator_force.T
+        # Cables on open paths pull by passive forces, added to those of the joints.
+        joint, passive = self.places.joint_v, physics.qfrc_passive.T
+        own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
+        pieces = passive[joint] - own
+        if self._weightless:
+            pieces = pieces - physics.qfrc_gravcomp.T[joint]
+            pieces = pieces - physics.qfrc_fluid.T[joint]
+        angle, velocity = qpos[self.places.joint_q], qvel[joint]
+        winding = winding or self.winding
+        winding_values = winding and winding.read(physics)
+        if winding_values is None:
+            winding_values = dict(
+                zip(WINDING_COLUMNS, (angle, velocity, 0.0 * angle + 1.0), strict=True)
+            )
+        wearer = 0.0 * angle
+        if self._mover is not None:
+            wearer = force[self._mover.out] * self._mover.gear
+        # The cables are all that acts on the joint besides these.
+        cables = physics.qfrc_actuator.T[joint] - wearer
+        for out, gear, place in self._others:
+            arm = gear if place < 0 else physics.actuator_moment.T[place]
+            cables = cables - force[out] * arm
+        return {
+            "motor_angle_rad": self.sense * qpos[self.places.motor_q],
+            "motor_velocity_rad_s": self.sense * qvel[self.places.motor_v],
+            "motor_torque_nm": force[self.places.motor_out] * self.motor_gear,
+            "joint_angle_rad": angle,
+            "joint_velocity_rad_s": velocity,
+            **winding_values,
+            "joint_torque_nm": cables + pieces,
+            "wearer_torque_nm": wearer,
+        }
+
+
+class DeviceModel:
+    """The model of a device and the places of its parts."""
+
+    def __init__(
+        self,
+        description: Description,
+        model: mujoco.MjModel,
+        wearer: Wearer | None = None,
+    ) -> None:
+        """Find the parts.
+
+        Args:
+            description: The device.
+            model: Its scene, or a variant.
+            wearer: Impedance of the wearer at the driven joint; that of the model by
+                default.
+
+        Raises:
+            CableError: Several joints are driven and `wearer` is given, or the model
+                lacks a part.
+        """
+        self.description, self.model = description, model
+        _require_parts(description, model)
+        self.frame_skip = frame_skip(description, float(model.opt.timestep))
+        """Physics steps between two calls of a controller."""
+        self.movers = {
+            joint: Mover.of(model, int(model.actuator(name).id))
+            for joint, name in description.movers.items()
+        }
+        """Wearer at every joint that it moves."""
+        if wearer is not None:
+            axis = description.axis()
+            if axis.joint not in self.movers:
+                raise CableError(
+                    f"device {description.scene!r} has no wearer at joint "
+                    f"{axis.joint!r}, whose impedance could be set."
+                )
+            self._write_wearer(axis.joint, wearer)
+        self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
+        ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
+        self.axes = tuple(
+            AxisModel(axis, model, ends, self.movers.get(axis.joint))
+            for axis in description.axes
+        )
+        """The axes, in the order of the description."""
+        self.prefixes = description.prefixes
+        """Beginnings of the columns of each axis."""
+        self.motor_controls = [axis.motor_control for axis in self.axes]
+        self.motor_scales = np.array([axis.motor_scale for axis in self.axes])
+        """Controls of the motors at an action of 1."""
+        self.torque_limits = np.array([axis.torque_limit for axis in self.axes])
+        """Torques of the motors at an action of 1 [N m]."""
+        self.script_controls = [mover.control for mover in self.movers.values()]
+        """Controls of the wearer."""
+        self._qpos = [int(model.joint(name).qposadr[0]) for name in self.movers]
+        self.cable_outputs = [place for pair in ends.values() for place in pair]
+        """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
+        self.cables = plugin.from_mjcf(model)
+        """The cables of the model, as it was given."""
+
+    @property
+    def wearers(self) -> dict[str, Wearer]:
+        """Impedances of the wearer by joint."""
+        return {joint: mover.wearer for joint, mover in self.movers.items()}
+
+    @property
+    def driven(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the cables from the motor to the joint, for every axis."""
+        return tuple(axis.driven for axis in self.axes)
+
+    def neutral(self, joint: str) -> float:
+        """Return the angle of a joint in the pose `qpos0` [rad]."""
+        return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
+
+    def drives(self, period: float) -> tuple[Drive, ...]:
+        """Return the prior knowledge of the controllers, called once a period [s].
+
+        That includes where their tension sensors are, and how good.
+        """
+        name, sensing = self.description.scene, self.description.sensing
+        return tuple(
+            sensing.equip(axis.drive(self.cables, name, period)) for axis in self.axes
+        )
+
+    def apply_plant(self, plant: Plant) -> None:
+        """Change the model, in place, into that of a plant.
+
+        Raises:
+            CableError: If the model has no room for the configuration of a cable.
+        """
+        model = self.model
+        for joint, wearer in plant.wearers.items():
+            self._write_wearer(joint, wearer)
+        ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
+        for name, instance in instances(model).items():
+            config = plant.cables[name].to_config()
+            text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
+            start, end = int(model.plugin_attradr[instance]), ends[instance]
+            if len(text) > end - start:
+                raise CableError(
+                    f"cable {name!r} cannot be varied: the model has no room for its "
+                    "configuration; leave `model` out, or give a variant of the scene "
+                    f"with {SPARE_BYTES} blanks at the end of `conduit`."
+                )
+            attributes = model.plugin_attr[start:end]
+            attributes[:] = 0
+            attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
+
+    def _write_wearer(self, joint: str, wearer: Wearer) -> None:
+        actuator = self.model.actuator(self.description.movers[joint])
+        self.movers[joint] = self.movers[joint].impose(actuator, wearer)
+
+    def start(
+        self, data: mujoco.MjData, angles: Mapping[str, float], commands: Array
+    ) -> None:
+        """Bring a simulation to the start of an episode: at rest, cables at pretension.
+
+        The motors take the angles at which the cables are as long as in the neutral
+        pose, and the cables are laid where they then are (`plugin.settle`).
+
+        Args:
+            data: The simulation; nothing of its past remains.
+            angles: Of joints by name [rad]; others stay neutral.
+            commands: Of what follows the script.
+        """
+        model = self.model
+        mujoco.mj_resetData(model, data)
+        for name, angle in angles.items():
+            data.qpos[model.joint(name).qposadr[0]] = angle
+        data.ctrl[self.script_controls] = commands
+        mujoco.mj_fwdPosition(model, data)
+        for axis in self.axes:
+            _, distal = axis.first
+            payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
+            data.qpos[axis.places.motor_q] += payed_out / axis.proximal_arm
+        plugin.settle(model, data)
+
+    def read_cables(self, physics: Physics) -> dict[str, Any]:
+        """Read the state of the cables, and the pose.
+
+        Args:
+            physics: The simulation, or several.
+
+        Returns:
+            The columns of an episode log that are states of the cables: numbers (or
+            arrays over simulations) and, for the list columns, arrays of their own.
+            Angles and velocities are those after the last physics step; torques,
+            tensions and slip are those that acted during it.
+        """
+        columns: dict[str, Any] = {"qpos": physics.qpos.copy()}
+        for reader in self._readers:
+            columns |= _cable_columns(reader.name, reader.read(physics.plugin_state))
+        return columns
+
+
+def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
+    """Return the scene of a device, with room for other configurations of its cables.
+
+    Args:
+        device: The device.
+        drawn: With what is only seen, which takes up to half of the time of a step.
+    """
+    spec = device.spec.copy() if drawn else bare_model(device)
+    for instance in spec.plugins:
+        config = dict(instance.config)
+        if instance.plugin_name == PLUGIN:
+            # Of the keys, `conduit` is one whose text may end in blanks.
+            spare = config["conduit"] + SPARE_BYTES * " "
+            instance.config = {**config, "conduit": spare}
+    return spec.compile()
+
+
+def physics_of(data: mujoco.MjData) -> Physics:
+    """Return views on the arrays of a simulation."""
+    return Physics(*(getattr(data, name) for name in Physics._fields))
+
+
+def motor_lag(model: mujoco.MjModel, actuator: int) -> float:
+    """Return the time constant of a motor's torque behind its control [s].
+
+    Args:
+        model: A scene.
+        actuator: Index of the motor; one of `dyntype` filter or filterexact lags.
+    """
+    filters = mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
+    if int(model.actuator_dyntype[actuator]) not in map(int, filters):
+        return 0.0
+    return float(model.actuator_dynprm[actuator, 0])
+
+
+def _require_parts(description: Description, model: mujoco.MjModel) -> None:
+    """Refuse a model that is no variant of the scene.
+
+    Raises:
+        CableError: It lacks a joint, an actuator or a cable.
+    """
+    for axis in description.axes:
+        for kind, names in (
+            ("joint", (axis.drum, axis.joint)),
+            ("actuator", (axis.motor,)),
+            ("cable", axis.cables),
+        ):
+            there = instances(model) if kind == "cable" else None
+            for name in names:
+                try:
+                    found = name in there if there is not None else True
+                    if there is None:
+                        getattr(model, kind)(name)
+                except KeyError:
+                    found = False
+                if not found:
+                    raise CableError(
+                        f"the model is no variant of the scene {description.scene!r}: "
+                        f"it has no {kind} {name!r}."
+                    )
+
+
+def _arms(model: mujoco.MjModel, places: Places) -> tuple[Array, Array]:
+    """Return the arms of all actuators at motor and joint in the neutral pose."""
+    arms = []
+    for dof in (places.motor_v, places.joint_v):
+        data = mujoco.MjData(model)
+        data.qvel[dof] = 1.0
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        arms.append(data.actuator_velocity.copy())
+    return arms[0], arms[1]
+
+
+def _other_torques(
+    model: mujoco.MjModel, places: Places, mover: Mover | None
+) -> tuple[tuple[int, float, int], ...]:
+    """Return the actuators other than cables and wearer that act on the joint.
+
+    Returns:
+        For each its index in `actuator_force`, its torque per force, and where in
+        `actuator_moment` that is if it changes with the pose, else -1.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    cables = set(instances(model).values())
+    found = []
+    for actuator in range(model.nu):
+        out = int(model.actuator_outadr[actuator])
+        if int(model.actuator_plugin[actuator]) in cables:
+            continue
+        if mover is not None and out == mover.out:
+            continue
+        start, count = int(data.moment_rowadr[out]), int(data.moment_rownnz[out])
+        dofs = data.moment_colind[start : start + count].tolist()
+        if places.joint_v not in dofs:
+            continue
+        on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        place = -1 if on_joint else start + dofs.index(places.joint_v)
+        found.append((out, float(model.actuator_gear[actuator, 0]), place))
+    return tuple(found)
+
+
+def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
+    """Return the indices of the proximal and the distal end in `actuator_length`."""
+    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
+    proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
+    return proximal, distal
+
+
+def _cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
+    return {
+        f"tension_{name}_proximal_n": reading.tension_proximal,
+        f"tension_{name}_distal_n": reading.tension_distal,
+        f"moving_{name}_fraction": reading.moving_fraction,
+        f"slack_{name}_m": reading.slack,
+        f"dissipated_{name}_j": reading.dissipated,
+        f"tension_{name}_nodes_n": reading.tension,
+        f"slip_{name}_direction": reading.slip,
+    }

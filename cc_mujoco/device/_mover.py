@@ -1,0 +1,102 @@
+"""Actuators of a device, whatever their gears and controls: motors and wearer."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.human import Wearer
+
+
+class Mover(NamedTuple):
+    """An actuator by which the wearer moves a joint, as a spring and a damper."""
+
+    wearer: Wearer
+    """Impedance at the joint."""
+    control: int
+    """Index in `ctrl`."""
+    out: int
+    """Index in `actuator_force`."""
+    gear: float
+    """Torque at the joint per force of the actuator."""
+    scale: float
+    """Control per angle of the joint; 1 where the control is that angle."""
+    offset: float
+    """Control at an angle of 0."""
+    low: float
+    """Least control; infinite where there is no limit."""
+    high: float
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, actuator: int) -> Mover:
+        """Read an actuator with affine bias at a joint."""
+        gear = float(model.actuator_gear[actuator, 0])
+        gain = float(model.actuator_gainprm[actuator, 0])
+        bias = model.actuator_biasprm[actuator]
+        stiffness = gear * gear * -float(bias[1])
+        low, high = -math.inf, math.inf
+        if model.actuator_ctrllimited[actuator]:
+            low, high = model.actuator_ctrlrange[actuator].tolist()
+        return cls(
+            Wearer(stiffness, gear * gear * -float(bias[2])),
+            int(model.actuator_ctrladr[actuator]),
+            int(model.actuator_outadr[actuator]),
+            gear,
+            stiffness / (gear * gain),
+            0.0 - float(bias[0]) / gain,
+            low,
+            high,
+        )
+
+    def command(self, angle: Any, velocity: Any) -> Any:
+        """Return the controls for a reference motion, (n,) for arrays."""
+        aim = self.scale * self.wearer.command(angle, velocity) + self.offset
+        return np.clip(aim, self.low, self.high)
+
+    def impose(self, actuator: Any, wearer: Wearer) -> Mover:
+        """Give an actuator of a model or a specification another impedance."""
+        share = self.gear * self.gear
+        gain = wearer.stiffness / share
+        # The control keeps its meaning.
+        actuator.gainprm[0] = gain / (self.scale * self.gear)
+        actuator.biasprm[:3] = (
+            0.0 - self.offset * actuator.gainprm[0],
+            -gain,
+            -wearer.damping / share,
+        )
+        return self._replace(wearer=wearer)
+
+
+class MotorLimits(NamedTuple):
+    """Largest control and torques of an actuator that is a source of torque."""
+
+    control: float
+    """Control of the largest positive torque; infinite where there is no limit."""
+    torque: float
+    """Largest torque, either way [N m]."""
+    torques: tuple[float, float]
+    """Torques at both ends of its range [N m]."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, actuator: int) -> MotorLimits:
+        """Read the limits of control, of force and of the joint."""
+        gain = float(model.actuator_gainprm[actuator, 0])
+        gear = float(model.actuator_gear[actuator, 0])
+        low, high = -math.inf, math.inf
+        if model.actuator_ctrllimited[actuator]:
+            low, high = model.actuator_ctrlrange[actuator].tolist()
+        limits = []
+        if model.actuator_forcelimited[actuator]:
+            limits.append(model.actuator_forcerange[actuator] / gain)
+        joint = int(model.actuator_trnid[actuator, 0])
+        if model.jnt_actfrclimited[joint]:
+            limits.append(model.jnt_actfrcrange[joint] / (gain * gear))
+        for ends in limits:
+            low, high = max(low, float(min(ends))), min(high, float(max(ends)))
+        control = max(-low, high)
+        torques = low * gain * gear, high * gain * gear
+        sign = math.copysign(1.0, gain * gear)
+        return cls(sign * control, control * abs(gain) * abs(gear), torques)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import gymnasium
 import mujoco
@@ -13,26 +13,40 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from cc_mujoco.device import Plant
-from cc_mujoco.device._device import physics_of
+from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._observation import ObservationHistory
-from cc_mujoco.device._registry import Setup
+from cc_mujoco.device._model import load, physics_of
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._reference_motion import Script
-from cc_mujoco.simulation._worn_device import REWARD_TERMS, WornDevice, refuse_unknown
+from cc_mujoco.simulation._worn_device import (
+    REWARD_TERMS,
+    TaskChoice,
+    WornDevice,
+    refuse_unknown,
+)
 
 from ._render import Camera, Film, check_mode
 
 
-class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
-    r"""Base of the environments of one device; subclasses name and document it.
+class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
+    r"""A device that is driven by cables, with a wearer who moves.
+
+    `device` is the name of a built-in device, an MJCF file, the TOML file of a
+    description or a `Device`. Ids of built-in devices, such as
+    `cc_mujoco/WristHandle-v1`, are this class with a device; `cc_mujoco/Device-v1`
+    needs one.
+
+    ## Action space
+
+    `Box(-1, 1, (axes,), float32)`: torque of every motor as a share of its largest.
+    Positive winds a cable that only pulls. Values outside are clipped.
+    `unwrapped.action(torque)` makes the action of torques in N m.
 
     ## Observation space
 
-    `Box(-10, 10, (size,), float32)`: numbers of the size of 1. First comes a frame of
-    what the device can measure:
+    `Box(-10, 10, (size,), float32)`: numbers of the size of 1, those of every axis in
+    turn. First comes a frame of what the axis can measure:
 
     | | observation | counts as 1 |
     |-|-------------|-------------|
@@ -53,7 +67,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     ## Reward
 
     `reward = reward_tracking + reward_effort + reward_smoothness`, all in `info`, at
-    most 0. Per second, whatever the control period:
+    most 0, the means over the axes. Per second, whatever the control period:
 
     - `reward_tracking` is \(-\min(|\tau_j - \tau_d| / \tau_1, 10)\) with the torque of
       the cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error
@@ -71,11 +85,12 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     ## Info
 
     After every reset and step a fresh dictionary with the columns of an episode log
-    (`cc_mujoco.simulation._log_columns`): time, angles, velocities, torques, the
+    (`cc_mujoco.simulation._log_columns`; those of an axis begin with its name if there
+    are several): time, angles, velocities, torques, the
     wearer's reference; for each cable the true tensions at both ends and at the nodes,
     the part that slips and the direction of slip of every segment, slack, dissipated
     energy; and `qpos`. Angles and velocities are those at that time, torques and
-    tensions those that acted in the physics step before it (0.5 ms).
+    tensions those that acted in the physics step before it.
 
     ## Start and end
 
@@ -108,10 +123,11 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
 
     | argument | default | meaning |
     |----------|---------|---------|
+    | `device` | id | name, file or `Device` |
     | `trajectory` | device | the wearer's motion: a name, CSV file or `Trajectory` |
-    | `task` | device | what the wearer should feel: a name or a `Task` |
+    | `task` | device | what the wearer should feel: a name, a `Task`, or by axis |
     | `duration` | 10 | length of an episode [s] |
-    | `frame_skip` | 2 | physics steps of 0.5 ms from sample to sample: 1 kHz |
+    | `frame_skip` | device | physics steps from sample to sample, by default 1 kHz |
     | `wearer` | `None` | a `Wearer`; by default that of the scene |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
     | `model` | `None` | a variant of the scene, compiled |
@@ -127,14 +143,14 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
-    SETUP: ClassVar[Setup]
 
     def __init__(
         self,
+        device: str | Path | Device,
         trajectory: str | Path | Trajectory | None = None,
-        task: str | Task | None = None,
+        task: TaskChoice = None,
         duration: float = 10.0,
-        frame_skip: int = 2,
+        frame_skip: int | None = None,
         wearer: Wearer | None = None,
         render_mode: str | None = None,
         model: mujoco.MjModel | None = None,
@@ -145,15 +161,15 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         smoothness: float = 0.0,
         **unknown: Any,
     ) -> None:
-        """Load the scene; arguments as the subclasses document them."""
-        refuse_unknown(unknown, ExoEnv)
+        """Load the scene; see the class for the arguments."""
+        refuse_unknown(unknown, DeviceEnv)
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
-        EzPickle.__init__(self, *given, render_mode, model, *more)
+        EzPickle.__init__(self, device, *given, render_mode, model, *more)
         check_mode(render_mode, self.metadata["render_modes"])
-        if model is not None:
-            model = copy.copy(model)
-        self.exo = WornDevice(self.SETUP, *given, model, *more)
+        found = find_device(device)
+        model = load(found) if model is None else copy.copy(model)
+        self.exo = WornDevice(found.description, model, *given, *more)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.observation_space: Any = self.exo.observation_space
@@ -162,9 +178,9 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self.data = mujoco.MjData(self.model)
         self._physics = physics_of(self.data)
         self._sensors = self.exo.sensors(0)
-        self._sight = ObservationHistory(self.exo.observed, 1)
+        self._sights = self.exo.sights(1)
         self._sample = 0
-        self._action = 0.0
+        self._action = np.zeros(len(self.exo.drives))
         self._script: Script | None = None
         self.plant: Plant = self.exo.plants.nominal
         """Plant that this episode is played on."""
@@ -173,8 +189,13 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
 
     @property
     def drive(self) -> Drive:
-        """Knowledge that a controller may have of the device."""
+        """Knowledge that a controller may have of the only axis; see `drives`."""
         return self.exo.drive
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Knowledge that controllers may have of each axis."""
+        return self.exo.drives
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Return an environment at the same step of the same episode.
@@ -198,14 +219,14 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         twin._sample, twin.spec = self._sample, self.spec
         twin._action = self._action
         twin._sensors = copy.deepcopy(self._sensors, memo)
-        twin._sight = copy.deepcopy(self._sight, memo)
+        twin._sights = copy.deepcopy(self._sights, memo)
         twin._film = copy.copy(self._film)
         twin._np_random = copy.deepcopy(self._np_random, memo)
         twin._np_random_seed = self._np_random_seed
         return twin
 
-    def action(self, torque: float) -> NDArray[np.float32]:
-        """Return the action that makes the motor give a torque [N m]."""
+    def action(self, torque: Any) -> NDArray[np.float32]:
+        """Return the action that makes the motors give torques [N m]."""
         return self.exo.action(torque)
 
     def beyond(self) -> str:
@@ -236,15 +257,16 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self._script = script = exo.author.write(self.np_random)
         exo.begin(self._sensors, self.plant, self.np_random)
         self._sample = 0
-        self._action = 0.0
+        self._action = np.zeros(len(exo.drives))
         self._film.cut()
         exo.device.start(self.data, script.angles, script.commands[0])
         marks = script.marks[0]
         columns, _ = exo.feel(self._physics, marks)
-        seen = self._sensors.measure(columns)
-        self._sight.begin(exo.observed.of(seen)[None])
+        measured = exo.measured(self._sensors, columns)
+        for sight, seen in zip(self._sights, measured, strict=True):
+            sight.begin(seen[None])
         info_columns = exo.told(self._physics, columns, 0, marks)
-        return self._sight.observation()[0], _fresh_info(info_columns, (0.0, 0.0, 0.0))
+        return self._observation(), _fresh_info(info_columns, (0.0, 0.0, 0.0))
 
     def step(
         self, action: NDArray[np.float32]
@@ -252,14 +274,15 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         """Advance one control step with a motor torque.
 
         Raises:
-            CableError: If the action is not of shape (1,) and finite.
+            CableError: If the action is not of shape (axes,) and finite.
         """
         exo, script, data = self.exo, self._script, self.data
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
         normalised = exo.normalised(action)
-        self._sight.act(np.array([normalised]))
-        data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
+        for place, sight in enumerate(self._sights):
+            sight.act(normalised[place : place + 1])
+        data.ctrl[exo.device.motor_controls] = normalised * exo.device.motor_scales
         tracking, diverged = 0.0, False
         for _ in range(exo.hold):
             first = self._sample * exo.frame_skip
@@ -273,20 +296,25 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
             marks = script.marks[self._sample]
             columns, reward = exo.feel(self._physics, marks)
             tracking += exo.sampling * reward
-            seen = self._sensors.measure(columns)
-            self._sight.look(exo.observed.of(seen)[None])
+            measured = exo.measured(self._sensors, columns)
+            for sight, seen in zip(self._sights, measured, strict=True):
+                sight.look(seen[None])
             if diverged:
                 break
         info_columns = exo.told(self._physics, columns, self._sample, marks)
         terms = tracking, *exo.costs(normalised, self._action)
-        self._action = float(normalised)
+        self._action = normalised
         return (
-            self._sight.observation()[0],
+            self._observation(),
             float(terms[0] + terms[1] + terms[2]),
             diverged,
             self._sample >= exo.samples,
             _fresh_info(info_columns, terms),
         )
+
+    def _observation(self) -> NDArray[np.float32]:
+        parts = [sight.observation()[0] for sight in self._sights]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture of the device, (height, width, 3), in mode `rgb_array`.

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Network, write_policy
 from cc_mujoco.errors import CableError
 
-from ._vector import ExoVectorEnv
+from ._vector import DeviceVectorEnv
 
 try:
     from stable_baselines3.common.torch_layers import FlattenExtractor
@@ -36,7 +36,7 @@ except ModuleNotFoundError:
 class StableBaselines(VecEnv):  # type: ignore[misc]
     """Vector environments of this package, one or several, as Stable-Baselines3's."""
 
-    def __init__(self, *envs: ExoVectorEnv) -> None:
+    def __init__(self, *envs: DeviceVectorEnv) -> None:
         """Put environments side by side.
 
         Args:
@@ -46,7 +46,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
             CableError: If they are not.
         """
         own = [env.unwrapped for env in envs]
-        if not own or not all(isinstance(env, ExoVectorEnv) for env in own):
+        if not own or not all(isinstance(env, DeviceVectorEnv) for env in own):
             raise CableError(
                 "StableBaselines needs vector environments of cc_mujoco, as "
                 "gymnasium.make_vec(..., autoreset_mode='SameStep') makes them."

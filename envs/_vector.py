@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -15,23 +15,26 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_dictionary
-from cc_mujoco.device import Plant
-from cc_mujoco.device._device import VARIED_FIELDS, Array, load
+from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._observation import ObservationHistory
-from cc_mujoco.device._registry import Setup
+from cc_mujoco.device._model import VARIED_FIELDS, Array, load
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulations
 from cc_mujoco.simulation._reference_motion import Scripts
-from cc_mujoco.simulation._worn_device import REWARD_TERMS, WornDevice, refuse_unknown
+from cc_mujoco.simulation._worn_device import (
+    REWARD_TERMS,
+    TaskChoice,
+    WornDevice,
+    refuse_unknown,
+)
 
 from ._render import Camera, Film, check_mode
 
 Singles = NDArray[np.float32]
 
 
-class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
+class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 
     It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
@@ -44,15 +47,15 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         "render_modes": ["rgb_array"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    SETUP: ClassVar[Setup]
 
     def __init__(
         self,
+        device: str | Path | Device,
         num_envs: int = 1,
         trajectory: str | Path | Trajectory | None = None,
-        task: str | Task | None = None,
+        task: TaskChoice = None,
         duration: float = 10.0,
-        frame_skip: int = 2,
+        frame_skip: int | None = None,
         wearer: Wearer | None = None,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
@@ -68,6 +71,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         """Load the scene.
 
         Args:
+            device: Name, file or `Device`.
             num_envs: Number of environments.
             trajectory: As in the single environment, and so are those that follow.
             task: See there.
@@ -91,11 +95,11 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Raises:
             CableError: If an argument cannot be used.
         """
-        refuse_unknown(unknown, ExoVectorEnv)
+        refuse_unknown(unknown, DeviceVectorEnv)
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         how = render_mode, max_episode_steps, threads, autoreset_mode
-        EzPickle.__init__(self, num_envs, *given, *how, *more)
+        EzPickle.__init__(self, device, num_envs, *given, *how, *more)
         try:
             self.mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -109,8 +113,9 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
                     f"{name} must be an integer >= {least}, not {value!r}."
                 )
         check_mode(render_mode, self.metadata["render_modes"])
-        model = load(self.SETUP, drawn=render_mode is not None)
-        self.exo = exo = WornDevice(self.SETUP, *given, model, *more)
+        found = find_device(device)
+        model = load(found, drawn=render_mode is not None)
+        self.exo = exo = WornDevice(found.description, model, *given, *more)
         self.metadata = {
             **self.metadata,
             "render_fps": round(1 / self.exo.period),
@@ -130,12 +135,12 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._last = exo.samples
         if max_episode_steps is not None:
             self._last = min(self._last, hold * max_episode_steps)
-        self._scripts = Scripts(exo.author, num_envs, exo.task)
+        self._scripts = Scripts(exo.author, num_envs, exo.tasks)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._sensors = exo.sensors(range(num_envs))
-        self._sight = ObservationHistory(exo.observed, num_envs)
+        self._sights = exo.sights(num_envs)
         self._samples = np.zeros(num_envs, dtype=np.intp)
-        self._actions = np.zeros(num_envs)
+        self._actions = np.zeros((num_envs, len(exo.drives)))
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._was_reset = False
         self._camera: Camera | None = None
@@ -143,11 +148,20 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
 
     @property
     def drive(self) -> Drive:
-        """Knowledge that a controller may have of the device."""
+        """Knowledge that a controller may have of the only axis; see `drives`."""
         return self.exo.drive
 
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Knowledge that controllers may have of each axis."""
+        return self.exo.drives
+
     def action(self, torque: Array) -> NDArray[np.float32]:
-        """Return the actions that make the motors give torques (num_envs,) [N m]."""
+        """Return the actions that make the motors give torques [N m].
+
+        Args:
+            torque: (num_envs,), or of several axes (num_envs, axes).
+        """
         return self.exo.action(torque)
 
     def reset(
@@ -186,7 +200,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._was_reset = True
-        observation, columns = self._sight.observation(), self._told()
+        observation, columns = self._observation(), self._told()
         nothing = np.zeros(self.num_envs)
         terms = nothing, nothing, nothing
         return observation, self._info(columns, terms, masked)
@@ -213,7 +227,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         """Advance every environment one control step, or reset it if it is over.
 
         Raises:
-            CableError: If the actions are not of shape (num_envs, 1) and, where an
+            CableError: If the actions are not of shape (num_envs, axes) and, where an
                 environment is not reset, finite.
             gymnasium.error.ResetNeeded: Before the first reset, and where nothing
                 resets what is over.
@@ -227,7 +241,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             )
         exo, fresh = self.exo, self._over
         normalised = exo.normalised(actions, ~fresh)
-        self._sight.act(normalised)
+        for place, sight in enumerate(self._sights):
+            sight.act(normalised[:, place])
         tracking = self._advance(normalised, ~fresh)
         terms = tracking, *exo.costs(normalised, self._actions)
         self._actions = normalised
@@ -235,7 +250,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             self._begin(np.flatnonzero(fresh), None)
             for term in terms:
                 term[fresh] = 0.0
-        observation, columns = self._sight.observation(), self._told()
+        observation, columns = self._observation(), self._told()
         terminated = self.simulations.warned
         truncated = self._samples >= self._last
         self._over = terminated | truncated
@@ -245,7 +260,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             over, self._over = self._over, np.zeros_like(self._over)
             info = self._final_info(observation, columns, terms, over)
             self._begin(np.flatnonzero(over), None)
-            observation, columns = self._sight.observation(), self._told()
+            observation, columns = self._observation(), self._told()
             for term in terms:
                 term[over] = 0.0
         info |= self._info(columns, terms)
@@ -257,7 +272,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Returns:
             Reward for tracking, (num_envs,).
         """
-        exo, scale = self.exo, self.exo.device.motor_scale
+        exo, scale = self.exo, self.exo.device.motor_scales
         tracking = np.zeros(self.num_envs)
         for sample in range(exo.hold):
             if sample:  # what diverged takes no further sample
@@ -275,14 +290,15 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         """Take a sample of all sensors; return the reward per second for tracking."""
         reward: Array
         self._columns, reward = self._felt()
-        seen = self._sensors.measure(self._columns, going)
-        self._sight.look(self.exo.observed.of(seen))
+        measured = self.exo.measured(self._sensors, self._columns, going)
+        for sight, seen in zip(self._sights, measured, strict=True):
+            sight.look(seen)
         return reward
 
     def _felt(self) -> tuple[dict[str, Any], Array]:
         """Return the result of `WornDevice.feel` for all environments now."""
         self._marks = self._scripts.marks(self._samples)
-        demanded = self._scripts.asked(self._samples)
+        demanded = self._scripts.demands(self._samples)
         return self.exo.feel(self.simulations.physics, self._marks, demanded)
 
     def _told(self) -> dict[str, Any]:
@@ -351,8 +367,14 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._samples[rows] = 0
         self._actions[rows] = 0.0
         self._columns, _ = self._felt()
-        seen = self._sensors.measure(self._columns, np.zeros_like(self._over))
-        self._sight.begin(exo.observed.of(seen)[rows], rows)
+        still = np.zeros_like(self._over)
+        measured = exo.measured(self._sensors, self._columns, still)
+        for sight, seen in zip(self._sights, measured, strict=True):
+            sight.begin(seen[rows], rows)
+
+    def _observation(self) -> Singles:
+        parts = [sight.observation() for sight in self._sights]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def _apply_plant(self, row: int, plant: Plant) -> None:
         """Give an environment its plant, and the model that is started from."""

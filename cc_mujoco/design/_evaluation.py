@@ -88,7 +88,7 @@ def evaluate(
         of those that fail in none.
     """
     protocol.find_metrics()
-    builder = Scene(protocol.scene, protocol.timestep)
+    builder = load_device(protocol.scene, protocol.timestep)
     cases = protocol.across.cases
     tried = [
         _try_case(
@@ -115,7 +115,7 @@ class _Tried(NamedTuple):
 
 def _try_case(
     protocol: EpisodeProtocol,
-    builder: Scene,
+    builder: Device,
     case: Case,
     designs: Sequence[Design],
     tick: Tick,
@@ -196,7 +196,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
 
 def episodes(
     protocol: EpisodeProtocol,
-    builder: Scene,
+    builder: Device,
     wearer: Wearer | None = None,
     design: Mapping[str, Value] | None = None,
 ) -> list[tuple[Test, str, Episode]]:
@@ -249,7 +249,7 @@ def episodes(
     return found
 
 
-def rehearse(protocol: EpisodeProtocol, builder: Scene) -> None:
+def rehearse(protocol: EpisodeProtocol, builder: Device) -> None:
     """Make all that a protocol needs, and play nothing.
 
     Raises:
@@ -273,7 +273,9 @@ class DesignJob:
 
     def rehearse(self) -> None:
         """See `Job.rehearse`."""
-        rehearse(self.protocol, Scene(self.protocol.scene, self.protocol.timestep))
+        rehearse(
+            self.protocol, load_device(self.protocol.scene, self.protocol.timestep)
+        )
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`; a trajectory from a file goes with the protocol."""
@@ -290,7 +292,7 @@ class DesignJob:
 
 
 def _main_episode(
-    protocol: EpisodeProtocol, builder: Scene, wearer: Wearer | None = None
+    protocol: EpisodeProtocol, builder: Device, wearer: Wearer | None = None
 ) -> Episode:
     """Return the main episode of a study, without a controller."""
     return Episode(

@@ -129,7 +129,7 @@ def analyse_best_design(
     if np.isnan(cost[best]).any():
         return None
     base = plan.designs[best]
-    device = Scene(plan.protocol.scene, plan.protocol.timestep)
+    device = load_device(plan.protocol.scene, plan.protocol.timestep)
     check = plan.protocol.across.check
     sides = {
         name: _neighbour_designs(
@@ -188,7 +188,7 @@ def _shift_value(values: Range, value: Value, by: float) -> Value:
 
 
 def _neighbour_designs(
-    across: Across, device: Scene, values: Range, base: Design, name: str
+    across: Across, device: Device, values: Range, base: Design, name: str
 ) -> tuple[Design | None, Design | None]:
     """Return the best design with a variable lower and higher, None if impossible."""
     here = base[name]

@@ -324,7 +324,7 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
 
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
-) -> tuple[EpisodeProtocol, Scene, str]:
+) -> tuple[EpisodeProtocol, Device, str]:
     """Return the protocol of designs, the scene and the trajectory.
 
     Args:
@@ -332,7 +332,7 @@ def _make_protocol(
         goals: objectives, which determine the worst case.
         named: names of the variables of designs.
     """
-    builder = Scene(spec.scene, spec.timestep)
+    builder = load_device(spec.scene, spec.timestep)
     step = float(builder.spec.option.timestep)
     skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
     if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
@@ -424,7 +424,7 @@ def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
 
 
 def _check(
-    across: Across, builder: Scene, rows: Sequence[Mapping[str, object]]
+    across: Across, builder: Device, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
     """Return every design as it is used.
 
@@ -474,7 +474,7 @@ def _format_short(value: object) -> str:
 
 
 def _batches(
-    across: Across, builder: Scene, designs: Sequence[Design], longest: float
+    across: Across, builder: Device, designs: Sequence[Design], longest: float
 ) -> tuple[tuple[int, ...], ...]:
     """Group designs of equal layout into at least eight batches for the threads.
 
@@ -500,7 +500,7 @@ def batches_of(
     )
 
 
-def with_few_designs(plan: Plan, builder: Scene, designs: Sequence[Design]) -> Plan:
+def with_few_designs(plan: Plan, builder: Device, designs: Sequence[Design]) -> Plan:
     """Return the study with a few other designs, in small batches."""
     across = plan.protocol.across
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}

@@ -618,7 +618,7 @@ def failures(found: RankedStudy) -> Html | None:
 
 def common_values(found: RankedStudy) -> Html:
     """List the values that all designs have in common."""
-    plan, device = found.plan, Scene(found.plan.protocol.scene)
+    plan, device = found.plan, load_device(found.plan.protocol.scene)
     protocol = plan.protocol
     rows: list[Sequence[str]] = [
         ("motion of the wearer", plan.source),
@@ -663,7 +663,7 @@ def common_values(found: RankedStudy) -> Html:
     )
 
 
-def _of_scene(device: Scene) -> Iterator[tuple[str, str, object]]:
+def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
     """Yield the cable, variable and its value in the scene."""
     for name, cable in device.cables.items():
         for p in PARAMETERS:

@@ -94,7 +94,7 @@ class Across:
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
         return f"the {RANK_NAMES[self.rank]} over {many} ({values})"
 
-    def check(self, device: Scene, design: Mapping[str, object]) -> dict[str, Value]:
+    def check(self, device: Device, design: Mapping[str, object]) -> dict[str, Value]:
         """Return the design as it is used; see `Plant.check`.
 
         Raises:
@@ -112,7 +112,7 @@ class Across:
                 raise CableError(f"in case {self.label(case)}, {error}") from None
         return {name: plant.values[name] for name in design}
 
-    def layout(self, device: Scene, design: Mapping[str, Value]) -> tuple[object, ...]:
+    def layout(self, device: Device, design: Mapping[str, Value]) -> tuple[object, ...]:
         """Return a key that is equal for designs of one batch in all cases."""
         return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 

@@ -71,7 +71,7 @@ def search(
     if (all_of_them := _design_count(plan)) < evaluations:
         say(f"The ranges have {all_of_them} designs, so all of them are tried.")
         evaluations = int(all_of_them)
-    builder = Scene(plan.protocol.scene, plan.protocol.timestep)
+    builder = load_device(plan.protocol.scene, plan.protocol.timestep)
     optuna = require_optuna()
     study = optuna.create_study(
         directions=["minimize"] * len(goals),
@@ -219,7 +219,7 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
 
 
 def _with_designs(
-    plan: Plan, builder: Scene, designs: Sequence[Design]
+    plan: Plan, builder: Device, designs: Sequence[Design]
 ) -> tuple[Plan, dict[int, DesignResult]]:
     """Return the plan with more designs, and the results of impossible ones."""
     first, batch = len(plan.designs), len(plan.batches)

@@ -75,7 +75,7 @@ def show(
             "a CSV file."
         )
     find_user_metrics(folder)
-    device = Scene(protocol["scene"], protocol["timestep"])
+    device = load_device(protocol["scene"], protocol["timestep"])
     played = case_of(folder, row, case)
     plant = Plant(device, {**design, **played})
     model = plant.model(whole=True)

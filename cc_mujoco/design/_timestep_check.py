@@ -118,7 +118,7 @@ def check_timestep(
     )
     again = with_few_designs(
         dataclasses.replace(plan, protocol=protocol),
-        Scene(protocol.scene, protocol.timestep),
+        load_device(protocol.scene, protocol.timestep),
         [plan.designs[i] for i in tried],
     )
     rows = run(again).to_pylist()

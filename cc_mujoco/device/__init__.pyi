@@ -7,9 +7,9 @@ from ._device import load_device as load_device
 from ._drive import CableDrive as CableDrive
 from ._drive import Drive as Drive
 from ._materials import MATERIALS as MATERIALS
-from ._motors import MOTORS as MOTORS
 from ._model import DeviceModel as DeviceModel
 from ._model import Physics as Physics
+from ._motors import MOTORS as MOTORS
 from ._observation import Observed as Observed
 from ._plant import UNPLUGGED as UNPLUGGED
 from ._plant import Plant as Plant

@@ -1,6 +1,6 @@
 """Columns of a device with several axes: those of an axis begin with its name.
 
-    column_prefixes(["hip", "ankle"])           # ("hip.", "ankle."); of one axis ("",)
+column_prefixes(["hip", "ankle"])           # ("hip.", "ankle."); of one axis ("",)
 """
 
 from __future__ import annotations

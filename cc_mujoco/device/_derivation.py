@@ -187,7 +187,8 @@ def _period(table: Table, timestep: float, scene: str, read: _Reader) -> float:
 
 def _compile(spec: mujoco.MjSpec, scene: str) -> mujoco.MjModel:
     try:
-        return spec.compile()
+        # A copy, as elements of what was compiled cannot all be taken out later.
+        return spec.copy().compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise CableError(f"scene {scene} does not compile: {reason}") from None
@@ -378,9 +379,7 @@ def _axis(
     one_way = len(signs) == 1
     centre, reach = _excursion(model, joint, table.number("reach", 1e-3))
     reach = read.number(table, "reach", reach, SCENE, low=1e-3, label="axis.")
-    centre = read.number(
-        table, "centre", centre, SCENE, low=-math.inf, label="axis."
-    )
+    centre = read.number(table, "centre", centre, SCENE, low=-math.inf, label="axis.")
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
     demanded = _rounded(TORQUE_SHARE * largest)
@@ -403,9 +402,7 @@ def _axis(
         torque_scale=units["joint_torque_nm"],
         units=units,
         task=task or f"hold:{way * demanded:g}",
-        safe_torque=read.number(
-            table, "safe_torque", math.inf, ASSUMED, label="axis."
-        ),
+        safe_torque=read.number(table, "safe_torque", math.inf, ASSUMED, label="axis."),
         motor_pulley=read.number(table, "motor_pulley", 0.0, ASSUMED, label="axis."),
         gearing=gearing,
         joint_pulley=read.number(table, "joint_pulley", 0.0, ASSUMED, label="axis."),
@@ -429,8 +426,9 @@ def _torque_limit(
 ) -> float:
     """Return the largest torque of a motor [N m]; writes a given one into the scene."""
     name = model.actuator(motor).name
-    gain, gear = float(model.actuator_gainprm[motor, 0]), float(
-        model.actuator_gear[motor, 0]
+    gain, gear = (
+        float(model.actuator_gainprm[motor, 0]),
+        float(model.actuator_gear[motor, 0]),
     )
     dynamic = (
         mujoco.mjtDyn.mjDYN_NONE,
@@ -554,9 +552,7 @@ def _units(
     phase = table.content.get("phase", False)
     if not isinstance(phase, bool):
         raise table.wrong("phase", "true or false")
-    read.note(
-        "axis.observation.phase", GIVEN if "phase" in table.content else ASSUMED
-    )
+    read.note("axis.observation.phase", GIVEN if "phase" in table.content else ASSUMED)
     return units | dict.fromkeys(PHASE, 1.0) if phase else units
 
 
@@ -582,9 +578,10 @@ def _lever(
     read.note("axis.lever", SCENE)
     if model.actuator_trntype[end.actuator] != mujoco.mjtTrn.mjTRN_TENDON:
         return ()
-    tendon = spec.tendon(model.tendon(int(model.actuator_trnid[end.actuator, 0])).name)
-    sites = [wrap.target for wrap in tendon.path if wrap.type == mujoco.mjtWrap.mjWRAP_SITE]
-    if len(sites) != 2 or len(tendon.path) != 2:
+    held = model.tendon(int(model.actuator_trnid[end.actuator, 0])).name
+    path = spec.tendon(held).path
+    sites = [w.target for w in path if w.type == mujoco.mjtWrap.mjWRAP_SITE]
+    if len(sites) != 2 or len(path) != 2:
         return ()
     body = model.body(int(model.jnt_bodyid[joint])).name
     own = [site.name for site in sites if site.parent.name == body and site.name]
@@ -740,4 +737,3 @@ def _sensing(
 def _rounded(value: float, digits: int = 2) -> float:
     """Return a number with few digits."""
     return float(f"{value:.{digits}g}")
-

@@ -23,7 +23,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._axis_columns import column_prefixes

@@ -82,6 +82,8 @@ class Device(Nominal):
         """Files of the user that define it: scene, description, what these include."""
         if name not in SCENES:
             self.files = (*_files_of(scene), *([table_path] if table_path else ()))
+        self._original: mujoco.MjSpec | None = None
+        """Specification that it was made of, which its copies point into."""
         self.path: Path | None = scene
         """Path of the scene; None where the device was made of a specification."""
         self._read(spec, name, table, timestep, given)
@@ -115,7 +117,7 @@ class Device(Nominal):
         """
         made = cls.__new__(cls)
         made.files, made.path = (), None
-        made._original = spec  # copies point into what they are copies of
+        made._original = spec
         made._read(spec.copy(), name, Table(name, {}), None, given)
         return made
 
@@ -132,7 +134,7 @@ class Device(Nominal):
         table = Table(table.where, _merged(table.content, given))
         description = describe(spec, name, table)
         self.name, self.timestep, self.spec = name, timestep, spec
-        model = spec.compile()
+        model = spec.copy().compile()
         self.movers = {
             joint: Mover.of(model, int(model.actuator(actuator).id))
             for joint, actuator in description.movers.items()
@@ -279,7 +281,10 @@ def _files_of(scene: Path) -> list[Path]:
         if path.suffix != ".xml":
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        folders = {"", *re.findall(r'\b(?:mesh|texture|asset)dir\s*=\s*"([^"]*)"', text)}
+        folders = {
+            "",
+            *re.findall(r'\b(?:mesh|texture|asset)dir\s*=\s*"([^"]*)"', text),
+        }
         for name in re.findall(r'\bfile\s*=\s*"([^"]+)"', text):
             for folder in folders:
                 for base in (scene.parent, path.parent):

@@ -7,7 +7,7 @@ both give the same bits, because the arithmetic is elementwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -163,6 +163,12 @@ class AxisModel:
             return -math.inf, math.inf
         low, high = joint.range
         return float(low), float(high)
+
+    @property
+    def plain(self) -> bool:
+        """True if nothing but cables and a wearer of gear 1 acts on the joint."""
+        direct = self._mover is not None and self._mover.gear == 1.0
+        return direct and self.sense == 1.0 and not (self._others or self._weightless)
 
     def observed(self, device: str, period: float) -> Observed:
         """Return the observation of an axis that is measured once a period [s]."""

@@ -125,7 +125,8 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
 
 def neutral_moments(model: mujoco.MjModel) -> Array:
     """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
-    return _moments(model, [model.qpos0])[0]
+    found: Array = _moments(model, [model.qpos0])[0]
+    return found
 
 
 def swept_moments(model: mujoco.MjModel) -> Array:

@@ -23,10 +23,10 @@ from cc_mujoco import plugin
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
-from cc_mujoco.device._materials import ENDS, MATERIALS, Material
-from cc_mujoco.device._motors import MOTORS, Motor
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device
+from cc_mujoco.device._materials import ENDS, MATERIALS, Material
+from cc_mujoco.device._motors import MOTORS, Motor
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons
 from cc_mujoco.device._variables import (
     DELAY,
@@ -164,7 +164,11 @@ class Plant:
         if (material := self.material) is not None:
             return {name: material.breaking_load(d) for name, d in thick.items()}
         given = float(self.values.get("strength", self.description.strength))
-        return {n: given * (d / self.description.diameter) ** 2 for n, d in thick.items()}
+        nominal = self.description.diameter
+        return {
+            n: given * (d / nominal) ** 2 if math.isfinite(d) else given
+            for n, d in thick.items()
+        }
 
     @property
     def diameters(self) -> dict[str, float]:
@@ -354,7 +358,20 @@ class Plant:
             config = {"conduit": str(own["conduit"])}
             changes["conduit"] = Cable.from_config(config, where).conduit
         diameter = float(own.get("diameter", self.description.diameter))
-        stiffness = (diameter / self.description.diameter) ** 2 * cable.axial_stiffness
+        nominal = self.description.diameter
+        stiffness = cable.axial_stiffness
+        needed = [n for n in ("diameter", "material") if n in own]
+        if (
+            needed
+            and math.isnan(nominal)
+            and (needed[0] != "material" or math.isnan(diameter))
+        ):
+            raise CableError(
+                f"variable {needed[0]!r} needs the diameter of the rope as it is: write "
+                f"`diameter` in [rope] of the description of {self.description.scene}."
+            )
+        if "diameter" in own:
+            stiffness = (diameter / nominal) ** 2 * stiffness
         friction = own.get("friction")
         if (material := self.material) is not None:
             # Sources do not tell the two frictions apart; the scene does.

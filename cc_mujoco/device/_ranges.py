@@ -109,7 +109,5 @@ class Ranges:
         return tuple(f"{cable}.{name}" for cable in self.nominal.cables)
 
     def _check(self, where: str, name: str, value: Any) -> None:
-        variable = find(
-            name, self.nominal.cables, among=IN_EPISODES, kind="variation"
-        )
+        variable = find(name, self.nominal.cables, among=IN_EPISODES, kind="variation")
         variable.check(value, f"{where}[{name!r}]")

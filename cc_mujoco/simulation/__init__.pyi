@@ -1,4 +1,3 @@
-from ._batch import FRAME_SKIP as FRAME_SKIP
 from ._batch import Fleet as Fleet
 from ._batched_controller import BatchedController as BatchedController
 from ._batched_controller import Unpowered as Unpowered

@@ -206,9 +206,9 @@ class Fleet:
         """Go a control step; see `DrivenDevice.advance`."""
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
             torque = np.broadcast_to(torque, self.going.shape)[:, None]
-        finite = np.isfinite(torque)
+        finite: Mask = np.isfinite(torque).all(axis=1)
         if not finite.all():
-            self._refuse(finite.all(axis=1))
+            self._refuse(finite)
         # `np.clip` takes several times as long for small arrays.
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
         # The actions of the environments are of single precision.

@@ -22,14 +22,22 @@ PROBES = 32
 
 
 class Unpowered(Controller):
-    """A motor that gives no torque."""
+    """Motors that give no torque."""
+
+    def __init__(self, drive: Drive, axes: int = 1) -> None:
+        """Take the drive of the first axis, and the number of axes."""
+        super().__init__(drive)
+        self._axes = axes
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Do nothing; see `Controller.reset`."""
 
-    def torque(self, observation: Mapping[str, Any]) -> float:
+    def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return no torque [N m]; see `Controller.torque`."""
-        return 0.0
+        if self._axes == 1:
+            return 0.0
+        shape = np.shape(next(iter(observation.values())))
+        return np.zeros((*shape, self._axes))
 
 
 class BatchedController(Controller):

@@ -25,7 +25,7 @@ from cc_mujoco.control._feed_forward import FeedForward
 from cc_mujoco.control._model_based import ModelBased
 from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control._stiction import StictionCompensation
-from cc_mujoco.device._device import Device
+from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._moment_arm import MIN_LEVERAGE as LEAST_LEVERAGE
 from cc_mujoco.human import Spring, Task, Tunnel
 from cc_mujoco.plugin import Reader, cables
@@ -75,7 +75,7 @@ class CompiledEpisodes:
 
     def __init__(
         self,
-        devices: Sequence[Device],
+        devices: Sequence[DeviceModel],
         controllers: Sequence[Controller | None],
         task: Task,
         script: Script,
@@ -179,16 +179,17 @@ class CompiledEpisodes:
         self._held.append(array)
         return int(array.ctypes.data)
 
-    def _write_device(self, device: Device) -> dict[str, Any]:
+    def _write_device(self, device: DeviceModel) -> dict[str, Any]:
         """Return the places of a device in the arrays, and its numbers."""
+        (axis,) = device.axes
         found = {
-            **device.places._asdict(),
-            "motor_control": device.motor_control,
-            "motor_gear": device.motor_gear,
-            "motor_scale": device.motor_scale,
-            "torque_limit": device.torque_limit,
+            **axis.places._asdict(),
+            "motor_control": axis.motor_control,
+            "motor_gear": axis.motor_gear,
+            "motor_scale": axis.motor_scale,
+            "torque_limit": axis.torque_limit,
         }
-        winding = device.winding
+        winding = axis.winding
         if winding is not None:
             arms = np.array([*winding.places, *winding.dofs], dtype=np.int64)
             found |= {
@@ -233,7 +234,7 @@ class CompiledEpisodes:
 def play_compiled(
     episodes: CompiledEpisodes,
     exo: WornDevice,
-    devices: Sequence[Device],
+    devices: Sequence[DeviceModel],
     script: Script,
     threads: int = 1,
     name: str = "",
@@ -287,7 +288,7 @@ def play_compiled(
     return tuple(failed)
 
 
-def _readings(device: Device, names: Sequence[str]) -> NDArray[np.int64]:
+def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:
     """Locate each cable in `plugin_state` and `actuator_force`, see `Word`."""
     readers = [Reader(device.model, name) for name in names]
     ends = np.reshape(device.cable_outputs, (-1, 2))

@@ -7,7 +7,7 @@ with the same bits.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -15,15 +15,15 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from cc_mujoco.control import controller
+from cc_mujoco.control import Controller, controller
 from cc_mujoco.device import Plant
-from cc_mujoco.device._device import Device
+from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._registry import Setup
-from cc_mujoco.device._sensors import PERFECT_SENSING, Measuring
-from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._sensors import PERFECT_SENSING, AxesMeasuring, Measuring
+from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Fleet
-from cc_mujoco.simulation._batched_controller import BatchedController, Unpowered
+from cc_mujoco.simulation._batched_controller import Unpowered, batched_controller
 from cc_mujoco.simulation._compiled_batch import (
     TICK_STEPS,
     CompiledEpisodes,
@@ -33,34 +33,34 @@ from cc_mujoco.simulation._compiled_batch import (
 )
 from cc_mujoco.simulation._compiled_episode import KEPT, attend
 from cc_mujoco.simulation._loop import Columns, Trace, run
-from cc_mujoco.simulation._reference_motion import Script
-from cc_mujoco.simulation._worn_device import WornDevice
+from cc_mujoco.simulation._reference_motion import MARKS, Script
+from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
 Array = NDArray[np.float64]
 
 _ONE = threading.Lock()
 
-COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
-"""Columns that change from step to step."""
+CABLE_NAMES = ("tension_n", "dissipated_j", "least_tension_n")
+"""Columns of all cables that change from step to step; `KEPT` are those of an axis."""
 
 
 @dataclass(frozen=True)
 class Episode:
     """Episode that all designs of a batch play."""
 
-    setup: Setup
+    description: Description
     trajectory: str | Trajectory
-    task: str | Task
+    task: TaskChoice
     duration: float
     frame_skip: int
     seed: int
-    controller: str | None
-    """Name; without one the motor gives no torque."""
+    controller: str | Mapping[str, str] | None
+    """Name, for all axes or by axis; without one the motors give no torque."""
     wearer: Wearer | None = None
 
-    def device(self, model: mujoco.MjModel) -> Device:
+    def device(self, model: mujoco.MjModel) -> DeviceModel:
         """Return the device on a model."""
-        return Device(self.setup, self.wearer, model)
+        return DeviceModel(self.description, model, self.wearer)
 
     def exo(self, model: mujoco.MjModel) -> WornDevice:
         """Device, wearer, trajectory and task on a model.
@@ -69,13 +69,13 @@ class Episode:
             CableError: the episode cannot be played.
         """
         return WornDevice(
-            self.setup,
+            self.description,
+            model,
             self.trajectory,
             self.task,
             self.duration,
             self.frame_skip,
             self.wearer,
-            model,
         )
 
 
@@ -87,14 +87,16 @@ class Rollout:
         columns: those of an episode log, (n, T). Those of c cables are (n, c, T) and
             `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
             `least_tension_n` is below 0 where a cable is slack.
-        ratio: joint angle per motor angle of an unstretched cable, (n,).
-        driven: names of the cables that the motor winds.
+        ratio: joint angle per motor angle of an unstretched cable, (n, axes).
+        driven: names of the cables that each motor winds.
+        prefixes: beginnings of the columns of each axis.
         failed: why the simulation of a design failed, empty where it did not, (n,).
     """
 
     columns: dict[str, Array]
     ratio: Array
-    driven: tuple[str, ...]
+    driven: tuple[tuple[str, ...], ...]
+    prefixes: tuple[str, ...]
     failed: tuple[str, ...]
 
 
@@ -131,20 +133,37 @@ def play(
     rng, _ = seeding.np_random(episode.seed)
     script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
-    drives = [PERFECT_SENSING.equip(device.drive(exo.period)) for device in devices]
-    name, driven = episode.controller, exo.device.driven
-    ratio = np.array([1.0 / drive.ratio for drive in drives])
-    called = name or ""
-    compiled = _compiled(name, drives, devices, exo, script)
+    drives = [
+        [PERFECT_SENSING.equip(drive) for drive in device.drives(exo.period)]
+        for device in devices
+    ]
+    name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes
+    ratio = np.array([[1.0 / drive.ratio for drive in own] for own in drives])
+    called = name if isinstance(name, str) else ""
+    compiled = None
+    if len(prefixes) == 1 and not isinstance(name, Mapping):
+        own_drives = [own[0] for own in drives]
+        compiled = _compiled(name, own_drives, devices, exo, script)
     if compiled is not None:
         failed = play_compiled(compiled, exo, devices, script, threads, called, tick)
         columns = compiled.columns() | _scripted(script, exo, len(devices))
         tick(1.0)
-        return Rollout(columns, ratio, driven, failed)
-    law = Unpowered(drives[0]) if name is None else BatchedController(name, drives)
+        return Rollout(columns, ratio, driven, prefixes, failed)
+    law: Controller
+    if name is None:
+        law = Unpowered(drives[0][0], axes=len(prefixes))
+    else:
+        law = batched_controller(name, drives, prefixes)
     fleet = Fleet(exo, devices, (script,), threads, called)
-    measuring = Measuring(PERFECT_SENSING, drives[0], driven, episode.seed, exo.steps)
-    trace = Trace(COLUMNS, exo.steps, fleet.going)
+    measuring = AxesMeasuring(
+        prefixes,
+        [
+            Measuring(PERFECT_SENSING, drive, own, episode.seed, exo.steps)
+            for drive, own in zip(drives[0], driven, strict=True)
+        ],
+    )
+    kept_names = [prefix + name for prefix in prefixes for name in KEPT]
+    trace = Trace((*kept_names, *CABLE_NAMES), exo.steps, fleet.going)
 
     def tell(step: int, _: Columns, __: object) -> None:
         if step % TICK_STEPS == 0:
@@ -158,7 +177,7 @@ def play(
         columns[name] = np.ascontiguousarray(np.moveaxis(kept, 0, -1))
     columns |= _scripted(script, exo, len(devices))
     tick(1.0)
-    return Rollout(columns, ratio, driven, tuple(fleet.failed))
+    return Rollout(columns, ratio, driven, prefixes, tuple(fleet.failed))
 
 
 def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
@@ -167,22 +186,24 @@ def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
     time = np.arange(exo.steps + 1) * exo.period
     columns = {"time_s": np.broadcast_to(time, shape)}
     names = {"reference_angle_rad": 0, "phase_sine": 2, "phase_cosine": 3}
-    for name, place in names.items():
-        mark = np.ascontiguousarray(script.marks[:, place])
-        columns[name] = np.broadcast_to(mark, shape)
+    for axis, prefix in enumerate(exo.device.prefixes):
+        for name, place in names.items():
+            mark = np.ascontiguousarray(script.marks[:, MARKS * axis + place])
+            columns[prefix + name] = np.broadcast_to(mark, shape)
     return columns
 
 
 def _compiled(
     name: str | None,
     drives: Sequence[Drive],
-    devices: Sequence[Device],
+    devices: Sequence[DeviceModel],
     exo: WornDevice,
     script: Script,
 ) -> CompiledEpisodes | None:
     """Return the episodes inside MuJoCo's steps; None where only Python can."""
     laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
-    if task_of(exo.task) is None or law_of(laws[0]) is None:
+    plain = all(axis.plain for device in devices for axis in device.axes)
+    if not plain or task_of(exo.task) is None or law_of(laws[0]) is None:
         return None
     if name is not None:
         laws += [controller(name, drive) for drive in drives[1:]]

@@ -20,9 +20,7 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
-from cc_mujoco.cable import Cable
-from cc_mujoco.control import Controller
-from cc_mujoco.control import axes_controller
+from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._axes import law_drives
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
@@ -97,8 +95,9 @@ def simulate(
         controller: Name, `module:function` or file of a policy, as of
             `cc_mujoco.control._controller`, or a function that is called with the
             drive, as `module:function` is: it is made for each axis of each plant and
-            knows its values; see `control.axes_controller` for different ones. Or a `Controller`, which knows the values of the drive that it was
-            made for and reads numbers of a plant and arrays over a list of plants.
+            knows its values; see `control.axes_controller` for different ones. Or a
+            `Controller`, which knows the values of the drive that it was made for and
+            reads numbers of a plant and arrays over a list of plants.
         motion: Motion of the wearer: a name, a CSV file or a `Trajectory`; that of the
             device by default.
         task: Torque that the wearer should feel: a name or a `Task`, for all axes or by

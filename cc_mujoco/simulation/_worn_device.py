@@ -232,7 +232,8 @@ class WornDevice:
         if len(self.drives) == 1 and given.shape[-1:] != (1,):
             given = given[..., None]
         scaled = given / self.device.torque_limits
-        return np.clip(scaled, -1.0, 1.0).astype(np.float32)
+        clipped: NDArray[np.float32] = np.clip(scaled, -1.0, 1.0).astype(np.float32)
+        return clipped
 
     def sensors(self, seeds: int | Sequence[int]) -> tuple[Measuring, ...]:
         """Return the sensors of every axis, of one environment or of several.
@@ -259,7 +260,10 @@ class WornDevice:
         return tuple(ObservationHistory(observed, count) for observed in self.observed)
 
     def measured(
-        self, sensors: Sequence[Measuring], columns: Mapping[str, Any], going: Any = True
+        self,
+        sensors: Sequence[Measuring],
+        columns: Mapping[str, Any],
+        going: Any = True,
     ) -> list[Array]:
         """Return what the device measures of every axis, (k,) or (n, k) each.
 
@@ -416,7 +420,9 @@ class WornDevice:
             if least <= demand.min() and demand.max() <= most:
                 continue
             ends = (demand.min(), demand.max(), least, most)
-            low, high, weakest, strongest = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
+            low, high, weakest, strongest = (
+                f"{round(end, 3) + 0.0:.4g}" for end in ends
+            )
             return (
                 f"the task asks for {low} to {high} N m at joint {axis.joint!r}, "
                 f"where the motor gives {weakest} to {strongest} N m even without "
@@ -435,11 +441,14 @@ def _sources(
         source = find_trajectory(trajectory, axis.reach)
         # What is the same for all joints is one motion.
         found.append(next((one for one in found if one == source), source))
-        if isinstance(_unperturbed(source), Walk) and axis.joint not in gait.GAIT_ANGLES:
+        if (
+            isinstance(_unperturbed(source), Walk)
+            and axis.joint not in gait.GAIT_ANGLES
+        ):
             raise CableError(
                 f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and scene "
-                f"{description.scene!r} drives the joint {axis.joint!r}; choose another "
-                f"trajectory, such as {description.trajectory!r}."
+                f"{description.scene!r} drives the joint {axis.joint!r}; choose "
+                f"another trajectory, such as {description.trajectory!r}."
             )
     return tuple(found)
 

@@ -169,6 +169,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         check_mode(render_mode, self.metadata["render_modes"])
         found = find_device(device)
         model = load(found) if model is None else copy.copy(model)
+        self.device: Device = found
         self.exo = WornDevice(found.description, model, *given, *more)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode

@@ -115,6 +115,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         check_mode(render_mode, self.metadata["render_modes"])
         found = find_device(device)
         model = load(found, drawn=render_mode is not None)
+        self.device: Device = found
         self.exo = exo = WornDevice(found.description, model, *given, *more)
         self.metadata = {
             **self.metadata,

@@ -23,6 +23,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # Slow enough to be interrupted in, so not at the top.
             from cc_mujoco.cli._parsing import parse
 
+            warnings.showwarning = _print_warning
             words = sys.argv[1:] if arguments is None else arguments
             if list(words) == ["--version"]:
                 print(f"{PROGRAM} {__version__}")
@@ -85,6 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _report_interruption(left)
         raise
     return 0
+
+
+def _print_warning(
+    message: Warning | str, category: type[Warning], *_: object, **__: object
+) -> None:
+    """Print a warning as one sentence; see `warnings.showwarning`."""
+    print(f"warning: {message}", file=sys.stderr)
 
 
 def _report_interruption(left: str) -> int:

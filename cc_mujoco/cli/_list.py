@@ -5,10 +5,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import tyro
 
 if TYPE_CHECKING:
     from cc_mujoco.cable import Parameter
+    from cc_mujoco.device import Device
     from cc_mujoco.metrics import Metric
 
 
@@ -18,24 +21,24 @@ class Listing:
 
     interrupted: ClassVar[str] = "nothing was written"
 
+    scene: Annotated[str, tyro.conf.arg(metavar="SCENE", help_behavior_hint="")] = ""
+    """Show the cables, axes and joints of this device as well."""
+
     def run(self) -> None:
         """Print every name with its meaning."""
+        from cc_mujoco.assets import SCENES
         from cc_mujoco.control import CONTROLLERS
-        from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
-        from cc_mujoco.device._registry import DEVICES
+        from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.metrics import METRICS
         from cc_mujoco.thesis import EXPERIMENTS
 
+        own = {self.scene: find_device(self.scene)} if self.scene else {}
+        devices = own | {name: find_device(name) for name in SCENES}
         meanings = {
-            "scenes": {
-                name: f"{device.meaning}; plays {device.trajectory}, {device.task}"
-                for name, device in DEVICES.items()
-            },
-            "scenes without an environment": {
-                "bench": "pull-pull bench, where a diagnosis starts from",
-            },
+            "devices": {name: _plays(one) for name, one in devices.items()},
+            **(_parts(own[self.scene]) if self.scene else {}),
             "trajectories": _summaries(TRAJECTORIES),
             "tasks": _summaries(TASKS),
             "controllers": _summaries(CONTROLLERS),
@@ -62,6 +65,36 @@ class Listing:
             print(("\n" if number else "") + group)
             for name, meaning in entries.items():
                 print(f"  {name:{width}}  {meaning}")
+
+
+def _plays(device: Device) -> str:
+    """Return what a device is and what is played on it."""
+    about = device.description
+    tasks = {
+        f"{axis.name}={axis.task}" if len(about.axes) > 1 else axis.task
+        for axis in about.axes
+    }
+    return f"{about.meaning}; plays {about.trajectory}, {', '.join(sorted(tasks))}"
+
+
+def _parts(device: Device) -> dict[str, dict[str, str]]:
+    """Return the names of what a device has, with their meanings."""
+    about = device.description
+    return {
+        f"axes of {device.name}": {
+            axis.name: f"motor {axis.motor} drives joint {axis.joint} by cable "
+            f"{', '.join(axis.cables)}"
+            for axis in about.axes
+        },
+        f"cables of {device.name}": {
+            name: f"{cable.length:.3g} m, friction {cable.friction:g}, pretension "
+            f"{cable.pretension:g} N"
+            for name, cable in device.cables.items()
+        },
+        f"joints of {device.name} that the wearer moves": {
+            joint: f"actuator {name}" for joint, name in about.movers.items()
+        },
+    }
 
 
 def _summaries(registry: Mapping[str, object]) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from cc_mujoco.cli._benchmark import Benchmark
+from cc_mujoco.cli._device import ShowDevice
 from cc_mujoco.cli._diagnose import Diagnose
 from cc_mujoco.cli._export import Export
 from cc_mujoco.cli._list import Listing
@@ -22,6 +23,7 @@ from cc_mujoco.cli._whatif_show import WhatIfShow
 from cc_mujoco.errors import CableError, look_up
 
 COMMANDS = {
+    "device": ShowDevice,
     "play": Play,
     "reproduce": Reproduce,
     "diagnose": Diagnose,
@@ -33,8 +35,12 @@ COMMANDS = {
     "list": Listing,
 }
 
+POSITIONAL = ("device", "play", "diagnose")
+"""Commands whose scene is their first word, and may be given as `--scene`, too."""
+
 Command = (
-    Annotated[Play, tyro.conf.subcommand("play")]
+    Annotated[ShowDevice, tyro.conf.subcommand("device")]
+    | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
@@ -60,6 +66,7 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
     if arguments and not arguments[0].startswith("-"):
         look_up("command", arguments[0], COMMANDS)
     _require_full(arguments)
+    arguments = _positional_scene(arguments)
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
@@ -76,6 +83,21 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         named = [word for word in arguments[:1] if word in COMMANDS]
         help_command = " ".join([program, *named, "--help"])
         raise CableError(f"{sentence}`{help_command}` shows what works.") from None
+
+
+def _positional_scene(arguments: Sequence[str]) -> list[str]:
+    """Return the words with `--scene NAME` as the first where a command takes it so."""
+    words = list(arguments)
+    if not words or words[0] not in POSITIONAL:
+        return words
+    for place, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        if option != "--scene" or (not equals and place + 1 == len(words)):
+            continue
+        name = value if equals else words[place + 1]
+        rest = words[1:place] + words[place + (1 if equals else 2) :]
+        return [words[0], name, *rest]
+    return words
 
 
 def _require_full(arguments: Sequence[str]) -> None:

@@ -30,7 +30,7 @@ class Play:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
-    """A device; `cc-mujoco list` shows every name that can be given."""
+    """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
     replay: Annotated[Path | None, option_help("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
@@ -71,13 +71,13 @@ class Play:
         """Play and write."""
         names = self._names()
         # Controllers from elsewhere have a colon in their names, or a path.
-        parts = [self.scene, *names.values(), str(self.seed)]
+        parts = [Path(self.scene).stem, *names.values(), str(self.seed)]
         if self.duration != Play.duration:
             parts.append(f"{self.duration:g}s")
         name = re.sub(r"[^\w.-]+", "_", "-".join(parts))
         out = self.out or Path("runs", name)
 
-        from cc_mujoco.control import controller
+        from cc_mujoco.control import axes_controller
         from cc_mujoco.metrics import find_metric
         from cc_mujoco.simulation import simulate
         from cc_mujoco.viz import write_episode
@@ -96,11 +96,12 @@ class Play:
         metrics = [find_metric(name) for name in self.metric]
         env = self._env(names)
         inner: Any = env.unwrapped
-        law = controller(self.controller, inner.drive)
+        prefixes = inner.exo.device.prefixes
+        law = axes_controller(self.controller, inner.drives, prefixes)
         self._warn(inner, names["task"])
         with progress_bar(self.duration) as progress:
             log = simulate(
-                self.scene,
+                inner.device,
                 law,
                 motion=names["trajectory"],
                 task=names["task"],
@@ -131,16 +132,17 @@ class Play:
 
     def _names(self) -> dict[str, str]:
         """Return the names of trajectory, task and controller."""
-        from cc_mujoco.device._registry import find_device
+        from cc_mujoco.device import find_device
+        from cc_mujoco.simulation._simulate import task_label
 
-        device = find_device(self.scene)
+        device = find_device(self.scene).description
         if self.seed < 0:
             raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
         return {
             "trajectory": device.trajectory
             if self.trajectory is None
             else self.trajectory,
-            "task": device.task if self.task is None else self.task,
+            "task": task_label(device, self.task),
             "controller": self.controller,
         }
 
@@ -148,11 +150,10 @@ class Play:
         """Return the environment."""
         import gymnasium
 
-        from cc_mujoco.device._registry import DEVICES
-
         return gymnasium.make(
-            DEVICES[self.scene].environment,
+            "cc_mujoco/Device-v1",
             disable_env_checker=True,
+            device=self.scene,
             trajectory=names["trajectory"],
             task=names["task"],
             duration=self.duration,

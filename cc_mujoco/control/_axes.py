@@ -22,7 +22,7 @@ from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._controller import Controller
 from cc_mujoco.control._registry import controller
 from cc_mujoco.control._user_controller import External, controller_errors
-from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
@@ -127,9 +127,8 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
         CableError: There is no such axis, or an axis has none.
     """
     names = [prefix.rstrip(".") for prefix in prefixes]
-    if isinstance(given, str) and "=" in given:
-        pairs = [part.partition("=") for part in given.split(",")]
-        given = {name.strip(): law.strip() for name, _, law in pairs}
+    if isinstance(given, str):
+        given = split_by_axis(given)
     if not isinstance(given, Mapping):
         return [given] * len(names)
     for name in given:

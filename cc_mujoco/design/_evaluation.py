@@ -37,7 +37,7 @@ from cc_mujoco.design._study_metrics import (
     record_of,
     wants_high,
 )
-from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device import Plant
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._variables import WEARER, Value
 from cc_mujoco.device._wearer_scaling import body_of, pace_of

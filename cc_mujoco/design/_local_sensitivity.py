@@ -26,7 +26,6 @@ from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
 from cc_mujoco.design._plan import Plan, with_few_designs
 from cc_mujoco.design._scenarios import Across
-from cc_mujoco.device import Scene
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 

@@ -45,7 +45,6 @@ from cc_mujoco.design._study_metrics import (
     missing_variables,
 )
 from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
-from cc_mujoco.device import Scene
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, look_up

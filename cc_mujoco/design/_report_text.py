@@ -44,7 +44,7 @@ from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity
 from cc_mujoco.design._timestep_check import Halved
-from cc_mujoco.device._plant import RADII, Scene
+from cc_mujoco.device._plant import RADII
 from cc_mujoco.device._registry import DEVICES
 from cc_mujoco.device._variables import SETS, describe
 from cc_mujoco.metrics import METRICS

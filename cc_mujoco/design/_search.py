@@ -33,7 +33,6 @@ from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._study_metrics import number_columns
 from cc_mujoco.design._study_spec import HERE, Execution
-from cc_mujoco.device import Scene
 from cc_mujoco.errors import CableError
 
 MAX_REPEATED_TRIALS = 20

@@ -23,7 +23,7 @@ from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import CONTROL_PERIOD
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, read_study, read_table
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX, Across, Case
-from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device import Plant
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._wearer_scaling import trajectory_of
 from cc_mujoco.errors import CableError

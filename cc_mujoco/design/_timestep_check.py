@@ -20,7 +20,6 @@ import pyarrow as pa
 from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
 from cc_mujoco.design._plan import Plan, with_few_designs
 from cc_mujoco.design._study_metrics import CONTROLLER_METRIC
-from cc_mujoco.device import Scene
 
 MIN_DESIGNS, MAX_CHECKED_DESIGNS, DESIGNS_PER_CHECK = 3, 6, 4
 """Designs that are tried at least and at most, and of how many one is."""

@@ -33,3 +33,11 @@ def axis_columns(
         if name.startswith(prefix):
             found[name[size:]] = value
     return found
+
+
+def split_by_axis(text: str) -> str | dict[str, str]:
+    """Return the parts of `hip=pi,ankle=model` by axis, or a text without any."""
+    if "=" not in text:
+        return text
+    pairs = [part.partition("=") for part in text.split(",")]
+    return {name.strip(): value.strip() for name, _, value in pairs}

@@ -10,6 +10,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
@@ -154,7 +155,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     movers = _movers(spec, model, axes, wearers, read)
     description = Description(
         scene=scene,
-        meaning=table.text("meaning") or f"device of {scene}",
+        meaning=table.text("meaning") or f"device of {Path(scene).name}",
         axes=tuple(axes),
         movers=movers,
         sensing=_sensing(table.table("sensors"), model, axes, ends, read),

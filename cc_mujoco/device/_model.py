@@ -211,11 +211,13 @@ class AxisModel:
             motor_lag=motor_lag(self.model, self._motor),
             lever=self.winding is not None,
             safe_torque=self.axis.safe_torque,
-            crossed=self._crossed(),
+            crossed=self.crossed,
             observed=self.observed(device, period),
         )
 
-    def _crossed(self) -> tuple[str, ...]:
+    @property
+    def crossed(self) -> tuple[str, ...]:
+        """Other joints whose motion winds the cables."""
         return self.winding.others(self.model) if self.winding else ()
 
     def read_motion(

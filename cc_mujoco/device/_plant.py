@@ -367,8 +367,9 @@ class Plant:
             and (needed[0] != "material" or math.isnan(diameter))
         ):
             raise CableError(
-                f"variable {needed[0]!r} needs the diameter of the rope as it is: write "
-                f"`diameter` in [rope] of the description of {self.description.scene}."
+                f"variable {needed[0]!r} needs the diameter of the rope as it is: "
+                "write `diameter` in [rope] of the description of "
+                f"{self.description.scene}."
             )
         if "diameter" in own:
             stiffness = (diameter / nominal) ** 2 * stiffness

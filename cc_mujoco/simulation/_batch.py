@@ -206,7 +206,7 @@ class Fleet:
         """Go a control step; see `DrivenDevice.advance`."""
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
             torque = np.broadcast_to(torque, self.going.shape)[:, None]
-        finite: Mask = np.isfinite(torque).all(axis=1)
+        finite: Mask = np.all(np.isfinite(torque), axis=1)
         if not finite.all():
             self._refuse(finite)
         # `np.clip` takes several times as long for small arrays.

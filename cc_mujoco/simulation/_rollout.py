@@ -20,7 +20,7 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel
-from cc_mujoco.device._sensors import PERFECT_SENSING, AxesMeasuring, Measuring
+from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._batched_controller import Unpowered, batched_controller
@@ -155,13 +155,7 @@ def play(
     else:
         law = batched_controller(name, drives, prefixes)
     fleet = Fleet(exo, devices, (script,), threads, called)
-    measuring = AxesMeasuring(
-        prefixes,
-        [
-            Measuring(PERFECT_SENSING, drive, own, episode.seed, exo.steps)
-            for drive, own in zip(drives[0], driven, strict=True)
-        ],
-    )
+    measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
     kept_names = [prefix + name for prefix in prefixes for name in KEPT]
     trace = Trace((*kept_names, *CABLE_NAMES), exo.steps, fleet.going)
 

@@ -23,7 +23,7 @@ from cc_mujoco._utils.provenance import versions
 from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._axes import law_drives
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
+from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring, Trajectory
 from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
@@ -155,22 +155,12 @@ def simulate(
     fleet = Fleet(exo, devices, scripts, threads, called, whole=True)
     late = [plant.values.get("delay", sensing.delay) for plant in made]
     noise = [plant.noise for plant in made]
-    measuring = AxesMeasuring(
-        exo.device.prefixes,
-        [
-            Measuring(
-                sensing,
-                drive,
-                driven,
-                _own_seeds(seeds[0] if alone else seeds, n),
-                exo.steps,
-                delay=late[0] if alone else late,
-                noise=noise[0] if alone else noise,
-            )
-            for n, (drive, driven) in enumerate(
-                zip(law_drives(law, exo.drives), exo.device.driven, strict=True)
-            )
-        ],
+    measuring = exo.controller_sensors(
+        sensing,
+        law_drives(law, exo.drives),
+        seeds[0] if alone else seeds,
+        delay=late[0] if alone else late,
+        noise=noise[0] if alone else noise,
     )
     names = columns_for(fleet.cables, exo.device.prefixes)
     trace = Trace([column.name for column in names], exo.steps)
@@ -251,15 +241,6 @@ def _seeds(given: Any, count: int) -> list[int]:
     return [int(one) for one in seeds]
 
 
-def _own_seeds(seeds: int | list[int], axis: int) -> Any:
-    """Return the seeds of the sensors of an axis; those of the first are as given."""
-    if not axis:
-        return seeds
-    if isinstance(seeds, int):
-        return int(np.random.SeedSequence([seeds, axis]).generate_state(1)[0])
-    return [_own_seeds(seed, axis) for seed in seeds]
-
-
 def _law(
     given: Any,
     drives: Sequence[Sequence[Drive]],
@@ -338,20 +319,8 @@ def play(
     sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
     device = exo.device
-    measuring = AxesMeasuring(
-        device.prefixes,
-        [
-            Measuring(
-                sensing,
-                drive,
-                driven,
-                _own_seeds(seed, n),
-                plant.steps,
-            )
-            for n, (drive, driven) in enumerate(
-                zip(law_drives(controller, exo.drives), device.driven, strict=True)
-            )
-        ],
+    measuring = exo.controller_sensors(
+        sensing, law_drives(controller, exo.drives), seed
     )
     recorder = Recorder(plugin.cables(device.model), {}, device.prefixes)
 

@@ -20,14 +20,20 @@ from numpy.typing import NDArray
 
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device import Nominal, Plant
-from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import Array, DeviceModel, Physics
 from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.device._observation import OBSERVATION_LIMIT, ObservationHistory
 from cc_mujoco.device._ranges import Ranges
-from cc_mujoco.device._sensors import BIAS, PERFECT_SENSING, Measuring
+from cc_mujoco.device._sensors import (
+    BIAS,
+    PERFECT_SENSING,
+    AxesMeasuring,
+    Measuring,
+    Sensing,
+)
 from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, scale_task
@@ -255,6 +261,33 @@ class WornDevice:
             for drive, observed in zip(self.drives, self.observed, strict=True)
         )
 
+    def controller_sensors(
+        self,
+        sensing: Sensing,
+        drives: Sequence[Drive],
+        seeds: int | Sequence[int],
+        **errors: Any,
+    ) -> AxesMeasuring:
+        """Return the sensors by which controllers see, of one device or of several.
+
+        Args:
+            sensing: Their quality.
+            drives: Of every axis; say where tension sensors are.
+            seeds: One, or one for each of several devices.
+            errors: `delay`, `noise` and `bias` as of `Measuring`.
+        """
+        return AxesMeasuring(
+            self.device.prefixes,
+            [
+                Measuring(
+                    sensing, drive, driven, _axis_seeds(seeds, n), self.steps, **errors
+                )
+                for n, (drive, driven) in enumerate(
+                    zip(drives, self.device.driven, strict=True)
+                )
+            ],
+        )
+
     def sights(self, count: int) -> tuple[ObservationHistory, ...]:
         """Return the observation of every axis, of n environments."""
         return tuple(ObservationHistory(observed, count) for observed in self.observed)
@@ -431,6 +464,15 @@ class WornDevice:
         return ""
 
 
+def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
+    """Return the seeds of the sensors of an axis; those of the first are as given."""
+    if not axis:
+        return seeds
+    if isinstance(seeds, int):
+        return int(np.random.SeedSequence([seeds, axis]).generate_state(1)[0])
+    return [_axis_seeds(seed, axis) for seed in seeds]
+
+
 def _sources(
     description: Description, given: str | Path | Trajectory | None
 ) -> tuple[Trajectory, ...]:
@@ -456,6 +498,8 @@ def _sources(
 def _tasks(description: Description, given: TaskChoice) -> list[str | Task]:
     """Return the task of every axis, as it is given."""
     found: list[str | Task] = []
+    if isinstance(given, str):
+        given = split_by_axis(given)
     own = given if isinstance(given, Mapping) else {}
     for name in own:
         description.axis(name)

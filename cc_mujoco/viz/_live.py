@@ -10,20 +10,17 @@ that can be exchanged.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Controller, controller
+from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._sensors import Measuring
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._loop import Columns, Single, run
 from cc_mujoco.viz._caption import state_rows, wrap_sentence
@@ -59,13 +56,12 @@ def live(
         CableError: If the controller cannot be made, or there is no screen.
     """
     inner: Any = env.unwrapped
-    law = Exchangeable(inner.drive, name)
+    law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
     cables = inner.exo.device.cables
     knobs = Knobs(cables, name)
     highest = round_up_tension(max(cable.pretension for cable in cables.values()))
     model = inner.model
-    spec = mujoco.MjSpec.from_file(str(scene_path(inner.exo.setup.scene)))
-    sliders = Sliders(knobs, spec)
+    sliders = Sliders(knobs, inner.device.spec.copy())
     with screen(model, plugin.cables(model), highest, knobs.press, sliders) as window:
         show = Show(env, law, knobs, window, seed)
         while not show.ended:
@@ -75,13 +71,16 @@ def live(
 class Exchangeable(Controller):
     """The controller of the moment."""
 
-    def __init__(self, drive: Drive, name: str) -> None:
-        """Make the first; see `control._controller`.
+    def __init__(
+        self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
+    ) -> None:
+        """Make the first; see `control.axes_controller`.
 
         Raises:
             CableError: If it cannot be made.
         """
-        super().__init__(drive)
+        super().__init__(drives[0])
+        self._drives, self._prefixes = drives, prefixes
         self.switch_controller(name)
 
     def switch_controller(self, name: str) -> None:
@@ -91,7 +90,7 @@ class Exchangeable(Controller):
             CableError: If it cannot.
         """
         with controller_errors(name):
-            law = controller(name, self.drive)
+            law = axes_controller(name, self._drives, self._prefixes)
             law.reset()
         self._law, self.name = law, name
 
@@ -128,6 +127,7 @@ class Show:
         self._env, self._exo = env, env.unwrapped.exo
         self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
         self.steps: int = self._exo.steps
+        self.prefixes: tuple[str, ...] = self._exo.device.prefixes
         self._pace = RealTimePacer()
         self._columns: Columns | None = None
         self._note = ""
@@ -141,8 +141,9 @@ class Show:
 
     def episode(self) -> None:
         """Play one episode; show an error on the screen and wait."""
-        sensing, driven = self._exo.setup.sensing, self._exo.device.driven
-        measuring = Measuring(sensing, self._law.drive, driven, self._seed, self.steps)
+        exo = self._exo
+        sensing = exo.description.sensing
+        measuring = exo.controller_sensors(sensing, exo.drives, self._seed)
         try:
             run(self, self._law, self._observe, measure=measuring.measure)
         except Over:

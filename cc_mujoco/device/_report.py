@@ -1,0 +1,254 @@
+"""Account of a device: what its scene tells, what was assumed, what nobody knows.
+
+print(account(device))
+write_description(device, "knee.device.toml")
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.device._derivation import ASSUMED, GIVEN, SCENE, UNITS
+from cc_mujoco.device._description import Axis
+from cc_mujoco.device._device import Device
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.errors import CableError
+
+ORIGINS = {GIVEN: "given", SCENE: "from the scene", ASSUMED: "assumed"}
+
+
+class Property(NamedTuple):
+    """One property of a device, as a file holds it."""
+
+    table: str
+    """Table of the file; empty for the top."""
+    key: str
+    value: object
+    """None or NaN where nobody knows it."""
+    unit: str
+    meaning: str
+    origin: str
+    """One of `ORIGINS`."""
+
+    @property
+    def known(self) -> bool:
+        """True if there is a value."""
+        value = self.value
+        return not (
+            value is None or (isinstance(value, float) and not math.isfinite(value))
+        )
+
+
+def properties(device: Device) -> Iterator[Property]:
+    """Yield everything that a file can hold of a device, in its order."""
+    found = device.description
+    origin = found.sources.get
+
+    def top(key: str, value: object, unit: str, meaning: str) -> Property:
+        return Property("", key, value, unit, meaning, origin(key, SCENE))
+
+    yield top("meaning", found.meaning, "", "the device in a line")
+    yield top("trajectory", found.trajectory, "", "nominal motion of the wearer")
+    yield top("period", found.period, "s", "time between two calls of a controller")
+    if "root" in found.sources:
+        held = "held" if not _free(device) else "free"
+        yield top("root", held, "", "body on a free joint: held or free")
+    for key, value, unit, meaning in (
+        ("strength", found.strength, "N", "breaking load of a cable"),
+        ("diameter", found.diameter, "m", "of a cable"),
+    ):
+        yield Property("rope", key, value, unit, meaning, origin(key, ASSUMED))
+    sensing = found.sensing
+    for key, unit, meaning in (
+        ("torque_noise", "N m", "standard deviation of the joint torque sensor"),
+        ("tension_noise", "N", "standard deviation of every tension sensor"),
+        ("motor_steps", "", "steps of the motor's encoder in a turn, 0 is exact"),
+        ("joint_steps", "", "steps of the joint's encoder in a turn, 0 is exact"),
+        ("cutoff", "Hz", "of the low-pass of both velocities"),
+        ("delay", "", "control steps by which measurements are late"),
+    ):
+        value = getattr(sensing, key)
+        yield Property(
+            "sensors", key, value, unit, meaning, origin(f"sensors.{key}", ASSUMED)
+        )
+    several = len(found.axes) > 1
+    for axis in found.axes:
+        yield from _axis_properties(device, axis, several)
+    for joint in dict.fromkeys((*found.movers, *(a.joint for a in found.axes))):
+        name = found.movers.get(joint)
+        where = origin(f"wearer.{joint}", SCENE)
+        table = f"wearer.{joint}"
+        if name is None:
+            yield Property(table, "none", True, "", "moved by other actuators", where)
+            continue
+        wearer = device.wearers[joint]
+        if where != ASSUMED:
+            yield Property(table, "actuator", name, "", "of the wearer", where)
+        for key, amount, unit in (
+            ("stiffness", wearer.stiffness, "N m/rad"),
+            ("damping", wearer.damping, "N m s/rad"),
+        ):
+            yield Property(table, key, amount, unit, "of the wearer", where)
+
+
+def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Property]:
+    label = f"{axis.name}." if several else ""
+    origin = device.description.sources.get
+    table = "axis"
+
+    def own(
+        key: str, value: object, unit: str, meaning: str, default: str = SCENE
+    ) -> Property:
+        where = origin(f"{label}axis.{key}", default)
+        return Property(table, key, value, unit, meaning, where)
+
+    yield own("name", axis.name, "", "name of the axis")
+    yield own("motor", axis.motor, "", f"actuator that turns {axis.drum}")
+    yield own("joint", axis.joint, "", "joint that the cables drive")
+    yield own("torque", axis.torque, "N m", "largest torque of the motor")
+    yield own("task", axis.task, "", "what the wearer should feel by default", ASSUMED)
+    yield own("reach", axis.reach, "rad", "largest excursion of named motions")
+    yield own("centre", axis.centre, "rad", "angle about which they move")
+    yield own("safe_torque", axis.safe_torque, "N m", "most that is safe at the joint")
+    yield own(
+        "motor_pulley",
+        axis.motor_pulley or None,
+        "kg m^2",
+        "inertia of the motor's pulley",
+    )
+    yield own(
+        "joint_pulley",
+        axis.joint_pulley or None,
+        "kg m^2",
+        "inertia of the joint's pulley",
+    )
+    yield own("gearing", axis.gearing, "", "turns of the rotor per turn of its pulley")
+    yield own("lever", list(axis.lever) or None, "", "sites that move with the lever")
+    table = "axis.observation"
+    units = ("rad", "rad/s", "rad", "rad/s", "N m", "N m")
+    for (key, column), unit in zip(UNITS.items(), units, strict=True):
+        where = origin(f"{label}axis.observation.{key}", ASSUMED)
+        yield Property(table, key, axis.units[column], unit, "counts as 1", where)
+    phase = "phase_sine" in axis.units
+    where = origin(f"{label}axis.observation.phase", ASSUMED)
+    yield Property(table, "phase", phase, "", "the phase of a gait is observed", where)
+
+
+def account(device: Device) -> str:
+    """Return in lines what was derived, what was assumed and what is missing."""
+    found = device.description
+    model = DeviceModel(found, device.spec.copy().compile())
+    axes = f"{len(found.axes)} {'axis' if len(found.axes) == 1 else 'axes'}"
+    cables = f"{len(device.cables)} {'cable' if len(device.cables) == 1 else 'cables'}"
+    lines = [f"{device.name}: {axes}, {cables}; {found.meaning}"]
+    for axis in model.axes:
+        ends = "a lever or a path" if axis.winding else "a round pulley"
+        lines.append(
+            f"  {axis.axis.name}: motor {axis.axis.motor} winds "
+            f"{', '.join(axis.axis.cables)} and drives joint {axis.axis.joint} by "
+            f"{ends}; up to {abs(axis.ratio) * axis.torque_limit:.3g} N m at the joint "
+            "without friction"
+        )
+        if others := axis.crossed:
+            lines.append(f"    its cables also cross joint {', '.join(others)}")
+    everything = list(properties(device))
+    for kind, heading in (
+        (GIVEN, "given by the description"),
+        (SCENE, "derived from the scene"),
+        (ASSUMED, "assumed"),
+    ):
+        rows = [p for p in everything if p.origin == kind and p.known]
+        if rows:
+            lines += ["", heading, *(_line(device, row) for row in rows)]
+    missing = [p for p in everything if not p.known]
+    if missing:
+        lines += ["", "missing; what needs them shows - or says so"]
+        lines += [f"  {_place(row):32} {row.meaning}" for row in missing]
+    return "\n".join(lines)
+
+
+def _place(row: Property) -> str:
+    return f"{row.table}.{row.key}" if row.table else row.key
+
+
+def _line(device: Device, row: Property) -> str:
+    value = f"{_toml(row.value)} {row.unit}".rstrip()
+    return f"  {_place(row):32} {value:24} {row.meaning}"
+
+
+def description_text(device: Device) -> str:
+    """Return the file of a device's description, complete, to be edited."""
+    name = Path(device.name).name
+    lines = [
+        f"# Description of the device in {name}.",
+        "# Take the # away before a key to change it; what nobody says follows the scene.",
+    ]
+    if device.path is not None:
+        lines.append(f"scene = {_toml(device.path.name)}")
+    several = len(device.description.axes) > 1
+    table = ""
+    for row in properties(device):
+        heading = row.table
+        if row.table == "axis":
+            heading = "[axis]" if several else "axis"
+        new_axis = row.table == "axis" and row.key == "name"
+        if row.table != table or new_axis:
+            lines += ["", f"[{_quoted(heading)}]"]
+            table = row.table
+        unit = f" [{row.unit}]" if row.unit else ""
+        if not row.known:
+            lines.append(f"# {row.key} =  # {row.meaning}{unit}; unknown")
+            continue
+        # What the scene tells, and what follows from it, stays as the scene has it.
+        off = "" if row.origin == GIVEN else "# "
+        comment = f"# {row.meaning}{unit}; {ORIGINS[row.origin]}"
+        lines.append(f"{off}{row.key} = {_toml(row.value)}  {comment}")
+    return "\n".join(lines) + "\n"
+
+
+def write_description(device: Device, path: str | os.PathLike[str]) -> None:
+    """Write the file of a device's description.
+
+    Raises:
+        CableError: There is a file already.
+    """
+    if Path(path).exists():
+        raise CableError(f"{path} is there already; give another name with --out.")
+    with replacing(path) as partial:
+        Path(partial).write_text(description_text(device), encoding="utf-8")
+
+
+def _quoted(heading: str) -> str:
+    """Return the name of a table, its parts in quotes where TOML needs them."""
+    if heading.startswith("wearer."):
+        joint = heading.removeprefix("wearer.")
+        bare = joint.replace("_", "").replace("-", "").isalnum() and joint.isascii()
+        return heading if bare else f"wearer.{_toml(joint)}"
+    return heading
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_toml(one) for one in value) + "]"
+    if isinstance(value, float):
+        text = f"{value:.6g}"
+        return text if any(c in text for c in ".einf") else f"{text}.0"
+    return str(value)
+
+
+def _free(device: Device) -> bool:
+    import mujoco
+
+    free = mujoco.mjtJoint.mjJNT_FREE
+    return any(joint.type == free for joint in device.spec.joints)

@@ -35,6 +35,7 @@ class Listing:
             },
             "scenes without an environment": {
                 "bench": "pull-pull bench, where a diagnosis starts from",
+                "bilateral": "bilateral exosuit: hip, knee and ankle of both legs",
             },
             "trajectories": _summaries(TRAJECTORIES),
             "tasks": _summaries(TASKS),

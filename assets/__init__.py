@@ -23,6 +23,7 @@ SCENES: dict[str, str] = {
     "bench": "bench.xml",
     "finger": "tendon_finger.xml",
     "exosuit": "exosuit.xml",
+    "bilateral": "exosuit_bilateral.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""
 

@@ -186,7 +186,7 @@ def description_text(device: Device) -> str:
     name = Path(device.name).name
     lines = [
         f"# Description of the device in {name}.",
-        "# Take the # away before a key to change it; what nobody says follows the scene.",
+        "# Take the # before a key away to change it; the rest follows the scene.",
     ]
     if device.path is not None:
         lines.append(f"scene = {_toml(device.path.name)}")

@@ -90,7 +90,8 @@ def test_a_scene_is_found_by_name() -> None:
         assert scene_path(scene).is_file()
         assert scene_path(scene).is_absolute()
     with pytest.raises(
-        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, exosuit, finger"
+        CableError,
+        match=r"'wirst'.*'wrist'.*Available: ankle, bench, bilateral, exosuit, finger",
     ):
         scene_path("wirst")
 

@@ -11,8 +11,8 @@ from cc_mujoco.assets import scene_path
 assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
 """
 KNOWS = """
-from cc_mujoco.device._registry import DEVICES
-assert {device.environment for device in DEVICES.values()} <= set(gymnasium.registry)
+from cc_mujoco.envs import IDS
+assert {*IDS, "cc_mujoco/Device-v1"} <= set(gymnasium.registry)
 """
 SCRIPTS = {
     "both first": f"import gymnasium, mujoco, cc_mujoco{LOADS}{KNOWS}",

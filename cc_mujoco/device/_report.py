@@ -205,7 +205,8 @@ def description_text(device: Device) -> str:
             lines.append(f"# {row.key} =  # {row.meaning}{unit}; unknown")
             continue
         # What the scene tells, and what follows from it, stays as the scene has it.
-        off = "" if row.origin == GIVEN else "# "
+        names_axis = several and row.key == "motor"
+        off = "" if row.origin == GIVEN or names_axis else "# "
         comment = f"# {row.meaning}{unit}; {ORIGINS[row.origin]}"
         lines.append(f"{off}{row.key} = {_toml(row.value)}  {comment}")
     return "\n".join(lines) + "\n"

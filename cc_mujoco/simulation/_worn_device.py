@@ -235,7 +235,7 @@ class WornDevice:
             torque: Of the only motor (...), or of each motor (..., axes).
         """
         given = np.asarray(torque)
-        if len(self.drives) == 1 and given.shape[-1:] != (1,):
+        if len(self.drives) == 1:
             given = given[..., None]
         scaled = given / self.device.torque_limits
         clipped: NDArray[np.float32] = np.clip(scaled, -1.0, 1.0).astype(np.float32)

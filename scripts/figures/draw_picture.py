@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco import plugin
 from cc_mujoco.control import controller
-from cc_mujoco.device import DEVICES
 from cc_mujoco.report import figure_path, save
 from cc_mujoco.simulation import EpisodeLog, play
 from cc_mujoco.viz import conduit_points, conduit_shares, tension_colors
@@ -36,7 +35,7 @@ PLAYED = {"wrist": ("spring", 3.4, 0.007), "exosuit": ("swing", 2.42, 0.006)}
 def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Play until the picture is taken."""
     task, seconds, _ = PLAYED[scene]
-    name = DEVICES[scene].environment
+    name = "cc_mujoco/Device-v1", device=scene
     env = gymnasium.make(name, task=task, duration=seconds)
     log = play(env, controller("pi", env.unwrapped.drive))
     return env.unwrapped.model, log

@@ -26,7 +26,7 @@ LAW, WARM_UP = "pi", 1.0 + GAIT_PERIOD
 def stride() -> NDArray[np.float64]:
     """Return torques by pieces, by the winch's and the shin's (samples, joints, 3)."""
     env = gymnasium.make(
-        "cc_mujoco/HipKneeExosuit-v1",
+        "cc_mujoco/HipKneeExosuit-v2",
         duration=WARM_UP + GAIT_PERIOD,
         disable_env_checker=True,
     ).unwrapped

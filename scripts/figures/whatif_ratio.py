@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 from whatif_study import studied
 
 from cc_mujoco.design import episodes, make_plan
-from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device import Plant, load_device
 from cc_mujoco.report import BLACK, TENSION_COLORS, figure, save, style
 from cc_mujoco.simulation import attended
 from cc_mujoco.simulation._rollout import play
@@ -112,7 +112,7 @@ def racing(lever: float, drum: float) -> float:
     """Return the slack share of the time above half the peak power."""
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan("ankle", designs=[design], **HOW)
-    device = Scene("ankle")
+    device = load_device("ankle")
     ((_, _, episode),) = episodes(plan.protocol, device)
     columns = play(episode, [attended(Plant(device, design))]).columns
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]

@@ -21,12 +21,19 @@ from cc_mujoco.control import (
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._guard import NO_TORQUE_LIMIT, release_state
-from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive, Measuring, Plant, Sensors
+from cc_mujoco.device import (
+    TENSION_COLUMN,
+    Drive,
+    Measuring,
+    Plant,
+    Sensors,
+    find_device,
+)
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
-from cc_mujoco.simulation import FRAME_SKIP, Fleet, Trace, WornDevice, run
+from cc_mujoco.simulation import Fleet, Trace, WornDevice, run
 from control.devices import pull_pull, single
 
 SAFE = 8.0
@@ -169,9 +176,9 @@ def peaks(
         believed: Friction that the controller believes, over the true one.
         duration: Of the episode [s].
     """
-    setup, plant = DEVICES[scene], Plant(scene, changes)
+    setup, plant = find_device(scene).description, Plant(scene, changes)
     exo = WornDevice(
-        setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, plant.model()
+        setup, plant.model(), setup.trajectory, setup.axes[0].task, duration
     )
     script = exo.author.write(seeding.np_random(0)[0])
     plain = setup.sensing.equip(exo.device.drive(exo.period))
@@ -214,12 +221,12 @@ def test_a_joint_stays_safe_that_is_unsafe_without_the_guard(
 ) -> None:
     guarded, unguarded = peaks(scene, name, changes, believed, duration)
     assert unguarded[1] and not guarded[1]
-    assert guarded[0] < 0.8 * DEVICES[scene].safe_torque
+    assert guarded[0] < 0.8 * find_device(scene).description.axes[0].safe_torque
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("name", GUARDED)
-@pytest.mark.parametrize("scene", DEVICES)
+@pytest.mark.parametrize("scene", ("wrist", "ankle", "finger"))
 def test_no_wrong_friction_is_unsafe(scene: str, name: str) -> None:
     for believed in (0.3, 2.0, 4.0):
         (_, unsafe), _ = peaks(scene, name, {}, believed, 3.0)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import Network, controller, read_policy, write_policy
-from cc_mujoco.device import DEVICES, Drive, Observed
+from cc_mujoco.device import Drive, Observed
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
+from cc_mujoco.envs import IDS as ENVIRONMENTS
 from cc_mujoco.errors import CableError
 
-IDS = [device.environment for device in DEVICES.values()]
-WRIST = DEVICES["wrist"].environment
+IDS = list(ENVIRONMENTS)
+WRIST = "cc_mujoco/WristHandle-v1"
 UNITS = (0.02, 2.0, 0.5, 2.0, 1.0, 1.0)
 OBSERVED = Observed("wrist", MEASURED_COLUMNS[:6], UNITS, 5.2, 1e-3, 1.0, 2, 3, True)
 DRIVE = Drive(5.2, -1.0, 1.0, 1e-3, observed=OBSERVED)

@@ -23,7 +23,7 @@ from cc_mujoco.control import AdaptiveModel, CableModel, PredictiveCompensation
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import joint_stiffness
 from cc_mujoco.control._predictive import filter_gains, optimal_plan
-from cc_mujoco.device import DEVICES, Sensing, Sensors
+from cc_mujoco.device import Sensing, Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import Single, run
 from control.devices import pull_pull, single
@@ -144,7 +144,7 @@ def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     for name, cable in plugin.from_mjcf(spec).items():
         plugin.to_mjcf(spec, name, cable.replace(**{term: size}))
     env = gymnasium.make(
-        DEVICES["wrist"].environment, model=spec.compile(), trajectory="multisine",
+        "cc_mujoco/WristHandle-v1", model=spec.compile(), trajectory="multisine",
         duration=1.5,
     )  # fmt: skip
     told = env.unwrapped.drive

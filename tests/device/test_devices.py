@@ -1,28 +1,305 @@
-"""The table of devices: what a row names is there."""
+"""Devices: what a scene tells, what its description gives, and what is refused."""
 
 from __future__ import annotations
 
+import warnings
+from pathlib import Path
+
 import mujoco
+import numpy as np
 import pytest
 
-from cc_mujoco.assets import scene_path
-from cc_mujoco.device import DEVICES
+from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.device import Device, DeviceModel, find_device, load_device
+from cc_mujoco.device._report import account, write_description
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
-from cc_mujoco.human import TASKS, TRAJECTORIES
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import TRAJECTORIES
+from tests.shared_folder import ABSENT, SHARED
+
+KNEE = """
+<mujoco>
+  <compiler autolimits="true" angle="{angle}"/>
+  <option timestep="{timestep}"><flag contact="disable"/></option>
+  <extension><plugin plugin="cc_mujoco.cable"><instance name="cord">
+    <config key="conduit" value="0.3:0.12 0.2:inf"/>
+    <config key="axial_stiffness" value="30000"/>
+    <config key="friction" value="0.1"/>
+    <config key="pretension" value="8"/>
+  </instance></plugin></extension>
+  <worldbody>
+    <body pos="-.2 0 1"><joint name="drum" axis="0 1 0" armature="1e-3" damping=".02"/>
+      <geom type="cylinder" size=".02 .01"/></body>
+    <body name="thigh" pos="0 0 1">{root}<geom size=".05" mass="5"/>
+      <site name="clamp" pos=".09 0 -.3"/>
+      <body name="shank" pos="0 0 -.4"><joint name="knee" axis="0 1 0" {knee}/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".05" mass="4"/>
+        <site name="lever" pos=".09 0 -.02"/></body>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="rope"><site site="clamp"/><site site="lever"/></spatial>
+  </tendon>
+  <actuator>
+    {motor}
+    {wearer}
+    <plugin plugin="cc_mujoco.cable" instance="cord" joint="drum" gear="{gear}"/>
+    <plugin plugin="cc_mujoco.cable" instance="cord" tendon="rope" gear="1"/>
+  </actuator>
+</mujoco>
+"""
+PARTS = {
+    "angle": "radian",
+    "timestep": "0.001",
+    "root": "",
+    "knee": 'range="0 2"',
+    "motor": '<motor name="m" joint="drum" ctrlrange="-15 15"/>',
+    "wearer": '<position name="human" joint="knee" kp="300" kv="6"/>',
+    "gear": "-.02",
+}
 
 
-@pytest.mark.parametrize("name", DEVICES)
-def test_a_row_names_what_is_in_the_scene_and_what_can_be_played(name: str) -> None:
-    device = DEVICES[name]
-    assert device.scene == name
+def knee(folder: Path, description: str = "", **changes: str) -> Path:
+    """Write a scene, and its description, and return its path."""
+    path = folder / "knee.xml"
+    path.write_text(KNEE.format(**{**PARTS, **changes}))
+    if description:
+        (folder / "knee.device.toml").write_text(description)
+    return path
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_built_in_devices_load_without_a_warning_and_name_what_exists(
+    name: str,
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        device = Device(name)
+    description = device.description
+    assert description.scene == name
     spec = mujoco.MjSpec.from_file(str(scene_path(name)))
-    for joint in (device.joint, *device.companions):
+    for axis in description.axes:
+        assert spec.joint(axis.joint) is not None
+        assert spec.actuator(axis.motor) is not None
+        assert all(spec.site(site) is not None for site in axis.lever)
+        assert set(axis.units) <= set(MEASURED_COLUMNS)
+    for joint, actuator in description.movers.items():
         assert spec.joint(joint) is not None
-    movers = *device.companions.values(), *device.helpers
-    for actuator in ("wearer", "motor", *movers):
         assert spec.actuator(actuator) is not None
-    for site in device.lever:
-        assert spec.site(site) is not None
-    assert device.trajectory in TRAJECTORIES
-    assert device.task in TASKS
-    assert set(device.units) <= set(MEASURED_COLUMNS)
+    assert description.trajectory in TRAJECTORIES
+
+
+def test_a_scene_tells_motor_joint_wearer_and_ranges(tmp_path: Path) -> None:
+    axis = Device(knee(tmp_path)).description.axis()
+    assert (axis.motor, axis.drum, axis.joint) == ("m", "drum", "knee")
+    assert (axis.name, axis.cables, axis.lever) == ("knee", ("cord",), ("lever",))
+    assert (axis.torque, axis.pull_pull) == (15.0, False)
+    low, high = axis.centre - axis.reach, axis.centre + axis.reach
+    assert 0.0 < low < high < 2.0
+    device = Device(knee(tmp_path))
+    assert device.description.movers == {"knee": "human"}
+    assert device.wearers["knee"].stiffness == 300.0
+    model = DeviceModel(device.description, device.spec.compile())
+    assert model.axes[0].ratio == pytest.approx(-0.09 / 0.02, rel=0.05)
+
+
+def test_a_scene_in_degrees_is_the_same_device(tmp_path: Path) -> None:
+    first = Device(knee(tmp_path)).description.axis()
+    degrees = knee(tmp_path, angle="degree", knee=f'range="0 {np.degrees(2.0)}"')
+    second = Device(degrees).description.axis()
+    assert second.reach == pytest.approx(first.reach)
+    assert second.centre == pytest.approx(first.centre)
+
+
+def test_a_description_beside_the_scene_and_arguments_take_precedence(
+    tmp_path: Path,
+) -> None:
+    path = knee(tmp_path, 'trajectory = "reach"\n[axis]\nsafe_torque = 40\n')
+    assert Device(path).description.axis().safe_torque == 40.0
+    assert Device(path).description.trajectory == "reach"
+    changed = Device(path, axis={"safe_torque": 30.0}, rope={"diameter": 2e-3})
+    assert changed.description.axis().safe_torque == 30.0
+    assert changed.description.diameter == 2e-3
+    assert changed.description.trajectory == "reach"
+    by_file = Device(tmp_path / "knee.device.toml")
+    assert by_file.description.axis() == Device(path).description.axis()
+
+
+def test_what_nobody_says_is_unknown_and_listed_as_missing(tmp_path: Path) -> None:
+    device = Device(knee(tmp_path))
+    assert np.isinf(device.description.axis().safe_torque)
+    assert np.isnan(device.description.strength)
+    text = account(device)
+    missing = text[text.index("missing") :]
+    for key in ("rope.strength", "rope.diameter", "axis.safe_torque"):
+        assert key in missing
+
+
+def test_a_written_description_reads_as_the_same_device(tmp_path: Path) -> None:
+    path = knee(tmp_path)
+    before = Device(path)
+    write_description(before, tmp_path / "knee.device.toml")
+    assert Device(path).description == before.description
+    with pytest.raises(CableError, match="is there already"):
+        write_description(before, tmp_path / "knee.device.toml")
+
+
+def test_a_wearer_is_added_where_the_scene_has_none(tmp_path: Path) -> None:
+    device = Device(knee(tmp_path, wearer=""))
+    assert device.description.movers == {"knee": "wearer_knee"}
+    assert device.description.sources["wearer.knee"] == "assumed"
+    own = Device(
+        knee(tmp_path, "[wearer.knee]\nstiffness = 80\ndamping = 2\n", wearer="")
+    )
+    assert own.wearers["knee"].stiffness == 80.0
+    assert own.wearers["knee"].damping == 2.0
+
+
+@pytest.mark.parametrize(
+    "wearer",
+    [
+        '<position name="human" joint="knee" kp="300" kv="6"/>',
+        '<position name="human" joint="knee" kp="3" kv=".06" gear="10"/>',
+        '<general name="human" joint="knee" gainprm="100" biastype="affine" '
+        'biasprm="0 -300 -6"/>',
+        '<general name="human" joint="knee" gainprm="300" biastype="affine" '
+        'biasprm="60 -300 -6" ctrlrange="-5 5"/>',
+    ],
+)
+def test_a_wearer_of_any_gear_and_gain_pulls_the_joint_alike(
+    tmp_path: Path, wearer: str
+) -> None:
+    device = Device(knee(tmp_path, wearer=wearer))
+    own = device.wearers["knee"]
+    assert (own.stiffness, own.damping) == pytest.approx((300.0, 6.0))
+    model = device.spec.compile()
+    found = DeviceModel(device.description, model)
+    data = mujoco.MjData(model)
+    mover = found.movers["knee"]
+    data.ctrl[mover.control] = mover.command(0.7, 0.0)
+    data.qpos[found.axes[0].places.joint_q] = 0.5
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[mover.out] * mover.gear == pytest.approx(300.0 * 0.2)
+
+
+def test_a_missing_range_of_the_wearers_control_does_not_freeze_it(
+    tmp_path: Path,
+) -> None:
+    device = Device(knee(tmp_path))
+    mover = device.movers["knee"]
+    assert mover.command(1.5, 0.0) == 1.5
+
+
+def test_muscles_move_the_body_by_themselves(tmp_path: Path) -> None:
+    muscle = '<muscle name="biceps" tendon="other"/>'
+    path = knee(tmp_path, wearer=muscle)
+    text = path.read_text().replace(
+        "</tendon>",
+        '<spatial name="other" range="0.1 0.6"><site site="back"/><site site="heel"/>'
+        "</spatial></tendon>",
+    )
+    for site, more in (("clamp", "back"), ("lever", "heel")):
+        added = f'<site name="{more}" pos="-.1 0 -.1"/><site name="{site}"'
+        text = text.replace(f'<site name="{site}"', added)
+    path.write_text(text)
+    device = Device(path)
+    assert device.description.movers == {}
+
+
+@pytest.mark.parametrize("gear", ["-.02", ".02"])
+def test_positive_motor_torque_winds_a_cable_whatever_the_sign_of_its_gear(
+    tmp_path: Path, gear: str
+) -> None:
+    device = Device(knee(tmp_path, gear=gear))
+    model = DeviceModel(device.description, device.spec.compile())
+    (drive,) = model.drives(1e-3)
+    assert drive.one_way
+    assert drive.cables[0].proximal == -0.02
+    data = mujoco.MjData(model.model)
+    model.start(data, {"knee": 0.0}, np.zeros(1))
+    data.ctrl[model.motor_controls] = 0.2 * model.motor_scales
+    for _ in range(300):
+        mujoco.mj_step(model.model, data)
+    distal = model.cable_outputs[1]
+    assert abs(data.actuator_force[distal]) > 50.0
+
+
+def test_a_step_that_does_not_divide_the_period_warns(tmp_path: Path) -> None:
+    path = knee(tmp_path, timestep="0.003")
+    with pytest.warns(UserWarning, match="control period of 3 ms instead of 1 ms"):
+        assert Device(path).frame_skip == 1
+    path = knee(tmp_path, "period = 0.002\n", timestep="0.001")
+    assert Device(path).frame_skip == 2
+    path = knee(tmp_path, "period = 0.0025\n", timestep="0.001")
+    with pytest.raises(CableError, match=r"whole number of time steps of 1 ms"):
+        _ = Device(path).frame_skip
+
+
+def test_a_free_root_is_held_or_free_by_choice(tmp_path: Path) -> None:
+    path = knee(tmp_path, root="<freejoint name='float'/>")
+    with pytest.warns(UserWarning, match="'float' is held where it is"):
+        held = Device(path)
+    assert held.spec.compile().nq == 2
+    path = knee(tmp_path, 'root = "free"\n', root="<freejoint name='float'/>")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Device(path).spec.compile().nq == 9
+
+
+@pytest.mark.parametrize(
+    ("changes", "description", "wrong"),
+    [
+        ({"motor": ""}, "", "no motor winds a cable .*'drum'"),
+        ({"motor": '<motor name="m" joint="drum"/>'}, "", "'m' has no limit"),
+        (
+            {"motor": '<position name="m" joint="drum" ctrlrange="-1 1"/>'},
+            "",
+            "'m' is no source of torque",
+        ),
+        ({}, "[axis]\njoint = 'nee'\n", "unknown joint .*did you mean 'knee'"),
+        ({}, "[axis]\nsafe = 3\n", "unknown key in .*did you mean 'safe_torque'"),
+        ({}, "[wearer.kne]\nstiffness = 3\n", "unknown joint .*'knee'"),
+        ({}, "period = 'fast'\n", "period must be a finite number"),
+        ({}, "[axis\n", "is no TOML file"),
+        ({"knee": 'range="0 2" type="slide"'}, "", "'knee', .* must be a hinge"),
+    ],
+)
+def test_what_is_no_device_is_one_sentence(
+    tmp_path: Path, changes: dict[str, str], description: str, wrong: str
+) -> None:
+    with pytest.raises(CableError, match=wrong) as raised:
+        Device(knee(tmp_path, description, **changes))
+    assert str(raised.value).endswith(".")
+
+
+def test_an_unknown_name_says_where_a_file_of_ones_own_goes() -> None:
+    with pytest.raises(CableError, match=r"did you mean 'wrist'.*by its MJCF file"):
+        find_device("wirst")
+    with pytest.raises(CableError, match=r"there is no file none\.xml"):
+        find_device("none.xml")
+
+
+def test_a_device_is_read_anew_when_its_files_change(tmp_path: Path) -> None:
+    path = knee(tmp_path)
+    assert load_device(path) is load_device(path)
+    assert np.isinf(load_device(path).description.axis().safe_torque)
+    (tmp_path / "knee.device.toml").write_text("[axis]\nsafe_torque = 7\n")
+    assert load_device(path).description.axis().safe_torque == 7.0
+
+
+def test_included_files_belong_to_a_device(tmp_path: Path) -> None:
+    path = knee(tmp_path, wearer="", knee="")
+    whole = path.read_text()
+    (tmp_path / "more.xml").write_text("<mujoco><option gravity='0 0 -1'/></mujoco>")
+    path.write_text(
+        whole.replace("<worldbody>", "<include file='more.xml'/><worldbody>")
+    )
+    assert Device(path).files == (path, tmp_path / "more.xml")
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=ABSENT)
+@pytest.mark.parametrize("name", ["knee_exo", "knee4", "knee_mid", "elbow"])
+def test_scenes_of_other_people_are_devices(name: str) -> None:
+    device = Device(SHARED / f"cases/device/{name}.xml")
+    assert len(device.description.axes) == 1
+    assert device.description.period == 1e-3

@@ -6,23 +6,24 @@ import pytest
 
 from cc_mujoco import Plant
 from cc_mujoco.design._scenarios import Across
-from cc_mujoco.device import DEVICES, Nominal, Scene
+from cc_mujoco.device import Nominal, load_device
 from cc_mujoco.errors import CableError
 
 
 def test_cables_wearer_and_sensors_are_those_of_the_values() -> None:
-    device = Scene("wrist")
+    device = load_device("wrist")
     values = {"friction": 0.1, "flexor.break_away": 2.0, "wearer": 0.5, "delay": 4}
     plant = Plant(device, values)
     assert plant.cables["flexor"].friction == plant.cables["extensor"].friction == 0.1
     assert plant.cables["flexor"].static_friction == 0.2
     assert (plant.delay, plant.noise) == (4, 1.0)
-    assert plant.wearer.stiffness == 0.5 * device.wearer.stiffness
+    wearer = plant.wearers["wrist"]
+    assert wearer.stiffness == 0.5 * device.wearers["wrist"].stiffness
     for whole in (False, True):
-        mover = plant.model(whole).actuator(device.setup.mover)
+        mover = plant.model(whole).actuator(device.description.movers["wrist"])
         assert (mover.gainprm[0], mover.biasprm[2]) == (
-            plant.wearer.stiffness,
-            -plant.wearer.damping,
+            wearer.stiffness,
+            -wearer.damping,
         )
     assert plant == Plant("wrist", values) != Plant(device)
 
@@ -46,12 +47,12 @@ def test_impossible_values_say_why(values: dict[str, float], wrong: str) -> None
 
 def test_what_only_episodes_change_is_no_variable_of_designs() -> None:
     with pytest.raises(CableError, match="unknown variable 'delay'"):
-        Across().check(Scene("wrist"), {"delay": 2})
+        Across().check(load_device("wrist"), {"delay": 2})
 
 
 def test_the_plant_of_an_environment_has_no_scene_to_change() -> None:
-    scene = Scene("wrist")
-    device = Nominal(DEVICES["wrist"], scene.cables, scene.wearer)
+    scene = load_device("wrist")
+    device = Nominal(scene.description, scene.cables, scene.wearers)
     with pytest.raises(CableError, match="has no scene to change"):
         Plant(device, {"friction": 0.1}).model()
 

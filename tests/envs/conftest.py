@@ -6,10 +6,13 @@ import mujoco
 import pytest
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.device import DEVICES
+from cc_mujoco.envs import IDS
+
+SINGLE = [name for name, device in IDS.items() if device != "exosuit"]
+"""Environments of one axis."""
 
 
-@pytest.fixture(params=[device.environment for device in DEVICES.values()])
+@pytest.fixture(params=SINGLE)
 def name(request: pytest.FixtureRequest) -> str:
     """Id of an environment."""
     return str(request.param)

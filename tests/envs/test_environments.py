@@ -19,9 +19,9 @@ from gymnasium.utils.env_checker import check_env
 from cc_mujoco import envs, plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.device import DEVICES
+from cc_mujoco.device import find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
-from cc_mujoco.envs import AnkleExo, WristHandle
+from cc_mujoco.envs import IDS, DeviceEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
     TASKS,
@@ -198,14 +198,11 @@ def test_a_taut_ankle_cable_pulls_into_plantarflexion() -> None:
 def test_rewards_are_the_documented_sum_per_second(
     frame_skip: int, smoothness: float
 ) -> None:
-    for device in DEVICES.values():
-        scale = device.torque_scale
-        assert (
-            f"an error of {scale:g} N m costs 1 per second"
-            in getattr(envs, device.environment.split("/")[1].split("-")[0]).__doc__
-        )
+    for device in ("wrist", "ankle", "finger"):
+        scale = find_device(device).description.axis().torque_scale
         env = gymnasium.make(
-            device.environment,
+            "cc_mujoco/Device-v1",
+            device=device,
             duration=0.2,
             frame_skip=frame_skip,
             smoothness=smoothness,
@@ -257,7 +254,7 @@ def test_arguments_that_are_none_are_one_sentence(
 
 def test_a_frame_is_what_the_documentation_says(name: str) -> None:
     env = gymnasium.make(name, duration=0.2)
-    device = next(d for d in DEVICES.values() if d.environment == name)
+    device = find_device(IDS[name]).description.axis()
     units, ratio = [*device.units.values()], env.unwrapped.drive.ratio
     for row in roll(env, 100):
         seen, info = row[0], row[-1]
@@ -335,13 +332,15 @@ def test_a_start_away_from_the_middle_strains_no_cable(tmp_path: Path) -> None:
     file = tmp_path / "held.csv"
     lines = [f"{time},{0.25}" for time in range(6)]
     file.write_text("time_s,angle_rad\n" + "\n".join(lines) + "\n")
-    for device in DEVICES.values():
-        env = gymnasium.make(device.environment, trajectory=str(file), duration=0.2)
+    for name, device in IDS.items():
+        if device == "exosuit":
+            continue
+        env = gymnasium.make(name, trajectory=str(file), duration=0.2)
         _, info = env.reset(seed=0)
         assert info["joint_angle_rad"] == 0.25
         assert abs(info["motor_angle_rad"]) > 0.3
         still = env.unwrapped.action(0.0)
-        if device.pull_pull:
+        if device == "wrist":
             for _ in range(100):
                 *_, info = env.step(still)
             assert info["joint_angle_rad"] == pytest.approx(0.25, abs=1e-6)
@@ -481,7 +480,7 @@ def test_the_frame_skip_is_the_control_period(name: str, frame_skip: int) -> Non
 def test_every_trajectory_and_every_task_plays(
     name: str, trajectory: str, task: str
 ) -> None:
-    (joint,) = (d.joint for d in DEVICES.values() if d.environment == name)
+    joint = find_device(IDS[name]).description.axis().joint
     if trajectory == "walk" and joint not in gait.GAIT_ANGLES:
         trajectory = "sweep"
     env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.15)
@@ -508,25 +507,6 @@ def test_the_wearer_follows_the_reference_the_stiffer_the_closer() -> None:
         )
     assert errors[0] > 5 * errors[1] > 25 * errors[2]
     assert errors[2] < 0.003
-
-
-def test_the_other_motor_of_the_exosuit_helps_the_push_off_by_itself() -> None:
-    device = DEVICES["exosuit"]
-    env = gymnasium.make(device.environment, duration=2.6)
-    data = env.unwrapped.data
-    env.reset(seed=0)
-    pulled, given, truncated = [], [], False
-    while not truncated:
-        *_, truncated, info = env.step(np.zeros(1, np.float32))
-        phase = np.arctan2(info["phase_sine"], info["phase_cosine"]) / (2 * np.pi) % 1
-        pulled.append((phase, info["tension_heel_distal_n"]))
-        given.append(data.actuator("motor_ankle").ctrl[0])
-    phase, tension = max(pulled, key=lambda pair: pair[1])
-    assert 0.4 < phase < 0.6
-    assert tension > 200.0
-    rest, peak = device.helpers["motor_ankle"]
-    assert [min(given), max(given)] == pytest.approx([rest, peak], rel=1e-2)
-    assert env.unwrapped.exo.device.driven == ("thigh",)
 
 
 def test_hip_and_knee_walk_along(
@@ -589,19 +569,19 @@ def test_an_action_that_is_no_number_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "task", "said"),
     [
-        (WristHandle, "spring", ""),
-        (WristHandle, "transparent", ""),
-        (WristHandle, "assist", r"-30 to 0 N m at joint 'wrist', .* -5.2 to 5.2 N m"),
-        (WristHandle, Spring(50.0), "-20 to 20 N m"),
-        (AnkleExo, "assist", ""),
-        (AnkleExo, "spring", r"-0.3 to 0.3 N m at joint 'ankle', .* -240 to 0 N m"),
+        ("wrist", "spring", ""),
+        ("wrist", "transparent", ""),
+        ("wrist", "assist", r"-30 to 0 N m at joint 'wrist', .* -5.2 to 5.2 N m"),
+        ("wrist", Spring(50.0), "-20 to 20 N m"),
+        ("ankle", "assist", ""),
+        ("ankle", "spring", r"-0.3 to 0.3 N m at joint 'ankle', .* -240 to 0 N m"),
     ],
 )
 def test_a_task_beyond_the_motor_is_told_with_both_torques(
     kind: Any, task: Any, said: str
 ) -> None:
-    trajectory = "walk" if kind is AnkleExo and task == "assist" else "sweep"
-    env = kind(trajectory=trajectory, task=task, duration=5.0)
+    trajectory = "walk" if kind == "ankle" and task == "assist" else "sweep"
+    env = DeviceEnv(kind, trajectory=trajectory, task=task, duration=5.0)
     env.reset(seed=0)
     assert re.search(said, env.beyond()) if said else env.beyond() == ""
 
@@ -652,37 +632,37 @@ def test_an_action_of_another_shape_or_kind_is_one_sentence(
         ("render_mode", "human", "rgb_array"),
     ],
 )
-@pytest.mark.parametrize("kind", [WristHandle, AnkleExo])
+@pytest.mark.parametrize("kind", ["wrist", "ankle"])
 def test_bad_arguments_are_one_sentence(
     kind: Any, argument: str, value: Any, message: str
 ) -> None:
     with pytest.raises(CableError, match=message) as raised:
-        kind(**{argument: value}).reset(seed=0)
+        DeviceEnv(kind, **{argument: value}).reset(seed=0)
     assert str(raised.value).endswith(".")
 
 
 def test_stepping_before_reset_is_refused() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded):
-        WristHandle().step(np.zeros(1, np.float32))
+        DeviceEnv("wrist").step(np.zeros(1, np.float32))
 
 
 @pytest.mark.parametrize("motion", ["walk", Perturbed(Walk(), "ankle")])
 def test_a_joint_that_does_not_walk_is_not_made_to(motion: Any) -> None:
-    for device in (DEVICES["wrist"], DEVICES["finger"]):
-        wrong = f"a walk moves .*'{device.joint}'; choose another .*{device.trajectory}"
+    for device in (find_device("wrist").description, find_device("finger").description):
+        joint, plays = device.axis().joint, device.trajectory
+        wrong = f"a walk moves .*'{joint}'; choose another .*{plays}"
         with pytest.raises(CableError, match=wrong):
-            gymnasium.make(device.environment, trajectory=motion)
+            DeviceEnv(device.scene, trajectory=motion)
 
 
 def test_help_by_name_has_the_pace_of_the_walk_as_in_a_what_if() -> None:
-    for scene, joint in (("AnkleExo", "ankle"), ("HipKneeExosuit", "hip")):
-        name = f"cc_mujoco/{scene}-v1"
-        quick = gymnasium.make(name, trajectory=Walk.at(1.6)).unwrapped.exo.task
+    for scene, joint in (("ankle", "ankle"), ("exosuit", "hip")):
+        quick = DeviceEnv(scene, trajectory=Walk.at(1.6)).exo.tasks[0]
         pace = Pace(1.6)
         own = TASKS[{"ankle": "assist", "hip": "swing"}[joint]]
         assert quick == Paced(own, pace, pace.moment(joint))
         shaken = Perturbed(Walk.at(1.6))
-        assert gymnasium.make(name, trajectory=shaken).unwrapped.exo.task == quick
-        said = gymnasium.make(name, trajectory=Walk.at(1.6), task=own)
-        assert said.unwrapped.exo.task is own
-        assert gymnasium.make(name).unwrapped.exo.task is own
+        assert DeviceEnv(scene, trajectory=shaken).exo.tasks[0] == quick
+        given = DeviceEnv(scene, trajectory=Walk.at(1.6), task=own)
+        assert given.exo.tasks[0] is own
+        assert DeviceEnv(scene).exo.tasks[0] is own

@@ -14,9 +14,9 @@ from gymnasium.wrappers import vector as wrappers
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
-from cc_mujoco.device import DEVICES
+from cc_mujoco.device import find_device
 from cc_mujoco.device._observation import PLAY_HALF_WIDTHS
-from cc_mujoco.envs import WristHandle
+from cc_mujoco.envs import DeviceEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from envs.test_vector import COUNT, WRIST, equal, march, pair
@@ -79,9 +79,8 @@ def test_drawn_plants_are_the_same_bits_in_the_vector_environment(mode: str) -> 
     march(a, b, 9)
 
 
-@pytest.mark.parametrize("device", DEVICES.values(), ids=lambda device: device.scene)
-def test_options_of_one_episode_are_the_same_bits_too(device: Any) -> None:
-    a, b = pair(device.environment, 1, duration=0.02, history=1)
+def test_options_of_one_episode_are_the_same_bits_too(name: str) -> None:
+    a, b = pair(name, 1, duration=0.02, history=1)
     equal(a.reset(seed=0), b.reset(seed=0))
     options = {"friction": 0.1, "static_friction": 0.15, "wearer": 0.5, "noise": 1.0}
     for given in (options, {"delay": 3}, None):
@@ -94,10 +93,10 @@ def test_an_option_is_what_the_physics_has() -> None:
     for name, cable in plugin.from_mjcf(spec).items():
         thinner = cable.replace(friction=0.07, static_friction=0.14, pretension=12.0)
         plugin.to_mjcf(spec, name, thinner)
-    wearer = WristHandle().exo.device.wearers[0]
+    wearer = DeviceEnv("wrist").exo.device.wearers[0]
     softer = Wearer(0.5 * wearer.stiffness, 0.5 * wearer.damping)
-    variant = WristHandle(model=spec.compile(), wearer=softer, duration=0.5)
-    env = WristHandle(duration=0.5)
+    variant = DeviceEnv("wrist", model=spec.compile(), wearer=softer, duration=0.5)
+    env = DeviceEnv("wrist", duration=0.5)
     options = {"friction": 0.07, "break_away": 2.0, "pretension": 12.0, "wearer": 0.5}
     usual = rolled(env)
     changed = rolled(env, options=options)
@@ -110,7 +109,7 @@ def test_an_option_is_what_the_physics_has() -> None:
 
 
 def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
-    env = WristHandle(duration=0.1)
+    env = DeviceEnv("wrist", duration=0.1)
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     nominal = plugin.from_mjcf(spec)["flexor"]
     ratio = nominal.static_friction / nominal.friction
@@ -123,7 +122,7 @@ def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
 
 
 def test_what_is_said_of_one_cable_counts_more_than_what_is_said_of_all() -> None:
-    env = WristHandle(duration=0.1)
+    env = DeviceEnv("wrist", duration=0.1)
     said = {"flexor.friction": 0.02, "friction": 0.09}
     for options in (said, dict(reversed(said.items()))):
         env.reset(seed=0, options=options)
@@ -132,7 +131,7 @@ def test_what_is_said_of_one_cable_counts_more_than_what_is_said_of_all() -> Non
 
 
 def test_a_wrap_is_the_bend_of_the_whole_conduit() -> None:
-    env = WristHandle(duration=0.1)
+    env = DeviceEnv("wrist", duration=0.1)
     env.reset(seed=0, options={"flexor.wrap": 9.0})
     assert env.plant.cables["flexor"].wrap == pytest.approx(9.0)
     nominal = env.exo.plants.nominal.cables
@@ -142,7 +141,7 @@ def test_a_wrap_is_the_bend_of_the_whole_conduit() -> None:
 
 
 def test_plants_are_drawn_from_the_seed_and_lie_in_the_ranges() -> None:
-    env = WristHandle(duration=0.1, randomise=RANDOMISED)
+    env = DeviceEnv("wrist", duration=0.1, randomise=RANDOMISED)
     found = []
     for seed in (1, None, None, 1, None):
         env.reset(seed=seed)
@@ -163,7 +162,7 @@ def test_plants_are_drawn_from_the_seed_and_lie_in_the_ranges() -> None:
 
 
 def test_delayed_observations_are_those_of_earlier_samples() -> None:
-    env = WristHandle(duration=0.5, trajectory="chirp")
+    env = DeviceEnv("wrist", duration=0.5, trajectory="chirp")
     now = observations(env)
     for delay in (1, 7, 50):
         late = observations(env, options={"delay": delay})
@@ -172,19 +171,19 @@ def test_delayed_observations_are_those_of_earlier_samples() -> None:
 
 
 def test_noise_is_that_of_the_torque_sensor_with_a_bias() -> None:
-    env = WristHandle(duration=2.0)
+    env = DeviceEnv("wrist", duration=2.0)
     clean = observations(env, 1500)
     noisy = observations(env, 1500, options={"noise": 2.0})
     error = clean - noisy  # of the desired torque less that which is measured
     assert not error[:, [0, 1, 2, 3, 5]].any()
-    deviation = 2.0 * DEVICES["wrist"].sensing.torque_noise
+    deviation = 2.0 * find_device("wrist").description.sensing.torque_noise
     assert np.std(error[:, 4]) == pytest.approx(deviation, rel=0.1)
     assert 0.01 * deviation < abs(error[:, 4].mean()) < 6.0 * deviation
 
 
 def test_an_action_is_held_for_its_samples() -> None:
-    held = WristHandle(duration=0.2, hold=5, trajectory="multisine")
-    each = WristHandle(duration=0.2, trajectory="multisine")
+    held = DeviceEnv("wrist", duration=0.2, hold=5, trajectory="multisine")
+    each = DeviceEnv("wrist", duration=0.2, trajectory="multisine")
     random = np.random.default_rng(0)
     a, b = held.reset(seed=2), each.reset(seed=2)
     over, steps = False, 0
@@ -203,8 +202,8 @@ def test_an_action_is_held_for_its_samples() -> None:
 
 
 def test_the_history_is_what_was_seen_and_done() -> None:
-    plain = WristHandle(duration=0.5, hold=2)
-    env = WristHandle(duration=0.5, hold=2, history=3)
+    plain = DeviceEnv("wrist", duration=0.5, hold=2)
+    env = DeviceEnv("wrist", duration=0.5, hold=2, history=3)
     now, seen = observations(plain, 20), observations(env, 20)
     random = np.random.default_rng(1)
     actions = random.uniform(-1, 1, (20, 1)).astype(np.float32)
@@ -219,9 +218,12 @@ def test_the_history_is_what_was_seen_and_done() -> None:
 
 
 def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
-    env = WristHandle(duration=1.0, memory=True, trajectory="chirp")
+    env = DeviceEnv("wrist", duration=1.0, memory=True, trajectory="chirp")
     rows = rolled(env, 800)
-    ratio, unit = env.drive.ratio, DEVICES["wrist"].units["motor_angle_rad"]
+    ratio, unit = (
+        env.drive.ratio,
+        find_device("wrist").description.axis().units["motor_angle_rad"],
+    )
     for place, (column, scale) in enumerate(
         [("motor_angle_rad", ratio), ("joint_angle_rad", 1.0)]
     ):
@@ -263,7 +265,7 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
 )
 def test_ranges_that_make_no_plant_are_one_sentence(given: Any, message: str) -> None:
     with pytest.raises(CableError, match=message) as raised:
-        WristHandle(randomise=given)
+        DeviceEnv("wrist", randomise=given)
     assert str(raised.value).endswith(".")
     assert not str(raised.value).endswith("..")
 
@@ -285,16 +287,18 @@ def test_options_that_make_no_plant_are_one_sentence(
     options: Any, message: str
 ) -> None:
     with pytest.raises(CableError, match=message):
-        WristHandle().reset(options=options)
+        DeviceEnv("wrist").reset(options=options)
 
 
 def test_what_an_open_tendon_does_not_have_cannot_be_varied() -> None:
     with pytest.raises(CableError, match="'wrap' cannot be varied for cable 'extensor"):
-        gymnasium.make(DEVICES["finger"].environment, randomise={"wrap": (1.0, 2.0)})
+        gymnasium.make("cc_mujoco/TendonFinger-v1", randomise={"wrap": (1.0, 2.0)})
 
 
 def test_a_model_without_room_for_other_cables_says_so() -> None:
-    env = WristHandle(model=mujoco.MjModel.from_xml_path(str(scene_path("wrist"))))
+    env = DeviceEnv(
+        "wrist", model=mujoco.MjModel.from_xml_path(str(scene_path("wrist")))
+    )
     env.reset(seed=0)
     with pytest.raises(CableError, match="no room for its configuration"):
         env.reset(options={"friction": 0.1})
@@ -313,7 +317,7 @@ def test_other_arguments_that_mean_nothing_are_one_sentence(
     given: Any, message: str
 ) -> None:
     with pytest.raises(CableError, match=message):
-        WristHandle(**given)
+        DeviceEnv("wrist", **given)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import controller, read_policy
-from cc_mujoco.device import DEVICES
 from cc_mujoco.errors import CableError
 
 algorithms = pytest.importorskip("stable_baselines3")
@@ -23,7 +22,7 @@ from stable_baselines3.common.vec_env import (  # noqa: E402
 
 from cc_mujoco.envs import StableBaselines, save_policy  # noqa: E402
 
-WRIST = DEVICES["wrist"].environment
+WRIST = "cc_mujoco/WristHandle-v1"
 PAST: dict[str, Any] = {"hold": 2, "history": 1, "memory": True}
 
 

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.device import DEVICES
+from cc_mujoco.envs import IDS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Pace, Paced, Profile, Walk, Wearer
 
@@ -60,7 +60,7 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
     ("name", "trajectory", "threads"),
     [
         (WRIST, "reversals", 1),
-        *((device.environment, "multisine", 2) for device in DEVICES.values()),
+        *((name, "multisine", 2) for name in IDS),
     ],
 )
 def test_it_equals_sync_through_autoresets(
@@ -288,7 +288,7 @@ def test_bad_calls_are_refused(name: str) -> None:
             {"trajectory": Walk.at(1.5), "task": Profile(peak_time=50.0)},
         ),
         (
-            "cc_mujoco/HipKneeExosuit-v1",
+            "cc_mujoco/HipKneeExosuit-v2",
             {"trajectory": Walk.at(0.8), "task": Paced(TASKS["swing"], Pace(0.8))},
         ),
     ],

@@ -11,8 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from cc_mujoco.device import DEVICES
-from cc_mujoco.envs import RecordVideo
+from cc_mujoco.envs import IDS, RecordVideo
 
 WRIST, SECONDS = "cc_mujoco/WristHandle-v1", 0.3
 
@@ -64,7 +63,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
         (WRIST, gymnasium.wrappers.RecordVideo, 2, 1),
         (WRIST, gymnasium.wrappers.RecordVideo, 100, 1),
         (WRIST, gymnasium.wrappers.RecordVideo, 2, 5),
-        *((device.environment, RecordVideo, 2, 1) for device in DEVICES.values()),
+        *((name, RecordVideo, 2, 1) for name in IDS),
         (WRIST, RecordVideo, 100, 1),
         (WRIST, RecordVideo, 2, 5),
         (WRIST, RecordVideo, 4, 50),

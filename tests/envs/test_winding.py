@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import CONTROLLERS, as_round_pulley, controller
-from cc_mujoco.device import DEVICES
 from cc_mujoco.device._device import physics_of
 from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.envs import IDS
 from cc_mujoco.errors import CableError
 
-WRIST, ANKLE, EXOSUIT = (
-    DEVICES[name].environment for name in ("wrist", "ankle", "exosuit")
-)
+WRIST, ANKLE, EXOSUIT = (name for name, device in IDS.items() if device != "finger")
 
 
 def walked(name: str, steps: int = 600) -> tuple[Any, dict[str, np.ndarray]]:

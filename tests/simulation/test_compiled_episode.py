@@ -12,7 +12,7 @@ from cc_mujoco.control import CONTROLLERS, Controller, ProportionalIntegral
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design import episodes, make_plan
 from cc_mujoco.design._designs import Given
-from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device import Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel
 from cc_mujoco.simulation import _rollout as rollout
 from cc_mujoco.simulation import attended
@@ -39,7 +39,7 @@ def both_ways(
     """Every episode of a study, played inside the steps and from Python."""
     given = {"duration": 0.12, "trajectory": None, **given}
     plan = make_plan(scene, vary, controllers=[law], **given)
-    device = Scene(scene, plan.protocol.timestep)
+    device = load_device(scene, plan.protocol.timestep)
     models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
     for test, _, episode in episodes(plan.protocol, device, None, plan.designs[0]):

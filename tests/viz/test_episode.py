@@ -77,7 +77,7 @@ def test_the_controller_sees_late_noisy_sensors_and_the_log_holds_the_truth(
 ) -> None:
     seen: list[dict[str, Any]] = []
     log = play(env, listener(env, seen), seed=2)
-    sensing = env.unwrapped.exo.setup.sensing
+    sensing = env.unwrapped.exo.description.sensing
     assert log.metadata["sensing"] == sensing.to_json()
     assert all(
         told.keys() == {*MEASURED_COLUMNS, *WINDING_COLUMNS, TENSION_COLUMN}

@@ -243,7 +243,7 @@ def test_the_command_plays_what_it_is_told(monkeypatch: pytest.MonkeyPatch) -> N
 
     def live(env: Any, name: str, seed: int) -> None:
         inner = env.unwrapped
-        called.append((inner.exo.setup.scene, inner.exo.steps, name, seed))
+        called.append((inner.exo.description.scene, inner.exo.steps, name, seed))
 
     monkeypatch.setattr(viewer, "require_screen", lambda: None)
     monkeypatch.setattr(living, "live", live)

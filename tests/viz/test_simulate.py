@@ -12,7 +12,7 @@ import pytest
 
 from cc_mujoco import play, simulate
 from cc_mujoco.control import CONTROLLERS, ProportionalIntegral, controller
-from cc_mujoco.device import DEVICES, PERFECT_SENSING, Drive, Measuring, Plant
+from cc_mujoco.device import PERFECT_SENSING, Drive, Measuring, Plant, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring, from_csv
 from cc_mujoco.simulation import Single, attended
@@ -27,7 +27,7 @@ from cc_mujoco.simulation._rollout import play as roll_out
 def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
     scene: str, law: str
 ) -> None:
-    setup = DEVICES[scene]
+    setup = find_device(scene).description
     env: Any = gymnasium.make(setup.environment, duration=0.1)
     names = {"trajectory": setup.trajectory, "task": setup.task, "controller": law}
     stepped = play(env, controller(law, env.unwrapped.drive), seed=3, about=names)
@@ -41,12 +41,14 @@ def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
 
 def test_a_plant_is_a_device_with_values_changed() -> None:
     plant = Plant("wrist", {"friction": 0.2, "wearer": 0.5})
-    env: Any = gymnasium.make(DEVICES["wrist"].environment, duration=0.05)
+    env: Any = gymnasium.make("cc_mujoco/WristHandle-v1", duration=0.05)
     law = controller("model", env.unwrapped.drive)  # which does not know the values
     log = simulate(plant, law, duration=0.05, about={"controller": "model"})
     system = Single(env, 0, plant.values)
     columns = system.start()
-    measuring = Measuring(DEVICES["wrist"].sensing, law.drive, log.cables, 0, 50)
+    measuring = Measuring(
+        find_device("wrist").description.sensing, law.drive, log.cables, 0, 50
+    )
     law.reset()
     for step in range(50):
         for name in ("joint_torque_nm", "dissipated_flexor_j"):
@@ -64,7 +66,9 @@ def test_a_plant_is_a_device_with_values_changed() -> None:
 
 
 def test_a_log_is_that_of_a_what_if() -> None:
-    episode = Episode(DEVICES["wrist"], "sine", Spring(2.0), 0.1, 2, 0, "pi")
+    episode = Episode(
+        find_device("wrist").description, "sine", Spring(2.0), 0.1, 2, 0, "pi"
+    )
     found = roll_out(episode, [attended(Plant("wrist"))]).columns
     log = simulate(
         "wrist",
@@ -111,7 +115,7 @@ def test_a_controller_is_a_name_a_function_or_an_object() -> None:
     assert set(alone["motor_torque_nm"][1:].round(2)) <= {-0.2, 0.2}
     one, two = simulate(["wrist", "wrist"], steep, **given)
     assert one == two == alone
-    env: Any = gymnasium.make(DEVICES["wrist"].environment, duration=0.03)
+    env: Any = gymnasium.make("cc_mujoco/WristHandle-v1", duration=0.03)
     law = ProportionalIntegral(env.unwrapped.drive)
     named = simulate("wrist", "pi", **given)
     own = simulate("wrist", law, about={"controller": "pi"}, **given)

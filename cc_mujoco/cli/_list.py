@@ -36,6 +36,7 @@ class Listing:
             "scenes without an environment": {
                 "bench": "pull-pull bench, where a diagnosis starts from",
                 "bilateral": "bilateral exosuit: hip, knee and ankle of both legs",
+                "hand": "hand with four tendons: flexors and extensors of two fingers",
             },
             "trajectories": _summaries(TRAJECTORIES),
             "tasks": _summaries(TASKS),

@@ -24,6 +24,7 @@ SCENES: dict[str, str] = {
     "finger": "tendon_finger.xml",
     "exosuit": "exosuit.xml",
     "bilateral": "exosuit_bilateral.xml",
+    "hand": "tendon_hand.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""
 

@@ -32,6 +32,9 @@ from cc_mujoco.human import Wearer
 
 _ONE = threading.Lock()
 
+QUOTED = r"""\s*=\s*["']([^"']*)["']"""
+"""Value of an attribute in XML, as a regular expression."""
+
 
 class Nominal:
     """A device as it is, with no value changed."""
@@ -281,11 +284,8 @@ def _files_of(scene: Path) -> list[Path]:
         if path.suffix != ".xml":
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        folders = {
-            "",
-            *re.findall(r'\b(?:mesh|texture|asset)dir\s*=\s*"([^"]*)"', text),
-        }
-        for name in re.findall(r'\bfile\s*=\s*"([^"]+)"', text):
+        folders = {"", *re.findall(rf"(?:mesh|texture|asset)dir{QUOTED}", text)}
+        for name in re.findall(rf"\bfile{QUOTED}", text):
             for folder in folders:
                 for base in (scene.parent, path.parent):
                     if (base / folder / name).is_file():

@@ -19,6 +19,7 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import Cable
+from cc_mujoco.device._cuff import add_cuff
 from cc_mujoco.device._description import FREE_ROOTS, PERIOD, Axis, Description
 from cc_mujoco.device._moment_arm import neutral_moments, swept_moments
 from cc_mujoco.device._mover import MotorLimits, Mover
@@ -69,6 +70,7 @@ AXIS_KEYS = (
     "joint_pulley",
     "gearing",
     "lever",
+    "cuff",
     "observation",
 )
 WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
@@ -153,6 +155,10 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
             )
     axes = _axes(spec, model, scene, cables, ends, tables, read)
     movers = _movers(spec, model, axes, wearers, read)
+    for place, axis in enumerate(axes):
+        given = next((t for t in tables if t.text("motor") in (None, axis.motor)), None)
+        if given is not None and "cuff" in given.content:
+            axes[place] = add_cuff(spec, model, axis, given.table("cuff"))
     description = Description(
         scene=scene,
         meaning=table.text("meaning") or f"device of {Path(scene).name}",
@@ -395,6 +401,7 @@ def _axis(
         motor=name,
         drum=model.joint(drum).name,
         joint=moved,
+        limb=moved,
         cables=tuple(wound),
         pull_pull=pull_pull,
         torque=torque,
@@ -711,7 +718,7 @@ def _sensing(
                 model,
                 ends[axis.cables[0]],
                 int(model.joint(axis.drum).id),
-                int(model.joint(axis.joint).id),
+                int(model.joint(axis.limb).id),
             )[1]
         )
         or 1.0

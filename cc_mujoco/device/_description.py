@@ -40,6 +40,24 @@ FREE_ROOTS = ("held", "free")
 
 
 @dataclass(frozen=True)
+class Cuff:
+    """Compliance between a device and the limb that it is strapped to.
+
+    The cables turn a frame about the axis of the joint. A spring and a damper connect
+    the frame to the limb: torque = stiffness deflection + damping its rate.
+    """
+
+    stiffness: float
+    """Above 0 [N m/rad]."""
+    damping: float
+    """At least 0 [N m s/rad]."""
+    inertia: float
+    """Of the frame about the axis [kg m^2]."""
+    tendon: str
+    """Tendon that is the spring and the damper."""
+
+
+@dataclass(frozen=True)
 class Axis:
     """A motor, the cables that it winds and the joint that they drive."""
 
@@ -51,6 +69,9 @@ class Axis:
     """Joint that the motor turns."""
     joint: str
     """Joint that the cables drive."""
+    limb: str
+    """Joint that the wearer moves there: that of the cables, or the one behind the
+    cuff."""
     cables: tuple[str, ...]
     """Cables that the motor winds."""
     pull_pull: bool
@@ -81,6 +102,8 @@ class Axis:
     """Inertia of the joint's pulley [kg m^2]; 0 for a lever, which keeps its own."""
     lever: tuple[str, ...] = ()
     """Sites that move with the lever: the two ends of the free rope at the joint."""
+    cuff: Cuff | None = None
+    """Compliance between frame and limb; None where they are one body."""
 
 
 @dataclass(frozen=True)

@@ -158,7 +158,7 @@ class AxisModel:
     @property
     def joint_range(self) -> tuple[float, float]:
         """Stops of the joint [rad], infinite where it has none."""
-        joint = self.model.joint(self.axis.joint)
+        joint = self.model.joint(self.axis.limb)
         if not self.model.jnt_limited[joint.id]:
             return -math.inf, math.inf
         low, high = joint.range
@@ -168,6 +168,7 @@ class AxisModel:
     def plain(self) -> bool:
         """True if nothing but cables and a wearer of gear 1 acts on the joint."""
         direct = self._mover is not None and self._mover.gear == 1.0
+        direct = direct and self.axis.cuff is None
         return direct and self.sense == 1.0 and not (self._others or self._weightless)
 
     def observed(self, device: str, period: float) -> Observed:
@@ -249,7 +250,9 @@ class AxisModel:
         if self._mover is not None:
             wearer = force[self._mover.out] * self._mover.gear
         # The cables are all that acts on the joint besides these.
-        cables = physics.qfrc_actuator.T[joint] - wearer
+        cables = physics.qfrc_actuator.T[joint]
+        if self.axis.cuff is None:
+            cables = cables - wearer
         for out, gear, place in self._others:
             arm = gear if place < 0 else physics.actuator_moment.T[place]
             cables = cables - force[out] * arm
@@ -297,16 +300,16 @@ class DeviceModel:
         """Wearer at every joint that it moves."""
         if wearer is not None:
             axis = description.axis()
-            if axis.joint not in self.movers:
+            if axis.limb not in self.movers:
                 raise CableError(
                     f"device {description.scene!r} has no wearer at joint "
-                    f"{axis.joint!r}, whose impedance could be set."
+                    f"{axis.limb!r}, whose impedance could be set."
                 )
-            self._write_wearer(axis.joint, wearer)
+            self._write_wearer(axis.limb, wearer)
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
         self.axes = tuple(
-            AxisModel(axis, model, ends, self.movers.get(axis.joint))
+            AxisModel(axis, model, ends, self.movers.get(axis.limb))
             for axis in description.axes
         )
         """The axes, in the order of the description."""

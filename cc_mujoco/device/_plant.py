@@ -59,6 +59,9 @@ DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "
 GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
 """Variables of the motor before its gear."""
 
+CUFFED = ("cuff_stiffness", "cuff_damping")
+"""Variables of the cuff between frame and limb."""
+
 FRICTION = "material_friction"
 """Variable that says which of `ENDS` the friction of a material is."""
 
@@ -133,12 +136,12 @@ class Plant:
         """Wearer at the joints that the cables drive, by joint."""
         factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
         return {
-            axis.joint: Wearer(
-                factor * nominal[axis.joint].stiffness,
-                factor * nominal[axis.joint].damping,
+            axis.limb: Wearer(
+                factor * nominal[axis.limb].stiffness,
+                factor * nominal[axis.limb].damping,
             )
             for axis in self.description.axes
-            if axis.joint in nominal
+            if axis.limb in nominal
         }
 
     @property
@@ -264,6 +267,13 @@ class Plant:
                 raise CableError(
                     f"variable {geared[0]!r} needs a `gearing`, since the scene "
                     f"{self.description.scene!r} does not say how its motor is geared."
+                )
+        for axis in self.description.axes:
+            worn = [n for n in CUFFED if n in self._of_axis(axis)]
+            if worn and axis.cuff is None:
+                raise CableError(
+                    f"variable {worn[0]!r} needs a cuff: write `stiffness` in "
+                    f"[axis.cuff] of the description of {self.description.scene}."
                 )
         for name, (_, distal) in scene.ends.items():
             joint = distal.trntype == mujoco.mjtTrn.mjTRN_JOINT
@@ -477,6 +487,13 @@ class Plant:
             drum.armature = float(values["rotor_inertia"])
         elif "motor" in values:
             drum.armature = self.motor(axis).rotor_inertia * self.gearing(axis) ** 2
+        for name, field in (
+            ("cuff_stiffness", "stiffness"),
+            ("cuff_damping", "damping"),
+        ):
+            if name in values and axis.cuff is not None:
+                strap = spec.tendon(axis.cuff.tendon)
+                getattr(strap, field)[0] = float(values[name])
         if "motor_damping" in values:
             drum.damping = [float(values["motor_damping"]), 0.0, 0.0]
 

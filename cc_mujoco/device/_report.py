@@ -79,7 +79,7 @@ def properties(device: Device) -> Iterator[Property]:
     several = len(found.axes) > 1
     for axis in found.axes:
         yield from _axis_properties(device, axis, several)
-    for joint in dict.fromkeys((*found.movers, *(a.joint for a in found.axes))):
+    for joint in dict.fromkeys((*found.movers, *(a.limb for a in found.axes))):
         name = found.movers.get(joint)
         where = origin(f"wearer.{joint}", SCENE)
         table = f"wearer.{joint}"
@@ -109,7 +109,7 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
 
     yield own("name", axis.name, "", "name of the axis")
     yield own("motor", axis.motor, "", f"actuator that turns {axis.drum}")
-    yield own("joint", axis.joint, "", "joint that the cables drive")
+    yield own("joint", axis.limb, "", "joint that the cables drive")
     yield own("torque", axis.torque, "N m", "largest torque of the motor")
     yield own("task", axis.task, "", "what the wearer should feel by default", ASSUMED)
     yield own("reach", axis.reach, "rad", "largest excursion of named motions")
@@ -129,6 +129,12 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     )
     yield own("gearing", axis.gearing, "", "turns of the rotor per turn of its pulley")
     yield own("lever", list(axis.lever) or None, "", "sites that move with the lever")
+    if axis.cuff is not None:
+        for key, unit in (("stiffness", "N m/rad"), ("damping", "N m s/rad")):
+            value = getattr(axis.cuff, key)
+            yield Property("axis.cuff", key, value, unit, "of the cuff", GIVEN)
+        inertia = axis.cuff.inertia
+        yield Property("axis.cuff", "inertia", inertia, "kg m^2", "of the frame", GIVEN)
     table = "axis.observation"
     units = ("rad", "rad/s", "rad", "rad/s", "N m", "N m")
     for (key, column), unit in zip(UNITS.items(), units, strict=True):

@@ -160,6 +160,17 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
             "motor_damping", "N m s/rad", "viscous friction of the motor", 0, 1e3
         ),
         Parameter(
+            "cuff_stiffness",
+            "N m/rad",
+            "of the cuff between the device and the limb, `[axis.cuff]`",
+            0,
+            1e9,
+            True,
+        ),
+        Parameter(
+            "cuff_damping", "N m s/rad", "of the cuff between device and limb", 0, 1e6
+        ),
+        Parameter(
             "gait_speed",
             "m/s",
             "of walking: stride time, stance, motion of the "
@@ -293,6 +304,8 @@ OF_AXES = (
     "continuous_torque",
     "motor_mass",
     "motor_damping",
+    "cuff_stiffness",
+    "cuff_damping",
 )
 """Variables that belong to an axis, so that two motors may differ in them."""
 

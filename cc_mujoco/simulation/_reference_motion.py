@@ -99,15 +99,17 @@ class Author:
         for axis, source in zip(device.axes, self._sources, strict=True):
             motion = sampled[id(source)]
             moved |= motion.companions
-            joint = axis.axis.joint
+            joint = axis.axis.limb
             if joint not in device.movers:  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
             motion = motion.companions.get(joint, motion)
             moved[joint] = motion
             motions.append(motion)
             self._check(axis, motion)
-        angles = {}
+        angles: dict[str, float] = {}
         commands = np.zeros((substeps + 1, len(device.movers)))
+        for axis in device.axes:  # a frame starts where its limb does
+            angles[axis.axis.joint] = float(moved[axis.axis.limb].angle[0])
         for place, (joint, mover) in enumerate(device.movers.items()):
             part = moved.get(joint)
             if part is None:
@@ -129,7 +131,7 @@ class Author:
         least, most = float(motion.angle.min()), float(motion.angle.max())
         if least < low or most > high:
             raise CableError(
-                f"the trajectory moves joint {axis.axis.joint!r} from "
+                f"the trajectory moves joint {axis.axis.limb!r} from "
                 f"{least:g} to {most:g} rad, but it must stay in "
                 f"[{low:g}, {high:g}] rad."
             )

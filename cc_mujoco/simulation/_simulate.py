@@ -361,7 +361,7 @@ def describe(
     for axis, drive, driven, task in zip(
         description.axes, exo.drives, device.driven, exo.tasks, strict=True
     ):
-        wearer = device.wearers.get(axis.joint)
+        wearer = device.wearers.get(axis.limb)
         facts[axis.name] = {
             "wearer": None if wearer is None else dataclasses.asdict(wearer),
             RATIO: 1.0 / drive.ratio,

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from cc_mujoco import Plant, Trajectory, simulate
+from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import Device, DeviceModel, find_device, load_device
 from cc_mujoco.device._report import account, write_description
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TRAJECTORIES
+from cc_mujoco.human import TRAJECTORIES, Hold
+from cc_mujoco.human._motion import Motion
 from tests.shared_folder import ABSENT, SHARED
 
 KNEE = """
@@ -57,6 +61,19 @@ PARTS = {
     "wearer": '<position name="human" joint="knee" kp="300" kv="6"/>',
     "gear": "-.02",
 }
+
+
+@dataclass(frozen=True)
+class Still(Trajectory):
+    """No motion, at an angle."""
+
+    at: float
+
+    def _motion(
+        self, time: FloatArray, duration: float, rng: np.random.Generator
+    ) -> Motion:
+        still = np.zeros_like(time)
+        return Motion(time, still + self.at, still, still, time / (duration + 1.0))
 
 
 def knee(folder: Path, description: str = "", **changes: str) -> Path:
@@ -204,6 +221,21 @@ def test_muscles_move_the_body_by_themselves(tmp_path: Path) -> None:
     path.write_text(text)
     device = Device(path)
     assert device.description.movers == {}
+
+
+def test_a_cuff_yields_by_torque_over_stiffness(tmp_path: Path) -> None:
+    path = knee(tmp_path, "[axis.cuff]\nstiffness = 400\ndamping = 5\n")
+    for values, stiffness in (({}, 400.0), ({"cuff_stiffness": 150.0}, 150.0)):
+        plant = Plant(Device(path), values)
+        log = simulate(plant, "pi", motion=Still(1.0), task=Hold(-10.0), duration=1.5)
+        frame, limb = plant.model().joint("knee_frame"), plant.model().joint("knee")
+        pose = log["qpos"][-1]
+        yielded = pose[frame.qposadr[0]] - pose[limb.qposadr[0]]
+        torque = log["joint_torque_nm"][-1]
+        assert torque < -5.0
+        assert yielded == pytest.approx(torque / stiffness, rel=0.01)
+    with pytest.raises(CableError, match="'cuff_stiffness' needs a cuff"):
+        Plant(Device(knee(tmp_path, "[axis]\n")), {"cuff_stiffness": 9.0}).check()
 
 
 @pytest.mark.parametrize("gear", ["-.02", ".02"])

@@ -126,7 +126,7 @@ class _Motion:
     ) -> None:
         self._device, self._angle, self._desired = device, angle, desired
         self.steps = angle.size - 1
-        self.prefixes = ("",)
+        self.prefixes: tuple[str, ...] = ("",)
         self._at = 0
 
     def start(self) -> Columns:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter, process_time
 from typing import Annotated, Any
 
 import tyro
+
+from cc_mujoco.errors import CableWarning
 
 
 def option_help(metavar: str | None = None) -> object:
@@ -59,6 +62,24 @@ def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], obj
         **progress_options(),
     ) as shown:
         yield lambda time: shown.update(time - shown.n)
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Show the package's warnings as lines on standard error, each once."""
+    usual, shown = warnings.showwarning, set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if not issubclass(category, CableWarning):
+            usual(message, category, *where)
+        elif str(message) not in shown:
+            shown.add(str(message))
+            print(f"warning: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", CableWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
 
 
 @contextmanager

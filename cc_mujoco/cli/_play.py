@@ -34,10 +34,13 @@ class Play:
     replay: Annotated[Path | None, option_help("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
-    """Motion of the wearer: a name, or FILE.csv with columns time_s and angle_rad (or
-    time_ms, angle_deg); the default depends on the scene."""
+    """Motion of the wearer: a name, NAME:AMPLITUDE, a table with columns time_s and
+    angle_rad (or time_ms, knee_angle_deg) or an OpenSim .mot, or MODULE:NAME; the
+    default depends on the scene."""
     task: Name = None
-    """Feel that the device should give the wearer; the default depends on the scene."""
+    """Feel that the device should give the wearer: a name, NAME:NUMBER (hold:-12,
+    spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
+    depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
     """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     duration: float = 10.0
@@ -159,20 +162,12 @@ class Play:
         )
 
     def _warn(self, env: Any, task: str) -> None:
-        """Warn of what the task demands beyond the motor, and what ends too early."""
+        """Warn of what the task demands beyond the motor; say which joints walk."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
             print(f"warning: {task}: {beyond}", file=sys.stderr)
-        if (self.trajectory or "").lower().endswith(".csv"):
-            from cc_mujoco.human._csv_motion import from_csv
-
-            end = from_csv(str(self.trajectory)).times[-1]
-            if end < self.duration - 1e-9:
-                print(
-                    f"warning: {self.trajectory} ends after {end:g} s; the joint is "
-                    f"held where it is then for the rest of the {self.duration:g} s.",
-                    file=sys.stderr,
-                )
+        if note := env.exo.author.note:
+            print(note)
 
     def _play_live(self) -> None:
         """Play in a window."""

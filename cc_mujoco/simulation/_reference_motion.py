@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import math
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.device._device import Device
-from cc_mujoco.errors import CableError
-from cc_mujoco.human import Motion, Task, Trajectory, trajectory
+from cc_mujoco.errors import CableError, CableWarning
+from cc_mujoco.human import (
+    Motion,
+    Perturbed,
+    Recorded,
+    Task,
+    TimeTorque,
+    Trajectory,
+    Walk,
+    trajectory,
+)
 from cc_mujoco.human import _gait as gait
-from cc_mujoco.human._csv_motion import resolve_trajectory
 
 Array = NDArray[np.float64]
 
@@ -32,7 +44,7 @@ class Script:
     """
     marks: Array
     """Marks at every control step, (n + 1, 4): reference angle [rad], phase of the
-    cycle, sine and cosine of that phase."""
+    cycle or time [s] for a task of time, sine and cosine of the phase."""
 
 
 class Author:
@@ -43,16 +55,44 @@ class Author:
     """
 
     def __init__(
-        self, device: Device, source: Trajectory, steps: int, frame_skip: int
+        self,
+        device: Device,
+        source: Trajectory,
+        steps: int,
+        frame_skip: int,
+        task: Task,
     ) -> None:
-        """Prepare.
+        """Prepare; warn of a recorded motion or torque that ends before the episode.
 
         Args:
             device: Whose joint is moved.
             source: How it is moved.
             steps: Control steps in an episode.
             frame_skip: Physics steps in a control step.
+            task: What the wearer should feel.
         """
+        duration = steps * frame_skip * float(device.model.opt.timestep)
+        for recorded, held in (
+            (unperturbed(source), "joint is held where it is then"),
+            (task, "torque keeps its last value"),
+        ):
+            if (
+                isinstance(recorded, (Recorded, TimeTorque))
+                and recorded.end < duration - 1e-9
+            ):
+                warnings.warn(
+                    f"{recorded.source or 'the recorded motion'} ends after "
+                    f"{recorded.end:g} s; the {held} for the rest of the "
+                    f"{duration:g} s.",
+                    CableWarning,
+                    stacklevel=4,
+                )
+        walk = unperturbed(source)
+        self.note = (
+            f"{walk.describe()}." if isinstance(walk, Walk) and walk.joints else ""
+        )
+        """Sentence that says which joints of the device walk; empty by default."""
+        self._of_time = task.of_time
         self._device = device
         self._source = source
         self._steps = steps
@@ -85,10 +125,12 @@ class Author:
         substeps = self._steps * self.frame_skip
         sampled = self._source.sample(substeps * dt, dt, rng)
         motion = sampled.companions.get(device.setup.joint, sampled)
-        self._check(motion)
         setup = device.setup
         motions = [sampled.companions.get(name) for name in setup.companions]
         played = [motion, *motions]
+        for name, part in zip((setup.joint, *setup.companions), played, strict=True):
+            if part is not None:
+                _require_range(device.model, name, part)
         commands = np.zeros((substeps + 1, len(device.script_controls)))
         for place, part in enumerate(played):
             if part is not None:
@@ -100,24 +142,35 @@ class Author:
             commands[:, place] = rest + (peak - rest) * share
         phase = motion.phase[:: self.frame_skip]
         turn = 2 * np.pi * phase
+        clock = motion.time[:: self.frame_skip] if self._of_time else phase
         return Script(
             np.array([0.0 if part is None else part.angle[0] for part in played]),
             np.clip(commands, *device.script_ranges.T),
             np.stack(
-                [motion.angle[:: self.frame_skip], phase, np.sin(turn), np.cos(turn)],
+                [motion.angle[:: self.frame_skip], clock, np.sin(turn), np.cos(turn)],
                 axis=-1,
             ),
         )
 
-    def _check(self, motion: Motion) -> None:
-        low, high = self._device.joint_range
-        least, most = float(motion.angle.min()), float(motion.angle.max())
-        if least < low or most > high:
-            raise CableError(
-                f"the trajectory moves joint {self._device.setup.joint!r} from "
-                f"{least:g} to {most:g} rad, but it must stay in "
-                f"[{low:g}, {high:g}] rad."
-            )
+
+def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
+    """Return the stops of a joint [rad], infinite where it has none."""
+    joint = model.joint(name)
+    if not model.jnt_limited[joint.id]:
+        return -math.inf, math.inf
+    low, high = joint.range
+    return float(low), float(high)
+
+
+def _require_range(model: mujoco.MjModel, name: str, motion: Motion) -> None:
+    """Refuse a motion that leaves the range of its joint."""
+    low, high = joint_range(model, name)
+    least, most = float(motion.angle.min()), float(motion.angle.max())
+    if least < low or most > high:
+        raise CableError(
+            f"the trajectory moves joint {name!r} from {least:g} to {most:g} rad, but "
+            f"it must stay in [{low:g}, {high:g}] rad."
+        )
 
 
 class Scripts:
@@ -205,16 +258,30 @@ class Scripts:
         return np.array(np.broadcast_to(demanded, phase.shape), dtype=np.float64)
 
 
-def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
-    """Return the trajectory that is requested of an environment.
+def find_trajectory(
+    given: str | Path | Trajectory,
+    reach: float,
+    centre: float = 0.0,
+    joints: Mapping[str, tuple[float, float]] | None = None,
+) -> Trajectory:
+    """Return the trajectory that is requested of a device; see `human.trajectory`.
 
     Args:
-        given: A name, a CSV file (a string ending in `.csv`, or any `Path`), or a
-            trajectory.
-        reach: Largest angle of named trajectories [rad].
+        given: A text, the path of a table, or a trajectory.
+        reach: Largest excursion of named trajectories from `centre` [rad].
+        centre: Angle about which named trajectories move [rad].
+        joints: Range [rad] of the device's joints by name, that of the driven joint
+            first.
 
     Raises:
-        CableError: If there is no such trajectory, or the file cannot be used.
+        CableError: If there is no such trajectory, the file cannot be used, or it does
+            not move the driven joint.
     """
-    found = resolve_trajectory(given)
-    return trajectory(found, reach) if isinstance(found, str) else found
+    return trajectory(given, reach, centre, joints)
+
+
+def unperturbed(source: Trajectory) -> Trajectory:
+    """Return the trajectory inside perturbations."""
+    while isinstance(source, Perturbed):
+        source = source.base
+    return source

@@ -56,7 +56,7 @@ def simulate(
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
-    task: str | Task | None = ...,
+    task: str | Path | Task | None = ...,
     seed: int = ...,
     duration: float = ...,
     sensing: Sensing | None = ...,
@@ -72,7 +72,7 @@ def simulate(
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
-    task: str | Task | None = ...,
+    task: str | Path | Task | None = ...,
     seed: int | Sequence[int] = ...,
     duration: float = ...,
     sensing: Sensing | None = ...,
@@ -87,7 +87,7 @@ def simulate(
     controller: Law = "pi",
     *,
     motion: str | Path | Trajectory | None = None,
-    task: str | Task | None = None,
+    task: str | Path | Task | None = None,
     seed: int | Sequence[int] = 0,
     duration: float = 10.0,
     sensing: Sensing | None = None,
@@ -105,9 +105,9 @@ def simulate(
             drive, as `module:function` is: it is made for each plant and knows its
             values. Or a `Controller`, which knows the values of the drive that it was
             made for and reads numbers of a plant and arrays over a list of plants.
-        motion: Motion of the wearer: a name, a CSV file or a `Trajectory`; that of the
-            device by default.
-        task: Torque that the wearer should feel: a name or a `Task`; that of the device
+        motion: Motion of the wearer, see `human.trajectory`; that of the device by
+            default.
+        task: Torque that the wearer should feel, see `human.task`; that of the device
             by default.
         seed: Seed of all that is random, one for all plants or one for each.
         duration: Length of the episode [s], rounded to whole control steps of 1 ms.

@@ -26,11 +26,10 @@ from cc_mujoco.device._registry import Setup
 from cc_mujoco.device._sensors import BIAS, PERFECT_SENSING, Measuring
 from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, scale_task
-from cc_mujoco.human import _gait as gait
+from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task
 from cc_mujoco.human import task as find_task
 
-from ._reference_motion import Author, find_trajectory
+from ._reference_motion import Author, find_trajectory, joint_range, unperturbed
 
 EFFORT_COST = 0.05
 """Reward lost by full motor torque [1/s]."""
@@ -65,7 +64,7 @@ class WornDevice:
         self,
         setup: Setup,
         trajectory: str | Path | Trajectory | None,
-        task: str | Task | None,
+        task: str | Path | Task | None,
         duration: float,
         frame_skip: int,
         wearer: Wearer | None,
@@ -80,10 +79,10 @@ class WornDevice:
 
         Args:
             setup: The device.
-            trajectory: Name, CSV file or trajectory that the wearer follows; that of
-                the device by default.
-            task: Name of the virtual environment, or the environment itself; that of
-                the device by default. By name, help that follows the gait has the pace
+            trajectory: Trajectory that the wearer follows, see `human.trajectory`; that
+                of the device by default.
+            task: Virtual environment, see `human.task`; that of the device by default.
+                By name, help that follows the gait has the pace
                 of a `Walk`, not the size of who walks, which a walk does not know; see
                 `human._scaled_assistance`. An environment itself stays what it is.
             duration: Length of an episode [s], rounded to whole control steps.
@@ -101,11 +100,6 @@ class WornDevice:
         """
         trajectory = setup.trajectory if trajectory is None else trajectory
         task = setup.task if task is None else task
-        if not isinstance(task, (str, Task)):
-            raise CableError(
-                f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
-                f"not {task!r}."
-            )
         if not (wearer is None or isinstance(wearer, Wearer)):
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
         whole = isinstance(frame_skip, (int, np.integer)) and frame_skip is not True
@@ -130,18 +124,13 @@ class WornDevice:
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
         self.samples = hold * self.steps
-        source = find_trajectory(trajectory, setup.reach)
-        if (
-            isinstance(_unperturbed(source), Walk)
-            and setup.joint not in gait.GAIT_ANGLES
-        ):
-            raise CableError(
-                f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and scene "
-                f"{setup.scene!r} drives the joint {setup.joint!r}; choose another "
-                f"trajectory, such as {setup.trajectory!r}."
-            )
-        self.task = _task_of(task, source)
-        self.author = Author(self.device, source, self.samples, frame_skip)
+        joints = {
+            name: joint_range(self.device.model, name)
+            for name in (setup.joint, *setup.companions)
+        }
+        source = find_trajectory(trajectory, setup.reach, joints=joints)
+        self.task = _task_of(task, source, setup.joint)
+        self.author = Author(self.device, source, self.samples, frame_skip, self.task)
         self.drive = self.device.drive(self.period)
         """Knowledge that a controller may have of the device as its scene has it."""
         nominal = Nominal(setup, self.device.cables, self.device.wearers[0])
@@ -308,16 +297,10 @@ class WornDevice:
         )
 
 
-def _task_of(task: str | Task, source: Trajectory) -> Task:
+def _task_of(task: str | Path | Task, source: Trajectory, joint: str) -> Task:
     """Return a task itself, or one by name at the pace of the walk that is played."""
-    if not isinstance(task, str):
-        return task
-    found, source = find_task(task), _unperturbed(source)
-    return scale_task(found, source.pace) if isinstance(source, Walk) else found
-
-
-def _unperturbed(source: Trajectory) -> Trajectory:
-    """Return the trajectory inside perturbations."""
-    while isinstance(source, Perturbed):
-        source = source.base
-    return source
+    found = find_task(task, (joint,))
+    source = unperturbed(source)
+    if isinstance(task, str) and isinstance(source, Walk):
+        return scale_task(found, source.pace)
+    return found

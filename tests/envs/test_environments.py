@@ -669,7 +669,7 @@ def test_stepping_before_reset_is_refused() -> None:
 @pytest.mark.parametrize("motion", ["walk", Perturbed(Walk(), "ankle")])
 def test_a_joint_that_does_not_walk_is_not_made_to(motion: Any) -> None:
     for device in (DEVICES["wrist"], DEVICES["finger"]):
-        wrong = f"a walk moves .*'{device.joint}'; choose another .*{device.trajectory}"
+        wrong = f"a walk moves .*'{device.joint}'; choose another trajectory"
         with pytest.raises(CableError, match=wrong):
             gymnasium.make(device.environment, trajectory=motion)
 

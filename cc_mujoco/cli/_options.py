@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from time import perf_counter, process_time
 from typing import Annotated, Any
 
@@ -90,12 +90,14 @@ def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
         total: Length of the episode [s]; of nothing, nothing is shown.
     """
     begun = taken = worked = 0.0
+    show: Callable[[float], object] = float
 
-    with progress_bar(total, "video") as show:
+    with ExitStack() as stack:
 
         def progress(time: float) -> object:
-            nonlocal begun, taken, worked
-            if not time:
+            nonlocal begun, taken, worked, show
+            if not time:  # not before: the episode has a bar of its own
+                show = stack.enter_context(progress_bar(total, "video"))
                 begun, worked = perf_counter(), -process_time()
             taken = perf_counter() - begun
             return show(time)

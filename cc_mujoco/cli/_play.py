@@ -8,7 +8,7 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -21,6 +21,9 @@ from cc_mujoco.cli._options import (
     video_progress_bar,
 )
 from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco.simulation import EpisodeLog
 
 
 @dataclass(frozen=True)
@@ -101,22 +104,26 @@ class Play:
         inner: Any = env.unwrapped
         law = controller(self.controller, inner.drive)
         self._warn(inner, names["task"])
-        with progress_bar(self.duration) as progress:
-            log = simulate(
-                self.scene,
-                law,
-                motion=names["trajectory"],
-                task=names["task"],
-                seed=self.seed,
-                duration=self.duration,
-                about=names,
-                progress=progress,
-            )
+
+        def episode(file: Path) -> EpisodeLog:
+            with progress_bar(self.duration) as progress:
+                return simulate(
+                    self.scene,
+                    law,
+                    motion=names["trajectory"],
+                    task=names["task"],
+                    seed=self.seed,
+                    duration=self.duration,
+                    about=names,
+                    progress=progress,
+                    file=file,
+                )
+
         messages: list[str] = []
         with video_progress_bar(self.duration if self.video else 0.0) as progress:
             found = write_episode(
                 out,
-                log,
+                episode,
                 inner.model,
                 metrics=metrics,
                 video=self.video,

@@ -36,9 +36,9 @@ from cc_mujoco.metrics._metric import (
     SPRING,
     STRENGTH,
 )
-from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder
+from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
 from cc_mujoco.simulation._log_columns import MODEL_XML, columns_for
-from cc_mujoco.simulation._loop import Columns, Single, Trace, run
+from cc_mujoco.simulation._loop import Columns, Observer, Single, Trace, run
 
 if TYPE_CHECKING:
     import gymnasium
@@ -63,6 +63,7 @@ def simulate(
     threads: int = ...,
     about: Mapping[str, Any] | None = ...,
     progress: Callable[[float], object] | None = ...,
+    file: str | Path | None = ...,
 ) -> EpisodeLog: ...
 
 
@@ -94,6 +95,7 @@ def simulate(
     threads: int = 0,
     about: Mapping[str, Any] | None = None,
     progress: Callable[[float], object] | None = None,
+    file: str | Path | None = None,
 ) -> EpisodeLog | list[EpisodeLog]:
     """Simulate an episode of a plant, or of several plants of one device at once.
 
@@ -116,9 +118,13 @@ def simulate(
         about: Metadata for the logs, besides or instead of the names of motion
             (`trajectory`), task and controller; see `describe` for the rest.
         progress: Called with the simulated time [s] after every control step.
+        file: Parquet file to which the log of a single plant is written while the
+            episode runs, so that a long one needs no memory; it is there whole or not
+            at all.
 
     Returns:
         The log of a plant, or the logs of several, from the start to the last step.
+        That of a file reads its columns on demand, see `EpisodeLog.open`.
 
     Raises:
         CableError: If an argument cannot be used, a simulation diverges or the
@@ -168,7 +174,6 @@ def simulate(
         delay=late[0] if alone else late,
         noise=noise[0] if alone else noise,
     )
-    trace = Trace([column.name for column in columns_for(fleet.cables)], exo.steps)
 
     def check(step: int, _: Columns, __: object) -> None:
         for row, why in enumerate(fleet.failed):
@@ -177,25 +182,28 @@ def simulate(
         if step and progress is not None:
             progress(step * exo.period)
 
-    run(
-        Alone(fleet) if alone else fleet,
-        law,
-        check,
-        trace.keep,
-        measure=measuring.measure,
-        name=called,
-    )
-    logs = [
-        EpisodeLog(
-            {
-                name: kept if alone else kept[:, row]
-                for name, kept in trace.columns.items()
-            },
-            describe(played[row], plant.cables, sensing, own, about) | _facts(plant),
-        )
+    def go(keep: Observer) -> None:
+        plant = Alone(fleet) if alone else fleet
+        run(plant, law, check, keep, measure=measuring.measure, name=called)
+
+    facts = [
+        describe(played[row], plant.cables, sensing, own, about) | _facts(plant)
         for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
-    return logs[0] if alone else logs
+    if file is not None:
+        if not alone:
+            raise CableError("file takes the log of one plant; give no list of them.")
+        with log_file(file, fleet.cables, facts[0]) as log:
+            go(log.keep)
+        return EpisodeLog.open(file)
+    trace = Trace([column.name for column in columns_for(fleet.cables)], exo.steps)
+    go(trace.keep)
+    if alone:
+        return EpisodeLog(trace.columns, facts[0])
+    return [
+        EpisodeLog({name: kept[:, row] for name, kept in trace.columns.items()}, own)
+        for row, own in enumerate(facts)
+    ]
 
 
 def _plants(given: Any) -> list[Plant]:

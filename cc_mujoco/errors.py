@@ -8,6 +8,10 @@ from typing import TypeVar
 Entry = TypeVar("Entry")
 
 
+class CableWarning(UserWarning):
+    """Input that can be used, but perhaps does not mean what was intended."""
+
+
 class CableError(ValueError):
     """Input that cannot be used: one sentence saying what, where and what would be.
 

@@ -147,12 +147,12 @@ def test_a_declaration_that_names_no_file_is_refused(
 
 def test_a_recorded_trajectory_counts(project: Path) -> None:
     Path("walk.csv").write_text("0,1\n")
-    then = code_provenance("pi", trajectory="walk.csv")
+    then = code_provenance("pi", "walk.csv")
     assert set(then["files"]) == {"walk.csv"}
     Path("walk.csv").write_text("0,2\n")
-    assert provenance_differences(
-        then, code_provenance("pi", trajectory="walk.csv")
-    ) == ["walk.csv"]
+    assert provenance_differences(then, code_provenance("pi", "walk.csv")) == [
+        "walk.csv"
+    ]
 
 
 def test_other_sources_and_versions_are_named() -> None:

@@ -12,7 +12,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cc_mujoco.errors import CableError
@@ -60,7 +60,9 @@ def checksum_line(path: Path) -> str:
     Args:
         path: Of the file, as it has just been written.
     """
-    return f"{path.name} as written: {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256")
+    return f"{path.name} as written: {digest.hexdigest()}"
 
 
 def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
@@ -173,13 +175,15 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
 
     A new `target` appears whole, by one rename. In an existing one only files of the
     same names are replaced, each by one rename, after all of them are complete. If the
-    block raises, the sibling is deleted and `target` is untouched.
+    block raises, the sibling and the folders made for it are deleted and `target` is
+    untouched.
 
     Raises:
         CableError: It cannot be written; names the file or folder.
     """
     target = Path(target).absolute()
     partial = _sibling_path(target)
+    made = [folder for folder in target.parents if not folder.exists()]
     with _name_failures(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         partial.mkdir()
@@ -192,6 +196,9 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
                 os.rename(partial, target)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+            with suppress(OSError):  # they hold something by now
+                for folder in made:
+                    folder.rmdir()
 
 
 def _sibling_path(target: Path) -> Path:

@@ -1,8 +1,9 @@
 """Tables in CSV files, as spreadsheets, loggers and people write them.
 
-    sheet = read_sheet("motion.csv")
-    time, angle = sheet.column("time_s", CLOCK), sheet.column("angle_rad", ANGLE)
-    angles = [sheet.number(row, angle, -10.0, 10.0) for row in sheet.rows]
+    sheet = read_sheet("costs.csv")
+    [(row.line, row.cells) for row in sheet.rows]
+
+`tables` reads columns of numbers, also of files that are too large to hold.
 
 Cells may be separated by commas, semicolons, tabs or bars; numbers may have decimal
 commas unless commas separate the cells. Text is UTF-8, UTF-16 with a byte order mark,
@@ -13,14 +14,11 @@ from __future__ import annotations
 
 import codecs
 import csv
-import difflib
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from cc_mujoco._utils.units import Kind, unit_of, words
 from cc_mujoco.errors import CableError
 
 SEPARATORS = ",;\t|"
@@ -49,22 +47,6 @@ class Layout(NamedTuple):
     names: list[str]
 
 
-class CsvColumn(NamedTuple):
-    """A column of numbers.
-
-    Attributes:
-        name: in the file.
-        place: of its cells in a row.
-        factor: that its numbers are multiplied by.
-        unit: that they are in, after that.
-    """
-
-    name: str
-    place: int
-    factor: float
-    unit: str
-
-
 class Row(NamedTuple):
     """A line of data.
 
@@ -91,76 +73,6 @@ class Sheet(NamedTuple):
     top: int
     names: list[str]
     rows: list[Row]
-
-    def column(self, name: str, measured: Kind) -> CsvColumn:
-        """Return the column of a quantity, which may be in any of its units.
-
-        Args:
-            name: with the unit of the program at its end, such as `angle_rad`; a file
-                may also have `angle_deg` or `Angle [deg]`.
-            measured: what it measures.
-
-        Raises:
-            CableError: there is no such column, or there are several.
-        """
-        stem = name.rpartition("_")[0]
-        found = {}
-        for place, other in enumerate(self.names):
-            unit = unit_of(other, measured)
-            if unit is not None and "_".join(words(other)[:-1]) == stem:
-                found[other] = CsvColumn(
-                    other, place, measured.factors[unit], measured.unit
-                )
-        if name in found:
-            return found[name]
-        if len(found) > 1:
-            raise CableError(
-                f"{self.path}, line {self.top}: {' and '.join(found)} are both {name}; "
-                "keep one of them."
-            )
-        if not found:
-            raise self._missing(name, stem, measured)
-        return next(iter(found.values()))
-
-    def number(self, row: Row, column: CsvColumn, low: float, high: float) -> float:
-        """Return the number in a cell, in the unit of the program.
-
-        Args:
-            row: of the cell.
-            column: of the cell.
-            low: least that it may be.
-            high: most that it may be.
-
-        Raises:
-            CableError: it is not a finite number in [low, high].
-        """
-        text = row.cells[column.place] if column.place < len(row.cells) else ""
-        try:
-            value = float(text) * column.factor
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and low <= value <= high):
-            among = "a finite number"
-            if math.isfinite(low) or math.isfinite(high):
-                ends = (f"{end / column.factor:g}" for end in (low, high))
-                among = "a number between {} and {}".format(*ends)
-            raise CableError(
-                f"{self.path}, line {row.line}, column {column.name}: {text!r} must be "
-                f"{among}."
-            )
-        return value
-
-    def _missing(self, name: str, stem: str, measured: Kind) -> CableError:
-        """Return the error for a column that is not there."""
-        start = f"{self.path}, line {self.top}: there is no column {name!r}"
-        near = next(iter(difflib.get_close_matches(name, self.names, 1, 0.4)), "")
-        if near and (unit := unit_of(near, measured)) is not None:
-            return CableError(
-                f"{start}; if it is {near!r}, name it {stem}_{unit.lower()}."
-            )
-        units = " or ".join(f"{stem}_{unit.lower()}" for unit in measured.factors)
-        advice = f"; if it is {near!r}, name it by its unit" if near else "; name it"
-        return CableError(f"{start}{advice}: {units}.")
 
 
 def read_sheet(

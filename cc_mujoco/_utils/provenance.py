@@ -4,9 +4,9 @@
     provenance_differences(then, code_provenance("law:make"))  # ["law.py"] if edited
 
 It is the library's own sources and scenes, the versions of what it computes with, and
-the user's files: the module of a controller or metric, the modules that it imports from
-outside the standard library and the installed packages, a policy's file, and the files
-that such a module declares:
+the user's files: the module of a controller, metric, trajectory or task, the modules
+that it imports from outside the standard library and the installed packages, a policy's
+file, a table of a motion or a torque, and the files that such a module declares:
 
     CC_MUJOCO_FILES = ("gains.toml",)  # in law.py; relative to its folder
 
@@ -33,6 +33,7 @@ from types import ModuleType
 from typing import Any
 
 from cc_mujoco._utils.atomic_io import METADATA_KEY
+from cc_mujoco._utils.tables import is_table
 from cc_mujoco.errors import CableError
 
 POLICY_ENDING = ".safetensors"
@@ -66,21 +67,22 @@ def sources() -> str:
     return digest.hexdigest()[:24]
 
 
-def code_provenance(*controllers: str, trajectory: str = "") -> dict[str, Any]:
+def code_provenance(*names: str) -> dict[str, Any]:
     """Return the provenance of numbers from this process, as plain JSON.
 
     Args:
-        controllers: names of controllers and metrics that were made before.
-        trajectory: name, or path of a CSV file.
+        names: controllers, metrics, trajectories and tasks that were made before:
+            their names, `MODULE:NAME`, and paths of policies and tables.
 
     Raises:
         CableError: a module declares files that cannot be read.
     """
     files = {}
-    if trajectory.lower().endswith(".csv"):
-        files[trajectory] = _digest(os.path.abspath(trajectory))
-    for controller in filter(is_user_controller, controllers):
-        files |= _user_file_digests(controller)
+    for name in names:
+        if is_table(name):
+            files[name] = _digest(os.path.abspath(name))
+        elif is_user_controller(name):
+            files |= _user_file_digests(name)
     return {"versions": versions(), "sources": sources(), "files": files}
 
 

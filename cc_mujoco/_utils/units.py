@@ -46,6 +46,7 @@ TORQUE = Kind(
     },
 )
 FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
+PHASE = Kind("phase", "1", {"percent": 1e-2, "%": 1e-2})
 
 _UNIT_WORDS = {
     "\N{DEGREE SIGN}": "deg",
@@ -80,3 +81,19 @@ def unit_of(column: str, measured: Kind) -> str | None:
     """Return the unit of a quantity in which the name of a column ends, or None."""
     word = last_word(column)
     return next((unit for unit in measured.factors if unit.lower() == word), None)
+
+
+def quantity_words(column: str, measured: Kind) -> tuple[tuple[str, ...], str | None]:
+    """Return the words of a column's name without a quantity and its unit.
+
+    Args:
+        column: its name, such as `knee_angle_deg`.
+        measured: what it may measure, such as `ANGLE`.
+
+    Returns:
+        The other words, such as `("knee",)`, and the unit; None where none is named.
+    """
+    unit = unit_of(column, measured)
+    found = words(column)
+    left = found if unit is None else found[:-1]
+    return tuple(word for word in left if word != measured.name), unit

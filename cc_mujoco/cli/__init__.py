@@ -62,7 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else:
                 command = parse(PROGRAM, words)
                 left = command.interrupted
-                command.run()
+                from cc_mujoco.cli._options import plain_warnings
+
+                with plain_warnings():
+                    command.run()
             sys.stdout.flush()
     except KeyboardInterrupt:
         return _report_interruption(left)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from time import perf_counter, process_time
 from typing import Annotated, Any
 
 import tyro
+
+from cc_mujoco.errors import CableWarning
 
 
 def option_help(metavar: str | None = None) -> object:
@@ -62,6 +65,24 @@ def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], obj
 
 
 @contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Show the package's warnings as lines on standard error, each once."""
+    usual, shown = warnings.showwarning, set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if not issubclass(category, CableWarning):
+            usual(message, category, *where)
+        elif str(message) not in shown:
+            shown.add(str(message))
+            print(f"warning: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", CableWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
+
+
+@contextmanager
 def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
     """Show how far a video is, as `progress_bar` does, and then how fast it was made.
 
@@ -69,12 +90,14 @@ def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
         total: Length of the episode [s]; of nothing, nothing is shown.
     """
     begun = taken = worked = 0.0
+    show: Callable[[float], object] = float
 
-    with progress_bar(total, "video") as show:
+    with ExitStack() as stack:
 
         def progress(time: float) -> object:
-            nonlocal begun, taken, worked
-            if not time:
+            nonlocal begun, taken, worked, show
+            if not time:  # not before: the episode has a bar of its own
+                show = stack.enter_context(progress_bar(total, "video"))
                 begun, worked = perf_counter(), -process_time()
             taken = perf_counter() - begun
             return show(time)

@@ -8,7 +8,7 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -22,6 +22,9 @@ from cc_mujoco.cli._options import (
 )
 from cc_mujoco.errors import CableError
 
+if TYPE_CHECKING:
+    from cc_mujoco.simulation import EpisodeLog
+
 
 @dataclass(frozen=True)
 class Play:
@@ -34,10 +37,13 @@ class Play:
     replay: Annotated[Path | None, option_help("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
-    """Motion of the wearer: a name, or FILE.csv with columns time_s and angle_rad (or
-    time_ms, angle_deg); the default depends on the scene."""
+    """Motion of the wearer: a name, NAME:AMPLITUDE, a table with columns time_s and
+    angle_rad (or time_ms, knee_angle_deg) or an OpenSim .mot, or MODULE:NAME; the
+    default depends on the scene."""
     task: Name = None
-    """Feel that the device should give the wearer; the default depends on the scene."""
+    """Feel that the device should give the wearer: a name, NAME:NUMBER (hold:-12,
+    spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
+    depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
     """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     duration: float = 10.0
@@ -99,22 +105,26 @@ class Play:
         prefixes = inner.exo.device.prefixes
         law = axes_controller(self.controller, inner.drives, prefixes)
         self._warn(inner, names["task"])
-        with progress_bar(self.duration) as progress:
-            log = simulate(
-                inner.device,
-                law,
-                motion=names["trajectory"],
-                task=names["task"],
-                seed=self.seed,
-                duration=self.duration,
-                about=names,
-                progress=progress,
-            )
+
+        def episode(file: Path) -> EpisodeLog:
+            with progress_bar(self.duration) as progress:
+                return simulate(
+                    inner.device,
+                    law,
+                    motion=names["trajectory"],
+                    task=names["task"],
+                    seed=self.seed,
+                    duration=self.duration,
+                    about=names,
+                    progress=progress,
+                    file=file,
+                )
+
         messages: list[str] = []
         with video_progress_bar(self.duration if self.video else 0.0) as progress:
             found = write_episode(
                 out,
-                log,
+                episode,
                 inner.model,
                 metrics=metrics,
                 video=self.video,
@@ -160,20 +170,12 @@ class Play:
         )
 
     def _warn(self, env: Any, task: str) -> None:
-        """Warn of what the task demands beyond the motor, and what ends too early."""
+        """Warn of what the task demands beyond the motor; say which joints walk."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
             print(f"warning: {task}: {beyond}", file=sys.stderr)
-        if (self.trajectory or "").lower().endswith(".csv"):
-            from cc_mujoco.human._csv_motion import from_csv
-
-            end = from_csv(str(self.trajectory)).times[-1]
-            if end < self.duration - 1e-9:
-                print(
-                    f"warning: {self.trajectory} ends after {end:g} s; the joint is "
-                    f"held where it is then for the rest of the {self.duration:g} s.",
-                    file=sys.stderr,
-                )
+        if note := env.exo.author.note:
+            print(note)
 
     def _play_live(self) -> None:
         """Play in a window."""

@@ -128,7 +128,7 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
     """
     names = [prefix.rstrip(".") for prefix in prefixes]
     if isinstance(given, str):
-        given = split_by_axis(given)
+        given = split_by_axis(given, names)
     if not isinstance(given, Mapping):
         return [given] * len(names)
     for name in given:

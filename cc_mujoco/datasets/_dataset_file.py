@@ -71,10 +71,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from cc_mujoco._utils.tables import ENDINGS
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
-from cc_mujoco.datasets._file_formats import ENDINGS
 from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.report._html import list_words

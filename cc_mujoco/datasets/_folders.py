@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from cc_mujoco.datasets import _file_formats as tables
+from cc_mujoco._utils import tables
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.errors import CableError
 

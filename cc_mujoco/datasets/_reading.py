@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cc_mujoco._utils import tables
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets import _columns as columns
-from cc_mujoco.datasets import _file_formats as tables
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
 from cc_mujoco.datasets._multi_file import TrialFile

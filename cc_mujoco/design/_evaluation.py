@@ -278,9 +278,9 @@ class DesignJob:
         )
 
     def made_by(self) -> dict[str, Any]:
-        """See `Job.made_by`; a trajectory from a file goes with the protocol."""
+        """See `Job.made_by`; what tables hold goes with the protocol."""
         self.protocol.find_metrics()
-        return code_provenance(*self.protocol.controllers, *self.protocol.metric_files)
+        return code_provenance(*self.protocol.code_names)
 
     def size(self, piece: Sequence[Design]) -> int:
         """Return the number of designs."""

@@ -10,12 +10,14 @@ import hashlib
 import itertools
 import json
 import math
+import pickle
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco._utils.tables import is_table
 from cc_mujoco._validation import (
     MAX_DURATION,
     require_dictionary,
@@ -48,8 +50,9 @@ from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specifie
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import Trajectory
-from cc_mujoco.human._csv_motion import resolve_trajectory
+from cc_mujoco.human import Task, Trajectory, trajectory
+from cc_mujoco.human import task as find_task
+from cc_mujoco.human._parsing import is_package_object
 from cc_mujoco.metrics import METRICS, Metric, find_metric, metric_key, user_metrics
 
 MAX_BATCH = 256
@@ -88,8 +91,6 @@ class Plan:
     """True if the designs are every combination of the levels of the ranges."""
     batches: tuple[tuple[int, ...], ...]
     """Indices of designs that are simulated together."""
-    source: str
-    """Name of the trajectory, path of its CSV file, or description of the object."""
     search: Mapping[str, Any] | None = None
     """Settings of the search for designs, as plain JSON; None without a search."""
     objectives: tuple[Objective, ...] = ()
@@ -115,13 +116,15 @@ class Plan:
             for field in dataclasses.fields(self.protocol)
         }
         protocol |= {
-            "trajectory": self.source,
+            "trajectory": self.protocol.sources[0],
+            "task": self.protocol.sources[1],
             "controllers": list(self.protocol.controllers),
             "metrics": list(self.protocol.metrics),
             "across": {name: list(v) for name, v in self.protocol.across.levels},
             "rank": self.protocol.across.rank,
             "turned": list(self.protocol.across.turned),
         }
+        del protocol["sources"]
         own = self.protocol.own
         protocol["own"] = {find_metric(one).name: metric_key(one) for one in own}
         if self.protocol.costs:
@@ -144,8 +147,7 @@ class Plan:
 
     def made_by(self) -> dict[str, Any]:
         """Return the provenance of the table besides its settings."""
-        names = *self.protocol.controllers, *self.protocol.metric_files
-        return code_provenance(*names, trajectory=self.source)
+        return code_provenance(*self.protocol.code_names, *self.protocol.sources)
 
 
 def _digest(listed: Sequence[object]) -> str:
@@ -183,7 +185,7 @@ def make_plan(
             require_dictionary(f"design {i}", row) for i, row in enumerate(spec.designs)
         ]
     variables_given = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
-    protocol, builder, source = _make_protocol(spec, goals, variables_given)
+    protocol, builder = _make_protocol(spec, goals, variables_given)
     look_up("sampling", spec.sampling, dict.fromkeys(SAMPLINGS))
     if (spec.sampling == "lhs") != (spec.samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
@@ -213,7 +215,6 @@ def make_plan(
         ranges,
         spec.designs is None and spec.samples is None,
         _batches(cases, builder, checked, max(spec.duration, CHIRP_TIME)),
-        source,
         objectives=read_objectives(spec.objectives, measured),
         limits=read_limits(spec.subject_to, measured, cases.several),
     )
@@ -242,9 +243,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
         )
     measured: tuple[Objective | Limit | Metric, ...] = (*goals, *limits, *chosen)
     names = tuple(dict.fromkeys(each.name for each in measured))
-    protocol, builder, source = _make_protocol(
-        replace(spec, metrics=names), goals, vary
-    )
+    protocol, builder = _make_protocol(replace(spec, metrics=names), goals, vary)
     if not vary:
         raise CableError("a search needs something to vary.")
     protocol.across.require_apart(vary)
@@ -268,9 +267,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
         "generation": [GENERATION, PIECE],
         "sampler": sampler,
     }
-    return Plan(
-        protocol, (), ranges, False, (), source, asked, goals, limits, evaluations
-    )
+    return Plan(protocol, (), ranges, False, (), asked, goals, limits, evaluations)
 
 
 def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
@@ -323,8 +320,8 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
 
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
-) -> tuple[EpisodeProtocol, Device, str]:
-    """Return the protocol of designs, the scene and the trajectory.
+) -> tuple[EpisodeProtocol, Device]:
+    """Return the protocol of designs and the scene.
 
     Args:
         spec: the study.
@@ -349,12 +346,18 @@ def _make_protocol(
     cases = read_across(across, spec.rank, builder.cables, turned)
     home = builder.setup
     given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
-    motion, source = resolve_trajectory(given_motion), _trajectory_source(given_motion)
+    given_task = home.task if spec.task is None else spec.task
+    sources = _source("trajectory", given_motion), _source("task", given_task)
+    motion: str | Trajectory = sources[0]
+    if is_table(sources[0]) or not isinstance(given_motion, (str, Path)):
+        motion = trajectory(given_motion)
+    task: str | Task = sources[1]
+    if is_table(sources[1]) or not isinstance(given_task, (str, Path)):
+        task = find_task(given_task, (home.joint,))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
-    task = home.task if spec.task is None else spec.task
-    walking_designs.require_played(home, variables_named, source, task)
+    walking_designs.require_played(home, variables_named, *sources)
     for name in chosen:
-        if is_stride_metric(name) and (home.joint, source) != ("ankle", WALK):
+        if is_stride_metric(name) and (home.joint, sources[0]) != ("ankle", WALK):
             raise CableError(
                 f"metric {name!r} is of the strides of an ankle; it needs the scene "
                 f"'ankle' and the trajectory {WALK!r}."
@@ -386,9 +389,10 @@ def _make_protocol(
         cases,
         tuple(priced.items()) if COST_METRIC in measured else (),
         user_metrics(measured),
+        sources,
     )
     rehearse(protocol, builder)
-    return protocol, builder, source
+    return protocol, builder
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
@@ -402,14 +406,31 @@ def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
     return [metric_of_designs(one) for one in given]
 
 
-def _trajectory_source(trajectory: str | Path | Trajectory) -> str:
-    """Return the text by which a trajectory is known again in a description."""
-    if isinstance(trajectory, (str, Path)):
-        return str(trajectory)
-    text = repr(trajectory)
-    if len(text) <= _LONGEST_TEXT:
+def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
+    """Return the text by which a trajectory or a task is known in a description.
+
+    Objects of the package are known by their parameters, those of the user by all that
+    they hold: the text of an array may leave numbers out.
+
+    Raises:
+        CableError: An object of the user cannot be pickled.
+    """
+    if isinstance(given, (str, Path)):
+        return str(given)
+    text = repr(given)
+    own = is_package_object(given)
+    if own and len(text) <= _LONGEST_TEXT:
         return text
-    return f"{type(trajectory).__name__} {hashlib.sha256(text.encode()).hexdigest()}"
+    content = text.encode()
+    if not own:
+        try:
+            content = pickle.dumps(given)
+        except Exception as error:
+            raise CableError(
+                f"{kind} {text[:_LONGEST_TEXT]} cannot be sent to another process "
+                f"({error}); a study needs one of a class in a module."
+            ) from None
+    return f"{type(given).__name__} {hashlib.sha256(content).hexdigest()}"
 
 
 def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:

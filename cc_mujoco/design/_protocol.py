@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco.design._scenarios import Across
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human._motion import Motion, episode_fraction
+from cc_mujoco.human._parsing import is_package_object
 from cc_mujoco.metrics import Metric, find_metric
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
 
@@ -46,8 +47,9 @@ class EpisodeProtocol:
 
     scene: str
     trajectory: str | Trajectory
-    """Name, or what a CSV file holds."""
-    task: str
+    """Text, or what a table holds."""
+    task: str | Task
+    """Text, or what a table holds."""
     controllers: tuple[str, ...]
     """Controllers of the motor, each in an episode of its own."""
     duration: float
@@ -63,6 +65,9 @@ class EpisodeProtocol:
     """Cost of each part, where that is measured."""
     own: tuple[str | Metric, ...] = ()
     """Metrics of the user among them, as they were given."""
+    sources: tuple[str, str] = ("", "")
+    """Texts by which trajectory and task are known: as given, the path of a table, or
+    description of an object."""
 
     def find_metrics(self) -> None:
         """Register the metrics of the user in `METRICS` of this process."""
@@ -73,6 +78,20 @@ class EpisodeProtocol:
     def metric_files(self) -> tuple[str, ...]:
         """Metrics of the user that lie in a module, as `MODULE:NAME`."""
         return tuple(one for one in self.own if isinstance(one, str))
+
+    @property
+    def code_names(self) -> tuple[str, ...]:
+        """Names of all that `code_provenance` must know, but for tables.
+
+        A table goes with the protocol.
+        """
+        played = []
+        for given in (self.trajectory, self.task):
+            if isinstance(given, str):
+                played.append(given)
+            elif not is_package_object(given):
+                played.append(f"{type(given).__module__}:{type(given).__qualname__}")
+        return (*self.controllers, *self.metric_files, *played)
 
     @property
     def frame_skip(self) -> int:

@@ -221,8 +221,8 @@ def markdown(
     failed = [str(row["failed"]) for row in rows if row["failed"]]
     parts = [
         f"# What if: {protocol.scene}, {len(rows)} designs",
-        f"Trajectory {plan.source}, task {protocol.task}, "
-        f"{describe_controllers(protocol.controllers)}, {protocol.duration:g} s, "
+        "Trajectory {}, task {}, ".format(*protocol.sources)
+        + f"{describe_controllers(protocol.controllers)}, {protocol.duration:g} s, "
         f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
     ]
     if protocol.across.several:

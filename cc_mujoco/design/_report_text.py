@@ -621,8 +621,8 @@ def common_values(found: RankedStudy) -> Html:
     plan, device = found.plan, load_device(found.plan.protocol.scene)
     protocol = plan.protocol
     rows: list[Sequence[str]] = [
-        ("motion of the wearer", plan.source),
-        ("task of the device", protocol.task),
+        ("motion of the wearer", protocol.sources[0]),
+        ("task of the device", protocol.sources[1]),
         ("controllers", ", ".join(protocol.controllers)),
         ("length of the episode", f"{protocol.duration:g} s"),
         ("seed of all that is random", str(protocol.seed)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from cc_mujoco._utils.provenance import (
     provenance_differences,
     read_provenance,
 )
+from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import controller
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._evaluation import Design
@@ -27,7 +28,8 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._wearer_scaling import trajectory_of
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TRAJECTORIES
+from cc_mujoco.human import TASKS, TRAJECTORIES
+from cc_mujoco.human._parsing import is_user_object
 from cc_mujoco.metrics import find_metric
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report import _markdown as markdown
@@ -67,13 +69,8 @@ def show(
     about = read_study(folder)
     design = _design(folder, row, about["variables"])
     protocol = about["protocol"]
-    motion = protocol["trajectory"]
-    if motion not in TRAJECTORIES and not motion.lower().endswith(".csv"):
-        raise CableError(
-            f"the study in {folder} plays a trajectory that was given as a Python "
-            f"object, {motion}; its designs can be shown only where it plays a name or "
-            "a CSV file."
-        )
+    for kind, registry in (("trajectory", TRAJECTORIES), ("task", TASKS)):
+        _require_text(folder, kind, protocol[kind], registry)
     find_user_metrics(folder)
     device = load_device(protocol["scene"], protocol["timestep"])
     played = case_of(folder, row, case)
@@ -93,9 +90,7 @@ def show(
     chosen = read_row(folder, row).get(CONTROLLER_COLUMN) or protocol["controllers"][0]
     law = laws[chosen]
     names = {key: protocol[key] for key in ("trajectory", "task")}
-    makers = code_provenance(
-        *laws, *protocol["own"].values(), trajectory=protocol["trajectory"]
-    )
+    makers = code_provenance(*laws, *protocol["own"].values(), *names.values())
     if changed := provenance_differences(read_provenance(read_table(folder)), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
@@ -118,6 +113,23 @@ def show(
     facts = {**plant.facts, MODEL_XML: plant.xml()}
     log = EpisodeLog(log.columns, {**log.metadata, **facts})
     return log, model
+
+
+def _require_text(
+    folder: Path, kind: str, text: str, registry: Mapping[str, object]
+) -> None:
+    """Refuse a trajectory or a task that was given as a Python object.
+
+    Raises:
+        CableError: it is neither a name, nor a table, nor an object of a module.
+    """
+    name = text.partition(":")[0]
+    if not (name in registry or is_table(text) or is_user_object(text, registry)):
+        raise CableError(
+            f"the study in {folder} plays a {kind} that was given as a Python object, "
+            f"{text}; its designs can be shown only where it plays a name, a table or "
+            "MODULE:NAME."
+        )
 
 
 def find_user_metrics(folder: str | Path) -> None:

@@ -5,8 +5,8 @@
 The command line fills it from its options, Python from the keywords of `study`,
 `optimise` and `make_plan`; `make_plan` checks it. In Python `vary` and `across` are
 dictionaries whose values are texts, numbers or sequences of values; `designs` may be a
-list of dictionaries, `trajectory` a `human.Trajectory`, `metrics` objects. The help of
-the command needs this module, so it loads nothing that takes long.
+list of dictionaries, `trajectory` and `task` objects of `human`, `metrics` objects. The
+help of the command needs this module, so it loads nothing that takes long.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import tyro
 from cc_mujoco._workers import WORKER_TIMEOUT
 
 if TYPE_CHECKING:
-    from cc_mujoco.human import Trajectory
+    from cc_mujoco.human import Task, Trajectory
     from cc_mujoco.metrics import Metric
 else:  # tyro evaluates the annotations below, for which nothing need be loaded
-    Metric = Trajectory = Any
+    Metric = Task = Trajectory = Any
 
 Given = str | float | Sequence[object]
 """A range or values as text, one value, or several."""
@@ -71,9 +71,11 @@ class StudySpec:
     trajectory: Annotated[
         str | Path | Trajectory | None, _option("NAME", str | None)
     ] = None
-    """Motion of the wearer: a name or FILE.csv; the default depends on the scene."""
-    task: Annotated[str | None, _option("NAME", str | None)] = None
-    """Feel that the device should give the wearer; the default depends on the scene."""
+    """Motion of the wearer: a name, NAME:AMPLITUDE, a table of angles, or MODULE:NAME;
+    the default depends on the scene."""
+    task: Annotated[str | Path | Task | None, _option("NAME", str | None)] = None
+    """Feel that the device should give the wearer: a name, NAME:NUMBER, a table of
+    torque over phase or time, or MODULE:NAME; the default depends on the scene."""
     controllers: Annotated[Sequence[str], _option("NAME [NAME ...]", Texts)] = (
         DEFAULT_CONTROLLERS
     )

@@ -35,9 +35,21 @@ def axis_columns(
     return found
 
 
-def split_by_axis(text: str) -> str | dict[str, str]:
-    """Return the parts of `hip=pi,ankle=model` by axis, or a text without any."""
-    if "=" not in text:
-        return text
-    pairs = [part.partition("=") for part in text.split(",")]
-    return {name.strip(): value.strip() for name, _, value in pairs}
+def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
+    """Return the parts of `hip=pi,ankle=model` by axis, or a text without any.
+
+    Args:
+        text: What is given; after its axis a part may hold commas and equals signs.
+        names: The axes.
+    """
+    known, found, last = tuple(names), {}, ""
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if equals and name.strip() in known:
+            last = name.strip()
+            found[last] = value.strip()
+        elif last:
+            found[last] += f",{part}"
+        else:
+            return text
+    return found

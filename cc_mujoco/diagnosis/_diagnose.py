@@ -46,7 +46,7 @@ def diagnose(
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
     Args:
-        data: trial files (see `datasets._file_formats.ENDINGS`) or folders of them; a
+        data: trial files (see `_utils.tables.ENDINGS`) or folders of them; a
             single one need not be in a list.
         scene: MJCF file of the rig.
         out: folder for what is found; written whole or not at all.

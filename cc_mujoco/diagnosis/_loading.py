@@ -47,7 +47,7 @@ def load(
     """Read and check trials.
 
     Args:
-        paths: files (see `datasets._file_formats.ENDINGS`) or folders; their order
+        paths: files (see `_utils.tables.ENDINGS`) or folders; their order
             is kept, folders are sorted by name.
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.

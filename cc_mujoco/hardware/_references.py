@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,20 +10,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.csv_files import read_sheet
+from cc_mujoco._utils import tables
 from cc_mujoco._utils.units import CLOCK, TORQUE, Kind
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings
-from cc_mujoco.human import Task, task, trajectory
+from cc_mujoco.human import TRAJECTORIES, Task, task
 
 Array = NDArray[np.float64]
 
 COURSE_COLUMNS = {"time_s": CLOCK, "torque_nm": TORQUE}
 """Columns of a course in a CSV file."""
-_PHASE_TASKS = ("assist", "swing")
 
 
 class Desired(Protocol):
@@ -88,7 +86,8 @@ class Virtual:
 
     def torque(self, time: float, seen: Readings) -> float:
         """See `Desired`."""
-        return float(self.task.torque(seen.joint_angle, seen.joint_velocity, 0.0))
+        at = time if self.task.of_time else 0.0
+        return float(self.task.torque(seen.joint_angle, seen.joint_velocity, at))
 
     @classmethod
     def named(cls, name: str) -> Virtual:
@@ -98,7 +97,9 @@ class Virtual:
             CableError: There is none, or it follows a gait, which no rig measures.
         """
         found = task(name)
-        if name in _PHASE_TASKS:
+        phases = np.linspace(0.0, 1.0, 101)
+        still = np.zeros_like(phases)
+        if not found.of_time and np.ptp(found.torque(still, still, phases)) > 0.0:
             raise CableError(
                 f"task {name!r} follows the phase of a gait, which the rig does not "
                 "measure; give its course as `csv`."
@@ -122,7 +123,7 @@ def course_from_trajectory(name: str, amplitude: float, duration: float) -> Torq
     Raises:
         CableError: There is no such trajectory.
     """
-    found = trajectory(name)
+    found = look_up("trajectory", name, TRAJECTORIES)
     require_number("duration", duration, 0.01, MAX_DURATION, "s")
     motion = found.sample(duration, 0.002, np.random.default_rng(0))
     return TorqueTable(motion.time, amplitude / found.amplitude * motion.angle)
@@ -132,35 +133,28 @@ def course_from_csv(path: Path) -> TorqueTable:
     """Return a course from a file with the columns `time_s` and `torque_nm`.
 
     Raises:
-        CableError: It cannot be read or used; names file, line and column.
+        CableError: It cannot be read or used; names file, row and column.
     """
     times, torques = read_columns(path, COURSE_COLUMNS)
     return TorqueTable(times, torques)
 
 
 def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
-    """Read the named columns of a CSV file (n,) each.
+    """Read the named columns of a table (n,) each.
 
     Args:
-        path: Of the file, in a form of `csv_files`.
+        path: Of the file, in a form of `_utils.tables`.
         columns: Their names and what they measure; the first is time and must rise.
 
     Raises:
-        CableError: It cannot be read or used; names file, line and column.
+        CableError: It cannot be read or used; names file, row and column.
     """
-    sheet = read_sheet(path)
-    places = [sheet.column(name, measured) for name, measured in columns.items()]
+    names = tables.column_names(path)
     found = [
-        [sheet.number(row, place, -math.inf, math.inf) for place in places]
-        for row in sheet.rows
+        tables.quantity_column(path, names, name, measured)
+        for name, measured in columns.items()
     ]
-    if not found:
-        raise CableError(f"{path} has no line of data below its header.")
-    table = np.array(found).T
-    times = table[0]
-    if (late := np.flatnonzero(np.diff(times) <= 0.0)).size:
-        raise CableError(
-            f"{path}, column {places[0].name}: {times[late[0] + 1]:g} s must be after "
-            f"the {times[late[0]]:g} s of the line before."
-        )
-    return tuple(table)
+    read = tables.read_course(path, found)
+    if not read[0].size:
+        raise CableError(f"{path} has no row of data below its header.")
+    return read

@@ -1,6 +1,4 @@
 from ._body import Body as Body
-from ._csv_motion import Recorded as Recorded
-from ._csv_motion import from_csv as from_csv
 from ._excitation import Chirp as Chirp
 from ._excitation import Multisine as Multisine
 from ._excitation import Sine as Sine
@@ -10,6 +8,7 @@ from ._gait import assistance as assistance
 from ._motion import Motion as Motion
 from ._motion import Scripted as Scripted
 from ._motion import Trajectory as Trajectory
+from ._named_tasks import task as task
 from ._pace import Pace as Pace
 from ._perturbed import Perturbed as Perturbed
 from ._point_to_point import Ramp as Ramp
@@ -17,6 +16,8 @@ from ._point_to_point import Reach as Reach
 from ._point_to_point import Reversals as Reversals
 from ._point_to_point import Sweep as Sweep
 from ._profile import Profile as Profile
+from ._recorded import Recorded as Recorded
+from ._recorded import read_motion as read_motion
 from ._scaled_assistance import Paced as Paced
 from ._scaled_assistance import scale_task as scale_task
 from ._tasks import TASKS as TASKS
@@ -27,7 +28,9 @@ from ._tasks import Swing as Swing
 from ._tasks import Task as Task
 from ._tasks import Transparent as Transparent
 from ._tasks import Tunnel as Tunnel
-from ._tasks import task as task
+from ._torque_table import PhaseTorque as PhaseTorque
+from ._torque_table import TimeTorque as TimeTorque
+from ._torque_table import read_torque as read_torque
 from ._trajectories import TRAJECTORIES as TRAJECTORIES
 from ._trajectories import trajectory as trajectory
 from ._walking import Walk as Walk

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_parameter
-from cc_mujoco.errors import look_up
 from cc_mujoco.human import _gait as gait
 
 Real = TypeVar("Real", float, NDArray[np.float64])
@@ -29,7 +28,9 @@ class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
 
     of_phase: ClassVar[bool] = False
-    """True if its torque follows from the phase alone."""
+    """True if its torque follows from `phase` alone."""
+    of_time: ClassVar[bool] = False
+    """True if `phase` is the time since the start of the episode [s] for it."""
 
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -38,7 +39,8 @@ class Task(ABC):
         Args:
             angle: Joint angle [rad].
             velocity: Joint velocity [rad/s].
-            phase: Fraction of the gait cycle or of the trajectory's period [-].
+            phase: Fraction of the gait cycle or of the trajectory's period [-]; time
+                [s] for a task `of_time`.
 
         Returns:
             Desired torque [N m], of the shape of the arguments.
@@ -176,15 +178,6 @@ TASKS: dict[str, Task] = {
     "hold": Hold(),
 }
 """Every virtual environment with its default parameters."""
-
-
-def task(name: str) -> Task:
-    """Look a task up.
-
-    Raises:
-        CableError: If there is no such task; names the nearest and all others.
-    """
-    return look_up("task", name, TASKS)
 
 
 # `simulation._compiled_episode` compiles what follows.

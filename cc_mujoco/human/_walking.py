@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._body import SCENE_WEARER, Body
+from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Array, Motion, Scripted, minimum_jerk
 from cc_mujoco.human._pace import MEASURED_SPEED, Pace
 
@@ -36,6 +40,8 @@ class Walk(Scripted):
     """Time in which the cadence grows from 0 [s]."""
     speed: float = MEASURED_SPEED
     """Walking speed [m/s]."""
+    joints: tuple[GaitJoint, ...] = ()
+    """Joints of a device that walk; by default one leg's, `ankle`, `knee` and `hip`."""
 
     @classmethod
     def at(cls, speed: float | None, body: Body = SCENE_WEARER) -> Walk:
@@ -51,6 +57,39 @@ class Walk(Scripted):
         """
         pace = body.pace(speed)
         return cls(period=gait.GAIT_PERIOD * pace.stride * body.time, speed=pace.speed)
+
+    def on_joints(self, joints: Mapping[str, tuple[float, float]]) -> Walk:
+        """Return the walk of a device's joints; see `gait_joints`.
+
+        Args:
+            joints: Range [rad] by name, that of the driven joint first.
+
+        Raises:
+            CableError: If the driven joint is none that walks.
+        """
+        driven = next(iter(joints))
+        found = gait_joints(joints)
+        if driven not in {joint.name for joint in found}:
+            raise CableError(
+                f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and the device drives "
+                f"the joint {driven!r}; choose another trajectory, such as 'sine'."
+            )
+        same = driven in gait.GAIT_ANGLES and all(
+            joint == GaitJoint(joint.name, joint.name) for joint in found
+        )
+        return self if same else replace(self, joints=found)
+
+    def describe(self) -> str:
+        """Return a sentence that says which joints of the device walk."""
+        each = [
+            f"{joint.name} (as {joint.part}"
+            + ", half a cycle later" * joint.other_leg
+            + ", turned" * joint.turned
+            + f", shifted by {joint.shift:g} rad" * bool(joint.shift)
+            + ")"
+            for joint in self.joints
+        ]
+        return f"the walk moves {', '.join(each or gait.GAIT_ANGLES)}"
 
     @property
     def pace(self) -> Pace:
@@ -69,28 +108,54 @@ class Walk(Scripted):
         cycles = step.integral * self.start / self.period
         rate = step.value / self.period
         acceleration = step.rate / self.start / self.period
-        phase = np.asarray(np.mod(cycles, 1.0))
         # The default amplitude is the peak rounded up; it means the angles as measured.
         scale = self.amplitude / Walk.amplitude
         pace = self.pace
-        measured = pace.phase(phase)
-        slowed = pace.slope(phase)
-        acceleration = slowed * acceleration + pace.bend(phase) * rate**2
-        rate = slowed * rate
 
-        def joint(name: str, companions: dict[str, Motion]) -> Motion:
+        def leg(start: float) -> _Leg:
+            phase = np.asarray(np.mod(cycles + start, 1.0))
+            slowed = pace.slope(phase)
+            bent = slowed * acceleration + pace.bend(phase) * rate**2
+            return _Leg(phase, pace.phase(phase), slowed * rate, bent)
+
+        def joint(
+            leg: _Leg, name: str, far: float, others: dict[str, Motion]
+        ) -> Motion:
             profile = gait.GAIT_ANGLES[name]
             slope = profile.derivative()
             bend = slope.derivative()
-            far = scale * pace.excursion(name)
+            far = far * pace.excursion(name)
             return Motion(
                 time,
-                far * profile(measured),
-                far * slope(measured) * rate,
-                far * (bend(measured) * rate**2 + slope(measured) * acceleration),
-                phase,
-                companions,
-                measured,
+                far * profile(leg.measured),
+                far * slope(leg.measured) * leg.rate,
+                far
+                * (
+                    bend(leg.measured) * leg.rate**2
+                    + slope(leg.measured) * leg.acceleration
+                ),
+                leg.phase,
+                others,
+                leg.measured,
             )
 
-        return joint("ankle", {name: joint(name, {}) for name in gait.GAIT_ANGLES})
+        first = leg(0.0)
+        if not self.joints:
+            others = {name: joint(first, name, scale, {}) for name in gait.GAIT_ANGLES}
+            return joint(first, "ankle", scale, others)
+        legs = {False: first, True: leg(0.5)}
+        moved = {}
+        for one in self.joints:
+            far = -scale if one.turned else scale
+            motion = joint(legs[one.other_leg], one.part, far, {})
+            moved[one.name] = replace(motion, angle=motion.angle + one.shift)
+        return replace(moved[self.joints[0].name], companions=moved)
+
+
+class _Leg(NamedTuple):
+    """Progress of a leg (n + 1,): phase, that of the measured walk, its derivatives."""
+
+    phase: Array
+    measured: Array
+    rate: Array
+    acceleration: Array

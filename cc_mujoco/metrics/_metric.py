@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, Protocol
@@ -51,6 +51,9 @@ class LogLike(Protocol):
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a column of the episode log (T, ...), its first axis time."""
 
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a column in order, so that long ones fit into memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class ArrayLog:
@@ -69,6 +72,10 @@ class ArrayLog:
         if name not in self.columns:
             raise CableError.unknown("column", name, self.columns)
         return self.columns[name]
+
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a column in order, here all at once."""
+        yield self[name]
 
 
 @dataclass(frozen=True)

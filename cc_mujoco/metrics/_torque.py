@@ -101,10 +101,13 @@ def thermal_load(log: LogLike) -> float:
 
 def least_tension(log: LogLike, *cables: str) -> Array:
     """Return the least tension in some cables, by default the wound (T,) [N]."""
-    found: Array = np.min(
-        [log[f"tension_{c}_nodes_n"].min(axis=1) for c in cables or driven_cables(log)],
-        axis=0,
-    )
+    least = [
+        np.concatenate(
+            [rows.min(axis=1) for rows in log.pieces(f"tension_{c}_nodes_n")]
+        )
+        for c in cables or driven_cables(log)
+    ]
+    found: Array = np.min(least, axis=0)
     return found
 
 

@@ -3,6 +3,7 @@ from ._batched_controller import BatchedController as BatchedController
 from ._batched_controller import Unpowered as Unpowered
 from ._episode_log import EpisodeLog as EpisodeLog
 from ._episode_log import Recorder as Recorder
+from ._episode_log import log_file as log_file
 from ._log_columns import columns_for as columns_for
 from ._loop import Single as Single
 from ._loop import Trace as Trace

@@ -9,6 +9,10 @@ the figure and the Rerun recording.
     log["joint_torque_nm"]             # (T,) array; node columns are (T, nodes)
     log.write("log.parquet")
     EpisodeLog.read("log.parquet")     # equal to `log`, bit for bit
+    EpisodeLog.open("log.parquet")     # likewise, with every column read on demand
+
+A long episode is written while it runs, by `log_file`, and opened: neither needs memory
+that grows with its length. `pieces`, `rows` and `thinned` read such a log in parts.
 """
 
 from __future__ import annotations
@@ -16,7 +20,9 @@ from __future__ import annotations
 import difflib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +38,8 @@ from cc_mujoco.simulation._log_columns import (
     prefixes_in,
 )
 
-"""Key of the Parquet schema metadata that holds the log's metadata as JSON."""
+PIECE_ROWS = 16_384
+"""Samples in a row group of a log's file, and so in a piece of a column."""
 
 
 class EpisodeLog:
@@ -63,7 +70,7 @@ class EpisodeLog:
         for name in columns:
             if name not in names:
                 raise CableError.unknown("log column", name, names)
-        self._columns = {
+        self._columns: Mapping[str, NDArray[Any]] = {
             column.name: _frozen_array(
                 column, _require_column(columns, column.name, "log")
             )
@@ -72,11 +79,24 @@ class EpisodeLog:
         rows = {name: len(array) for name, array in self._columns.items()}
         if len(set(rows.values())) > 1:
             raise CableError(f"log columns must have equal lengths, not {rows}.")
+        self._rows = rows["time_s"]
         self.metadata: dict[str, Any] = json.loads(_to_json(metadata))
+
+    @classmethod
+    def _over(
+        cls, columns: Mapping[str, NDArray[Any]], rows: int, metadata: Mapping[str, Any]
+    ) -> EpisodeLog:
+        """Return a log over columns that are checked already."""
+        log = cls.__new__(cls)
+        log.cables = cables_in(columns)
+        log.schema = columns_for(log.cables)
+        log._columns, log._rows = columns, rows
+        log.metadata = dict(metadata)
+        return log
 
     def __len__(self) -> int:
         """Return the number of samples."""
-        return len(self._columns["time_s"])
+        return self._rows
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column.
@@ -130,28 +150,60 @@ class EpisodeLog:
             raise CableError.unknown("axis of the log", name, self.axes)
         return AxisLog(self, name)
 
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a column in order, at most `PIECE_ROWS` at a time.
+
+        Raises:
+            CableError: If there is no such column.
+        """
+        if isinstance(self._columns, _FileColumns) and name in self._columns:
+            yield from self._columns.pieces(name)
+            return
+        column = self[name]
+        for start in range(0, max(len(column), 1), PIECE_ROWS):
+            yield column[start : start + PIECE_ROWS]
+
+    def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
+        """Return some rows of a column, without all of it in memory.
+
+        Args:
+            name: Name of the column.
+            samples: Indices of the samples, rising, (n,).
+
+        Returns:
+            The rows, (n,) or (n, width).
+
+        Raises:
+            CableError: If there is no such column.
+        """
+        if (
+            isinstance(self._columns, _FileColumns | _KeptRows)
+            and name in self._columns
+        ):
+            return self._columns.rows(name, samples)
+        return np.asarray(self[name][samples])
+
+    def thinned(self, most: int) -> EpisodeLog:
+        """Return every k-th sample, with the least k that leaves at most `most`.
+
+        Its columns are read on demand. A log that is no longer is returned itself.
+        """
+        every = -(-len(self) // most)
+        if every <= 1:
+            return self
+        kept = np.arange(0, len(self), every)
+        return EpisodeLog._over(_KeptRows(self, kept), len(kept), self.metadata)
+
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file; an older file at `path` stays until this is whole.
 
         Units and meanings are in the field metadata, the log's metadata is JSON under
         the schema metadata key `cc_mujoco`.
         """
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        fields, arrays = [], []
-        for column in self.schema:
-            array = pa.array(self[column.name].reshape(-1))
-            if column.listed:
-                width = self[column.name].shape[1]
-                array = pa.FixedSizeListArray.from_arrays(array, width)
-            about = {"unit": column.unit, "meaning": column.meaning}
-            fields.append(pa.field(column.name, array.type, False, about))
-            arrays.append(array)
-        schema = pa.schema(fields, {METADATA_KEY: _to_json(self.metadata).encode()})
-        table = pa.Table.from_arrays(arrays, schema=schema)
-        with replacing(path) as partial:
-            pq.write_table(table, partial, compression="zstd")
+        with log_file(path, self.cables, self.metadata) as file:
+            names = [column.name for column in self.schema]
+            for arrays in zip(*map(self.pieces, names), strict=True):
+                file.append(dict(zip(names, arrays, strict=True)))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> EpisodeLog:
@@ -161,25 +213,254 @@ class EpisodeLog:
             CableError: If the file is not Parquet or not an episode log.
             FileNotFoundError: If there is no such file.
         """
+        log = cls.open(path)
+        return cls(log.columns, log.metadata)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> EpisodeLog:
+        """Open a file that `write` or `log_file` made, and read columns on demand.
+
+        Every access to a column reads it again. The file must stay where it is.
+
+        Raises:
+            CableError: If the file is not Parquet or not an episode log.
+            FileNotFoundError: If there is no such file.
+        """
+        columns = _FileColumns(path)
+        return cls._over(columns, columns.count, columns.metadata)
+
+
+class _FileColumns(Mapping[str, NDArray[Any]]):
+    """Columns of a file, each read when it is accessed."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
+        self._path = Path(path).absolute()
         try:
-            table = pq.read_table(path)
+            with pq.ParquetFile(self._path) as file:
+                self._footer, self._schema = file.metadata, file.schema_arrow
         except pa.ArrowInvalid as error:
             raise CableError(f"{path} is not a Parquet file: {error}.") from error
-        metadata = (table.schema.metadata or {}).get(METADATA_KEY)
+        metadata = (self._schema.metadata or {}).get(METADATA_KEY)
         if metadata is None:
             raise CableError(f"{path} is a Parquet file, but not an episode log.")
-        columns = {}
-        for field in table.schema:
-            array = table.column(field.name).combine_chunks()
-            if pa.types.is_fixed_size_list(field.type):
-                values = array.flatten().to_numpy()
-                columns[field.name] = values.reshape(len(table), field.type.list_size)
-            else:
-                columns[field.name] = array.to_numpy()
-        return cls(columns, json.loads(metadata))
+        self.metadata: dict[str, Any] = json.loads(metadata)
+        self.count: int = self._footer.num_rows
+        groups = range(self._footer.num_row_groups)
+        sizes = [self._footer.row_group(group).num_rows for group in groups]
+        self._starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._schema.names)
+
+    def __len__(self) -> int:
+        return len(self._schema.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._schema.names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        whole = self._read(name, np.arange(len(self._starts) - 1), None)
+        whole.setflags(write=False)
+        return whole
+
+    def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
+        """Return some rows of a column; see `EpisodeLog.rows`."""
+        groups = np.searchsorted(self._starts, samples, side="right") - 1
+        return self._read(name, np.unique(groups), samples)
+
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield a column, one row group at a time."""
+        for group in range(len(self._starts) - 1):
+            yield self._read(name, np.array([group]), None)
+
+    def _read(
+        self,
+        name: str,
+        groups: NDArray[np.integer],
+        samples: NDArray[np.integer] | None,
+    ) -> NDArray[Any]:
+        """Return some rows of some row groups, by default all of them."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        field = self._schema.field(name)
+        listed = pa.types.is_fixed_size_list(field.type)
+        shape = (field.type.list_size,) if listed else ()
+        kind = field.type.value_type if listed else field.type
+        sizes = np.diff(self._starts)[groups]
+        count = int(sizes.sum()) if samples is None else len(samples)
+        found = np.empty((count, *shape), dtype=kind.to_pandas_dtype())
+        filled = 0
+        with pq.ParquetFile(self._path, metadata=self._footer) as file:
+            for group in groups.tolist():
+                chunk = file.read_row_group(group, columns=[name]).column(0)
+                chunk = chunk.combine_chunks()
+                values = (chunk.flatten() if listed else chunk).to_numpy()
+                values = values.reshape(-1, *shape)
+                if samples is not None:
+                    start, end = self._starts[group], self._starts[group + 1]
+                    low, high = np.searchsorted(samples, [start, end])
+                    values = values[samples[low:high] - start]
+                found[filled : filled + len(values)] = values
+                filled += len(values)
+        return found
+
+
+class _KeptRows(Mapping[str, NDArray[Any]]):
+    """Some rows of the columns of another log; scalar columns are remembered."""
+
+    def __init__(self, log: EpisodeLog, kept: NDArray[np.integer]) -> None:
+        self._log, self._kept = log, kept
+        self._names = [column.name for column in log.schema]
+        self._remembered: dict[str, NDArray[Any]] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name in self._remembered:
+            return self._remembered[name]
+        found = self._log.rows(name, self._kept)
+        found.setflags(write=False)
+        if found.ndim == 1:
+            self._remembered[name] = found
+        return found
+
+    def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
+        """Return some rows of a column; see `EpisodeLog.rows`."""
+        return self._log.rows(name, self._kept[samples])
+
+
+class LogFile:
+    """Log of an episode that is written to a file while it runs; see `log_file`."""
+
+    def __init__(
+        self,
+        path: Path,
+        cables: Iterable[str],
+        metadata: Mapping[str, Any],
+        prefixes: Iterable[str] = ("",),
+    ) -> None:
+        """Prepare; the file begins with the first samples.
+
+        Args:
+            path: File to write.
+            cables: Names of the cables whose columns every sample brings.
+            metadata: JSON-serializable description of the episode.
+            prefixes: Beginnings of the columns of each axis.
+
+        Raises:
+            CableError: If the metadata cannot be written as JSON.
+        """
+        self._path, self._schema = path, columns_for(cables, prefixes)
+        self._metadata = _to_json(metadata).encode()
+        self._writer: Any = None
+        self._pending: dict[str, NDArray[Any]] = {}
+        self._count = 0
+
+    def keep(self, step: int, columns: Mapping[str, Any], _: Any) -> None:
+        """Append the columns of a control step; an `Observer` of an episode."""
+        if not self._pending:
+            self._pending = {
+                column.name: np.empty(
+                    (PIECE_ROWS, *np.shape(columns[column.name])), column.dtype
+                )
+                for column in self._schema
+            }
+        for name, kept in self._pending.items():
+            kept[self._count] = columns[name]
+        self._count += 1
+        if self._count == PIECE_ROWS:
+            self._flush()
+
+    def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Write rows as one row group.
+
+        Args:
+            columns: By name, each (rows,) or (rows, width).
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        fields, arrays = [], []
+        for column in self._schema:
+            array = pa.array(columns[column.name].reshape(-1))
+            if column.listed:
+                width = columns[column.name].shape[1]
+                array = pa.FixedSizeListArray.from_arrays(array, width)
+            about = {"unit": column.unit, "meaning": column.meaning}
+            fields.append(pa.field(column.name, array.type, False, about))
+            arrays.append(array)
+        schema = pa.schema(fields, {METADATA_KEY: self._metadata})
+        if self._writer is None:
+            self._writer = pq.ParquetWriter(self._path, schema, compression="zstd")
+        table = pa.Table.from_arrays(arrays, schema=schema)
+        self._writer.write_table(table)
+
+    def close(self) -> None:
+        """Write what is pending, and the end of the file.
+
+        Raises:
+            CableError: If nothing was recorded.
+        """
+        if self._count:
+            self._flush()
+        if self._writer is None:
+            raise CableError("nothing was recorded: keep at least one sample.")
+        self._writer.close()
+
+    def discard(self) -> None:
+        """Close the file as it is, so that it can be deleted."""
+        if self._writer is not None:
+            with suppress(OSError):  # a full disk was reported already
+                self._writer.close()
+
+    def _flush(self) -> None:
+        self.append({name: kept[: self._count] for name, kept in self._pending.items()})
+        self._count = 0
+
+
+@contextmanager
+def log_file(
+    path: str | os.PathLike[str],
+    cables: Iterable[str],
+    metadata: Mapping[str, Any],
+    prefixes: Iterable[str] = ("",),
+) -> Iterator[LogFile]:
+    """Write a log while its episode runs; `path` is there when the block succeeds.
+
+        with log_file("log.parquet", fleet.cables, about) as file:
+            run(plant, controller, file.keep)
+        log = EpisodeLog.open("log.parquet")
+
+    Memory holds `PIECE_ROWS` samples, however long the episode is.
+
+    Args:
+        path: File to write; an older one stays until this is whole.
+        cables: Names of the cables whose columns every sample brings.
+        metadata: JSON-serializable description of the episode.
+        prefixes: Beginnings of the columns of each axis.
+
+    Raises:
+        CableError: If nothing was recorded or the file cannot be written.
+    """
+    with replacing(path) as partial:
+        file = LogFile(partial, cables, metadata, prefixes)
+        try:
+            yield file
+            file.close()
+        except BaseException:
+            file.discard()
+            raise
 
 
 class AxisLog:

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device._model import AxisModel, DeviceModel
-from cc_mujoco.errors import CableError
-from cc_mujoco.human import Motion, Task, Trajectory, trajectory
-from cc_mujoco.human._csv_motion import resolve_trajectory
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.errors import CableError, CableWarning
+from cc_mujoco.human import (
+    Motion,
+    Perturbed,
+    Recorded,
+    Task,
+    TimeTorque,
+    Trajectory,
+    Walk,
+)
 
 Array = NDArray[np.float64]
 
 
 MARKS = 4
-"""Marks of an axis: reference angle [rad], phase of the cycle, its sine and cosine."""
+"""Marks of an axis: reference angle [rad], phase of the cycle or time [s] for a task of
+time, sine and cosine of the phase."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +58,31 @@ class Author:
         self,
         device: DeviceModel,
         sources: Sequence[Trajectory],
+        tasks: Sequence[Task],
         steps: int,
         frame_skip: int,
     ) -> None:
-        """Prepare.
+        """Prepare; warn of a recorded motion or torque that ends before the episode.
 
         Args:
             device: Whose joints are moved.
             sources: How the joint of each axis is moved; what is the same trajectory
                 is one motion.
+            tasks: What the wearer should feel at each axis.
             steps: Control steps in an episode.
             frame_skip: Physics steps in a control step.
         """
+        duration = steps * frame_skip * float(device.model.opt.timestep)
+        for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):
+            _warn_of_end(recorded, duration)
+        walks = dict.fromkeys(
+            source.describe()
+            for source in map(unperturbed, sources)
+            if isinstance(source, Walk) and source.joints
+        )
+        self.note = "; ".join(walks) + "." if walks else ""
+        """Sentence that says which joints of the device walk; empty by default."""
+        self._of_time = tuple(task.of_time for task in tasks)
         self._device = device
         self._sources = tuple(sources)
         self._steps = steps
@@ -102,10 +125,12 @@ class Author:
             joint = axis.axis.limb
             if joint not in device.movers:  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
-            motion = motion.companions.get(joint, motion)
-            moved[joint] = motion
-            motions.append(motion)
-            self._check(axis, motion)
+            own = motion.companions.get(joint, motion)
+            moved[joint] = own
+            motions.append(own)
+        for joint, part in moved.items():
+            if joint in device.movers:
+                _require_range(device.model, joint, part)
         angles: dict[str, float] = {}
         commands = np.zeros((substeps + 1, len(device.movers)))
         for axis in device.axes:  # a frame starts where its limb does
@@ -119,22 +144,52 @@ class Author:
                 angles[joint] = float(part.angle[0])
                 commands[:, place] = mover.command(part.angle, part.velocity)
         marks = []
-        for motion in motions:
+        for motion, of_time in zip(motions, self._of_time, strict=True):
             phase = motion.phase[:: self.frame_skip]
             turn = 2 * np.pi * phase
             angle = motion.angle[:: self.frame_skip]
-            marks += [angle, phase, np.sin(turn), np.cos(turn)]
+            clock = motion.time[:: self.frame_skip] if of_time else phase
+            marks += [angle, clock, np.sin(turn), np.cos(turn)]
         return Script(angles, commands, np.stack(marks, axis=-1))
 
-    def _check(self, axis: AxisModel, motion: Motion) -> None:
-        low, high = axis.joint_range
-        least, most = float(motion.angle.min()), float(motion.angle.max())
-        if least < low or most > high:
-            raise CableError(
-                f"the trajectory moves joint {axis.axis.limb!r} from "
-                f"{least:g} to {most:g} rad, but it must stay in "
-                f"[{low:g}, {high:g}] rad."
-            )
+
+def _warn_of_end(recorded: object, duration: float) -> None:
+    """Warn of a recorded motion or torque that ends before the episode."""
+    if not isinstance(recorded, (Recorded, TimeTorque)):
+        return
+    if recorded.end >= duration - 1e-9:
+        return
+    held = (
+        "torque keeps its last value"
+        if isinstance(recorded, TimeTorque)
+        else "joint is held where it is then"
+    )
+    warnings.warn(
+        f"{recorded.source or 'the recorded motion'} ends after {recorded.end:g} s; "
+        f"the {held} for the rest of the {duration:g} s.",
+        CableWarning,
+        stacklevel=5,
+    )
+
+
+def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
+    """Return the stops of a joint [rad], infinite where it has none."""
+    joint = model.joint(name)
+    if not model.jnt_limited[joint.id]:
+        return -math.inf, math.inf
+    low, high = joint.range
+    return float(low), float(high)
+
+
+def _require_range(model: mujoco.MjModel, name: str, motion: Motion) -> None:
+    """Refuse a motion that leaves the range of its joint."""
+    low, high = joint_range(model, name)
+    least, most = float(motion.angle.min()), float(motion.angle.max())
+    if least < low or most > high:
+        raise CableError(
+            f"the trajectory moves joint {name!r} from {least:g} to {most:g} rad, but "
+            f"it must stay in [{low:g}, {high:g}] rad."
+        )
 
 
 def resting(motion: Motion, angle: float) -> Motion:
@@ -236,16 +291,8 @@ class Scripts:
         return np.array(np.broadcast_to(demanded, phase.shape), dtype=np.float64)
 
 
-def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
-    """Return the trajectory that is requested of an environment.
-
-    Args:
-        given: A name, a CSV file (a string ending in `.csv`, or any `Path`), or a
-            trajectory.
-        reach: Largest angle of named trajectories [rad].
-
-    Raises:
-        CableError: If there is no such trajectory, or the file cannot be used.
-    """
-    found = resolve_trajectory(given)
-    return trajectory(found, reach) if isinstance(found, str) else found
+def unperturbed(source: Trajectory) -> Trajectory:
+    """Return the trajectory inside perturbations."""
+    while isinstance(source, Perturbed):
+        source = source.base
+    return source

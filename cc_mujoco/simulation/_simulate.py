@@ -27,9 +27,9 @@ from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring, Trajectory
 from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
-from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder
+from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
 from cc_mujoco.simulation._log_columns import AXES, MODEL_XML, columns_for
-from cc_mujoco.simulation._loop import Columns, Single, Trace, run
+from cc_mujoco.simulation._loop import Columns, Observer, Single, Trace, run
 
 if TYPE_CHECKING:
     import gymnasium
@@ -55,6 +55,7 @@ def simulate(
     threads: int = ...,
     about: Mapping[str, Any] | None = ...,
     progress: Callable[[float], object] | None = ...,
+    file: str | Path | None = ...,
 ) -> EpisodeLog: ...
 
 
@@ -86,6 +87,7 @@ def simulate(
     threads: int = 0,
     about: Mapping[str, Any] | None = None,
     progress: Callable[[float], object] | None = None,
+    file: str | Path | None = None,
 ) -> EpisodeLog | list[EpisodeLog]:
     """Simulate an episode of a plant, or of several plants of one device at once.
 
@@ -98,9 +100,9 @@ def simulate(
             knows its values; see `control.axes_controller` for different ones. Or a
             `Controller`, which knows the values of the drive that it was made for and
             reads numbers of a plant and arrays over a list of plants.
-        motion: Motion of the wearer: a name, a CSV file or a `Trajectory`; that of the
-            device by default.
-        task: Torque that the wearer should feel: a name or a `Task`, for all axes or by
+        motion: Motion of the wearer, see `human.trajectory`; that of the device by
+            default.
+        task: Torque that the wearer should feel, see `human.task`, for all axes or by
             axis; that of the device by default.
         seed: Seed of all that is random, one for all plants or one for each.
         duration: Length of the episode [s], rounded to whole control steps of 1 ms.
@@ -109,9 +111,13 @@ def simulate(
         about: Metadata for the logs, besides or instead of the names of motion
             (`trajectory`), task and controller; see `describe` for the rest.
         progress: Called with the simulated time [s] after every control step.
+        file: Parquet file to which the log of a single plant is written while the
+            episode runs, so that a long one needs no memory; it is there whole or not
+            at all.
 
     Returns:
         The log of a plant, or the logs of several, from the start to the last step.
+        That of a file reads its columns on demand, see `EpisodeLog.open`.
 
     Raises:
         CableError: If an argument cannot be used, a simulation diverges or the
@@ -162,8 +168,6 @@ def simulate(
         delay=late[0] if alone else late,
         noise=noise[0] if alone else noise,
     )
-    names = columns_for(fleet.cables, exo.device.prefixes)
-    trace = Trace([column.name for column in names], exo.steps)
 
     def check(step: int, _: Columns, __: object) -> None:
         for row, why in enumerate(fleet.failed):
@@ -172,25 +176,29 @@ def simulate(
         if step and progress is not None:
             progress(step * exo.period)
 
-    run(
-        Alone(fleet) if alone else fleet,
-        law,
-        check,
-        trace.keep,
-        measure=measuring.measure,
-        name=called,
-    )
-    logs = [
-        EpisodeLog(
-            {
-                name: kept if alone else kept[:, row]
-                for name, kept in trace.columns.items()
-            },
-            describe(played[row], plant, sensing, own, about),
-        )
+    def go(keep: Observer) -> None:
+        plant = Alone(fleet) if alone else fleet
+        run(plant, law, check, keep, measure=measuring.measure, name=called)
+
+    facts = [
+        describe(played[row], plant, sensing, own, about)
         for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
-    return logs[0] if alone else logs
+    if file is not None:
+        if not alone:
+            raise CableError("file takes the log of one plant; give no list of them.")
+        with log_file(file, fleet.cables, facts[0], exo.device.prefixes) as log:
+            go(log.keep)
+        return EpisodeLog.open(file)
+    names = columns_for(fleet.cables, exo.device.prefixes)
+    trace = Trace([column.name for column in names], exo.steps)
+    go(trace.keep)
+    if alone:
+        return EpisodeLog(trace.columns, facts[0])
+    return [
+        EpisodeLog({name: kept[:, row] for name, kept in trace.columns.items()}, own)
+        for row, own in enumerate(facts)
+    ]
 
 
 def _plants(given: Any) -> list[Plant]:

@@ -36,13 +36,12 @@ from cc_mujoco.device._sensors import (
 )
 from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, scale_task
-from cc_mujoco.human import _gait as gait
+from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
 
-from ._reference_motion import MARKS, Author, find_trajectory
+from ._reference_motion import MARKS, Author, joint_range, unperturbed
 
-TaskChoice = str | Task | Mapping[str, str | Task] | None
+TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 """Task of all axes, or by the name of an axis; None for that of the device."""
 
 EFFORT_COST = 0.05
@@ -94,10 +93,10 @@ class WornDevice:
         Args:
             description: The device.
             model: Its scene, or a variant.
-            trajectory: Name, CSV file or trajectory that the wearer follows; that of
-                the device by default.
-            task: Name of the virtual environment, or the environment itself, for all
-                axes or by axis; that of the device by default. By name, help that
+            trajectory: Trajectory that the wearer follows, see `human.trajectory`; that
+                of the device by default.
+            task: Virtual environment, see `human.task`, for all axes or by axis; that
+                of the device by default. By name, help that
                 follows the gait has the pace of a `Walk`, not the size of who walks,
                 which a walk does not know; see `human._scaled_assistance`. An
                 environment itself stays what it is.
@@ -147,13 +146,15 @@ class WornDevice:
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
         self.samples = hold * self.steps
-        sources = _sources(description, trajectory)
+        sources = _sources(self.device, trajectory)
         self.tasks = tuple(
-            _task_of(one, source)
-            for one, source in zip(_tasks(description, task), sources, strict=True)
+            _task_of(one, source, axis.limb)
+            for one, source, axis in zip(
+                _tasks(description, task), sources, description.axes, strict=True
+            )
         )
         """Task of every axis."""
-        self.author = Author(self.device, sources, self.samples, frame_skip)
+        self.author = Author(self.device, sources, self.tasks, self.samples, frame_skip)
         self.drives = self.device.drives(self.period)
         """Knowledge that a controller may have of each axis as its scene has it."""
         nominal = Nominal(description, self.device.cables, self.device.wearers)
@@ -474,57 +475,39 @@ def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
 
 
 def _sources(
-    description: Description, given: str | Path | Trajectory | None
+    device: DeviceModel, given: str | Path | Trajectory | None
 ) -> tuple[Trajectory, ...]:
-    """Return the trajectory of every axis; one that is no name is that of all."""
-    trajectory = description.trajectory if given is None else given
+    """Return the trajectory of every axis; what is the same is one motion."""
+    description = device.description
+    chosen = description.trajectory if given is None else given
+    ranges = {joint: joint_range(device.model, joint) for joint in device.movers}
     found: list[Trajectory] = []
     for axis in description.axes:
-        source = find_trajectory(trajectory, axis.reach)
-        # What is the same for all joints is one motion.
+        # The driven joint first.
+        own = {axis.limb: joint_range(device.model, axis.limb)} | ranges
+        source = trajectory(chosen, axis.reach, axis.centre, own)
         found.append(next((one for one in found if one == source), source))
-        if (
-            isinstance(_unperturbed(source), Walk)
-            and axis.joint not in gait.GAIT_ANGLES
-        ):
-            raise CableError(
-                f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and scene "
-                f"{description.scene!r} drives the joint {axis.joint!r}; choose "
-                f"another trajectory, such as {description.trajectory!r}."
-            )
     return tuple(found)
 
 
-def _tasks(description: Description, given: TaskChoice) -> list[str | Task]:
+def _tasks(description: Description, given: TaskChoice) -> list[str | Path | Task]:
     """Return the task of every axis, as it is given."""
-    found: list[str | Task] = []
     if isinstance(given, str):
-        given = split_by_axis(given)
+        given = split_by_axis(given, [axis.name for axis in description.axes])
     own = given if isinstance(given, Mapping) else {}
     for name in own:
         description.axis(name)
+    found: list[str | Path | Task] = []
     for axis in description.axes:
         task = own.get(axis.name) if isinstance(given, Mapping) else given
-        task = axis.task if task is None else task
-        if not isinstance(task, (str, Task)):
-            raise CableError(
-                f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
-                f"not {task!r}."
-            )
-        found.append(task)
+        found.append(axis.task if task is None else task)
     return found
 
 
-def _task_of(task: str | Task, source: Trajectory) -> Task:
+def _task_of(task: str | Path | Task, source: Trajectory, joint: str) -> Task:
     """Return a task itself, or one by name at the pace of the walk that is played."""
-    if not isinstance(task, str):
-        return task
-    found, source = find_task(task), _unperturbed(source)
-    return scale_task(found, source.pace) if isinstance(source, Walk) else found
-
-
-def _unperturbed(source: Trajectory) -> Trajectory:
-    """Return the trajectory inside perturbations."""
-    while isinstance(source, Perturbed):
-        source = source.base
-    return source
+    found = find_task(task, (joint,))
+    source = unperturbed(source)
+    if isinstance(task, str) and isinstance(source, Walk):
+        return scale_task(found, source.pace)
+    return found

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 MIN_PIECES = 60
 """Straight pieces that a cable is drawn with, at least."""
+FRAMES_AT_ONCE = 1800
+"""Frames of a line that are prepared for a recording at the same time."""
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -145,17 +147,26 @@ def log_conduit(
         radius: Radius of the line, m.
     """
     path = rr.new_entity_path([WORLD, "conduit", cable])
-    index = [rr.TimeColumn(TIMELINE, duration=time)]
-    frames, count = len(time), points.shape[1] - 1
-    segments = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
-    colors = tension_colors(tension, highest).reshape(-1, 4)
-    colored = rr.LineStrips3D.columns(colors=colors).partition([count] * frames)
+    count = points.shape[1] - 1
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
-    if np.allclose(points, points[0], rtol=0.0, atol=1e-6):
-        # A conduit that stays where it is: only its colours change.
-        rec.log(path, rr.LineStrips3D.from_fields(strips=segments[0]), static=True)
-        rec.send_columns(path, index, [*colored])
-    else:
-        strips = rr.LineStrips3D.columns(strips=segments.reshape(-1, 2, 3))
-        moved = strips.partition([count] * frames)
-        rec.send_columns(path, index, [*moved, *colored])
+    still = np.allclose(points, points[0], rtol=0.0, atol=1e-6)
+    if still:  # only its colours change
+        rec.log(
+            path, rr.LineStrips3D.from_fields(strips=_parts(points[:1])), static=True
+        )
+    for start in range(0, len(time), FRAMES_AT_ONCE):
+        some = slice(start, start + FRAMES_AT_ONCE)
+        index = [rr.TimeColumn(TIMELINE, duration=time[some])]
+        lengths = [count] * len(time[some])
+        colors = tension_colors(tension[some], highest).reshape(-1, 4)
+        columns = [*rr.LineStrips3D.columns(colors=colors).partition(lengths)]
+        if not still:
+            strips = rr.LineStrips3D.columns(strips=_parts(points[some]))
+            columns = [*strips.partition(lengths), *columns]
+        rec.send_columns(path, index, columns)
+
+
+def _parts(points: Array) -> NDArray[np.float32]:
+    """Return the parts of lines (T, P, 3) as pairs of points (T(P-1), 2, 3)."""
+    parts = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
+    return parts.reshape(-1, 2, 3)

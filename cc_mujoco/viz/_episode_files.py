@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 
@@ -15,9 +14,6 @@ from cc_mujoco._utils import atomic_io
 from cc_mujoco.metrics import METRICS, Metric, expand_cable_metrics, measure
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
-
-if TYPE_CHECKING:
-    pass
 
 LOG_FILE = "log.parquet"
 EPISODE_FILES = (
@@ -64,7 +60,7 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
 
 def write_episode(
     folder: str | os.PathLike[str],
-    log: EpisodeLog,
+    log: EpisodeLog | Callable[[Path], EpisodeLog],
     model: mujoco.MjModel,
     *,
     metrics: Iterable[Metric] = (),
@@ -81,7 +77,8 @@ def write_episode(
 
     Args:
         folder: Where `EPISODE_FILES` shall lie; made if need be.
-        log: The episode.
+        log: The episode, or a function that plays it: it is called with the file to
+            which it writes the log while the episode runs, and returns the log.
         model: The model that the episode was played on.
         metrics: Measured besides `EPISODE_METRICS`.
         video: Whether to write `VIDEO_FILE`, too.
@@ -101,9 +98,12 @@ def write_episode(
 
     require_ours(folder)
     chosen = dict.fromkeys((*(METRICS[name] for name in EPISODE_METRICS), *metrics))
-    found = measure(log, expand_cable_metrics(chosen, log.cables))
     with atomic_io.replacing_folder(folder) as partial:
-        log.write(partial / LOG_FILE)
+        if isinstance(log, EpisodeLog):
+            log.write(partial / LOG_FILE)
+        else:
+            log = log(partial / LOG_FILE)
+        found = measure(log, expand_cable_metrics(chosen, log.cables))
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)

@@ -1,4 +1,4 @@
-"""The samples of an episode that a film of it shows."""
+"""Samples of an episode that a film, a recording or a page of it shows."""
 
 from __future__ import annotations
 
@@ -7,18 +7,35 @@ from numpy.typing import NDArray
 
 FRAME_RATE = 30
 """Frames per simulated second [1/s]."""
+MAX_SAMPLES = 60_000
+"""Most samples that a recording, a page or a figure plots: of a longer episode every
+k-th one, so that they need no more memory for it."""
 
 
-def frame_samples(time: NDArray[np.float64]) -> NDArray[np.intp]:
+def frame_samples(
+    time: NDArray[np.float64], rate: float = FRAME_RATE
+) -> NDArray[np.intp]:
     """Return the sample nearest to each frame; an episode has at least one frame.
 
     Args:
         time: Of the samples, rising [s], (T,).
+        rate: Frames per simulated second [1/s].
     """
-    count = max(1, round(float(time[-1] - time[0]) * FRAME_RATE))
-    wanted = time[0] + np.arange(count) / FRAME_RATE
+    count = max(1, round(float(time[-1] - time[0]) * rate))
+    wanted = time[0] + np.arange(count) / rate
     after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
     if len(time) == 1:
         return np.zeros(1, dtype=np.intp)
     later = wanted - time[after - 1] > time[after] - wanted
     return np.asarray(np.where(later, after, after - 1), dtype=np.intp)
+
+
+def frame_rate(time: NDArray[np.float64], rate: float, most: int) -> float:
+    """Return a rate of frames, lowered where an episode would have too many [1/s].
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        rate: Frames per simulated second of an episode that is not long [1/s].
+        most: Largest number of frames.
+    """
+    return min(rate, most / max(float(time[-1] - time[0]), 1e-9))

@@ -77,5 +77,6 @@ def tensions(log: EpisodeLog) -> list[Panel]:
 
 def highest_tension(log: EpisodeLog) -> float:
     """Return the highest tension in any cable, above 0, for a scale of colours [N]."""
-    nodes = (log[f"tension_{cable}_nodes_n"] for cable in log.cables)
-    return max((float(values.max()) for values in nodes), default=0.0) or 1e-9
+    columns = (log.pieces(f"tension_{cable}_nodes_n") for cable in log.cables)
+    peaks = (float(rows.max()) for column in columns for rows in column)
+    return max(peaks, default=0.0) or 1e-9

@@ -7,6 +7,7 @@ recording id is a digest of the log: two runs with equal logs compare equal.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -35,6 +36,7 @@ from cc_mujoco.viz._conduit3d import (
     part_tensions,
 )
 from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._frame_times import MAX_SAMPLES, frame_rate
 from cc_mujoco.viz._panels import highest_tension
 from cc_mujoco.viz._rerun_blueprint import blueprint
 from cc_mujoco.viz._rerun_series import plotted_series
@@ -45,6 +47,8 @@ from cc_mujoco.viz._tendon3d import log_tendons
 APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
 """Rate of what is drawn in space; the time series keep every sample."""
+MAX_FRAMES = 18_000
+"""Most frames that are drawn in space: of a longer episode fewer in every second."""
 
 
 def write_recording(
@@ -61,7 +65,8 @@ def write_recording(
         model: The model that the episode was played on.
         metrics: Numbers to show on the page about the episode.
     """
-    with recording(path, recording_id(log), blueprint(log, model)) as rec:
+    opening = blueprint(log.thinned(MAX_SAMPLES), model)
+    with recording(path, recording_id(log), opening) as rec:
         rec.log("about", _about(log, metrics), static=True)
         log_episode(Branch(rec), log, model, highest_tension(log))
 
@@ -77,9 +82,10 @@ def log_episode(
         model: The model that the episode was played on.
         highest: Tension of the brightest colour [N].
     """
+    log_lanes(rec, log)
+    log = log.thinned(MAX_SAMPLES)
     frames = _frames(log["time_s"])
     _log_series(rec, log)
-    log_lanes(rec, log)
     _log_scene(rec, log, model, frames, highest)
     _log_nodes(rec, log, frames)
 
@@ -114,16 +120,24 @@ def recording(
 def recording_id(log: EpisodeLog) -> str:
     """Return an id that is the same for equal logs, and only for them."""
     digest = hashlib.sha256(json.dumps(log.metadata, sort_keys=True).encode())
-    for name, values in log.columns.items():
-        digest.update(f"{name}{values.shape}".encode())
-        digest.update(values.tobytes())
+    for column in log.schema:
+        pieces = log.pieces(column.name)
+        first = next(pieces)
+        shape = len(log), *first.shape[1:]
+        digest.update(f"{column.name}{shape}".encode())
+        for rows in itertools.chain([first], pieces):
+            digest.update(rows.tobytes())
     return digest.hexdigest()[:32]
 
 
 def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the samples to draw in space, at most about 60 for every second."""
-    ticks = np.floor(time * FRAMES_PER_SECOND + 1e-6)
+    ticks = np.floor(time * _rate(time) + 1e-6)
     return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
+
+
+def _rate(time: NDArray[np.float64]) -> float:
+    return frame_rate(time, FRAMES_PER_SECOND, MAX_FRAMES)
 
 
 def _log_series(rec: Branch, log: EpisodeLog) -> None:
@@ -142,10 +156,10 @@ def _log_scene(
     frames: NDArray[np.intp],
     highest: float,
 ) -> None:
-    time, qpos = log["time_s"][frames], log["qpos"][frames]
+    time, qpos = log["time_s"][frames], log.rows("qpos", frames)
     log_static(rec, model)
     log_motion(rec, model, time, qpos)
-    tensions = {c: log[f"tension_{c}_nodes_n"][frames] for c in log.cables}
+    tensions = {c: log.rows(f"tension_{c}_nodes_n", frames) for c in log.cables}
     cables = plugin.from_mjcf(model)
     drawn = [cable for cable in tensions if cable in cables and cables[cable].route]
     routes = {cable: plugin.route_tendon(model, cable) for cable in drawn}
@@ -168,7 +182,7 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
             ("tension", f"tension_{cable}_nodes_n"),
             ("slip", f"slip_{cable}_direction"),
         ):
-            values = log[column][frames].astype(np.float64)
+            values = log.rows(column, frames).astype(np.float64)
             rows = rr.Scalars.columns(scalars=values.reshape(-1))
             lists = rows.partition([values.shape[1]] * len(values))
             rec.send_columns(
@@ -194,10 +208,24 @@ def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
         markdown.table(("", ""), facts),
         "# Results",
         markdown.table(("", "", "", ""), results, numbers=[1]),
+        *_thinning(log),
         "Conduits are coloured by tension, grey where the cable is slack; other "
         "tendons have their own colour, or are brown.",
     )
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
+
+
+def _thinning(log: EpisodeLog) -> list[str]:
+    """Return a sentence on what a recording of a long episode leaves out."""
+    time = log["time_s"]
+    rate, shown = _rate(time), len(log.thinned(MAX_SAMPLES))
+    if rate == FRAMES_PER_SECOND and shown == len(log):
+        return []
+    return [
+        f"The episode is long: of its samples one in {-(-len(log) // shown)} is "
+        f"plotted, and the scene has {rate:.3g} frames in every second; the log has "
+        "all of them."
+    ]
 
 
 @contextmanager

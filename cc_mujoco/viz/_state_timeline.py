@@ -35,7 +35,8 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
         colors=np.array(list(END_STATES.values()), dtype=np.uint32),
     )
     for cable in log.cables:
-        slip = log[f"slip_{cable}_direction"]
+        pieces = log.pieces(f"slip_{cable}_direction")
+        slip = np.concatenate([rows[:, [0, -1]] for rows in pieces])
         for end, place, segment in (("motor", "proximal", 0), ("joint", "distal", -1)):
             slack = log[f"tension_{cable}_{place}_n"] <= 0
             # Directions 0, 1 and -1 are positions 0, 1 and 2 in STATES.

@@ -22,6 +22,7 @@ from cc_mujoco.report._figures import (
     style,
 )
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._frame_times import MAX_SAMPLES
 from cc_mujoco.viz._panels import angles
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def draw_summary(log: EpisodeLog) -> Figure:
     Torque and angle over time, the torque-angle loop, and for each cable the tension
     along it over time, on one colour scale; grey is a slack cable.
     """
+    log = log.thinned(MAX_SAMPLES)
     with style():
         rows = len(log.cables)
         drawing = figure(11, 5.2 + 2.1 * rows)

@@ -9,18 +9,19 @@ display is needed, but OpenGL and PyAV (`pip install 'cc_mujoco[video]'`) are.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.viz._frame_times import FRAME_RATE, frame_samples
+from cc_mujoco.viz._frame_times import FRAME_RATE, MAX_SAMPLES, frame_samples
 from cc_mujoco.viz._offscreen_renderer import (
     Exposure,
     OffscreenRenderer,
@@ -39,6 +40,8 @@ CONTAINER_OPTIONS = {"movflags": "+faststart"}
 """The index in front, so that a page can show it while it arrives."""
 CAMERA_POSES = 40
 """Poses of the episode that the camera is aimed by."""
+FRAMES_AT_ONCE = 600
+"""Frames whose tensions are in memory at the same time."""
 
 
 def require_video() -> None:
@@ -72,12 +75,10 @@ def write_video(
     progress = progress or (lambda time: None)
     progress(0.0)
     samples = frame_samples(log["time_s"])
-    qpos = log["qpos"]
-    nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
     highest = highest_tension(log)
-    strips = Strips(log, highest)
+    strips = Strips(log.thinned(MAX_SAMPLES), highest)
     _, height, _, width = SCENE_RECTANGLE
-    poses = qpos[np.linspace(0, len(log) - 1, CAMERA_POSES).astype(int)]
+    poses = log.rows("qpos", np.linspace(0, len(log) - 1, CAMERA_POSES).astype(int))
     with (
         replacing(path) as partial,
         OffscreenRenderer(model, log.cables, highest, poses, (height, width)) as stage,
@@ -98,18 +99,28 @@ def write_video(
             film.mux(stream.encode(frame))
 
         waiting = None
-        for number, sample in enumerate(samples.tolist()):
-            tensions = {cable: values[sample] for cable, values in nodes.items()}
-            exposure = stage.render_moving(qpos[sample], tensions)
+        for number, (time, qpos, tensions) in enumerate(_shown(log, samples)):
+            exposure = stage.render_moving(qpos, tensions)
             if waiting is not None:
                 waiting.result()
-            waiting = other.submit(
-                encode, number, exposure, float(log["time_s"][sample])
-            )
+            waiting = other.submit(encode, number, exposure, time)
             progress((number + 1) / FRAME_RATE)
         if waiting is not None:
             waiting.result()
         film.mux(stream.encode(None))
+
+
+def _shown(
+    log: EpisodeLog, samples: NDArray[np.intp]
+) -> Iterator[tuple[float, NDArray[np.float64], dict[str, NDArray[np.float64]]]]:
+    """Yield time, pose and tensions at the nodes of the cables of some samples."""
+    for start in range(0, len(samples), FRAMES_AT_ONCE):
+        some = samples[start : start + FRAMES_AT_ONCE]
+        time, qpos = log.rows("time_s", some), log.rows("qpos", some)
+        nodes = {c: log.rows(f"tension_{c}_nodes_n", some) for c in log.cables}
+        for row in range(len(some)):
+            tensions = {cable: values[row] for cable, values in nodes.items()}
+            yield float(time[row]), qpos[row], tensions
 
 
 def _av() -> Any:

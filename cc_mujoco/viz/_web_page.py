@@ -28,13 +28,20 @@ from cc_mujoco.report._figures import TENSION_COLORS
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits
 from cc_mujoco.viz._conduit3d import SLACK_COLOR
-from cc_mujoco.viz._frame_times import frame_samples
+from cc_mujoco.viz._frame_times import (
+    FRAME_RATE,
+    MAX_SAMPLES,
+    frame_rate,
+    frame_samples,
+)
 from cc_mujoco.viz._panels import Panel, angles, highest_tension, tensions, torques
 from cc_mujoco.viz._summary import episode_title
 from cc_mujoco.viz._web_scene import encode_array, web_scene
 
 MAX_PLOT_SAMPLES = 10_000
 """Most samples of each line of a plot; of more, evenly chosen ones are shown."""
+MAX_FRAMES = 6_000
+"""Most frames of the scene; of a longer episode fewer in every second are shown."""
 COLOR_STOPS = 17
 """Colours of the scale of tensions."""
 DATA_ID = "episode"
@@ -71,7 +78,10 @@ def write_page(
         CableError: If plotly is missing or the file cannot be written.
     """
     library = _plotly()
-    samples = frame_samples(log["time_s"])
+    highest, count = highest_tension(log), len(log)
+    log = log.thinned(MAX_SAMPLES)
+    rate = frame_rate(log["time_s"], FRAME_RATE, MAX_FRAMES)
+    samples = frame_samples(log["time_s"], rate)
     panels = [*torques(log), angles(log), *tensions(log)]
     every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
     data = {
@@ -79,13 +89,13 @@ def write_page(
         "frames": encode_array(log["time_s"][samples]),
         "panels": [_panel(panel, log["time_s"], every) for panel in panels],
         "scene": web_scene(log, model, samples),
-        "highest": highest_tension(log),
+        "highest": highest,
         "colors": _colors(),
     }
     text = html.page(
         episode_title(log),
         "episode",
-        _body(log, panels, metrics, every),
+        _body(log, panels, metrics, highest, _shares(log, count, every, rate)),
         style=(WEB_FOLDER / "web_page.css").read_text(encoding="utf-8"),
         scripts=(library, (WEB_FOLDER / "web_page.js").read_text(encoding="utf-8")),
         data={DATA_ID: json.dumps(data, separators=(",", ":"), allow_nan=False)},
@@ -125,8 +135,23 @@ def _rgb(color: NDArray[np.uint8]) -> str:
     return "#" + bytes(color[:3]).hex()
 
 
+def _shares(log: EpisodeLog, count: int, every: int, rate: float) -> str:
+    """Return sentences on the samples of an episode, and on those that are shown."""
+    text = f"{count} samples over {log['time_s'][-1]:g} s."
+    every *= -(-count // len(log))
+    if every > 1:
+        text += f" Of the samples one in {every} is shown."
+    if rate < FRAME_RATE:
+        text += f" The scene has {rate:.3g} frames in every second."
+    return text
+
+
 def _body(
-    log: EpisodeLog, panels: list[Panel], metrics: Mapping[Metric, float], every: int
+    log: EpisodeLog,
+    panels: list[Panel],
+    metrics: Mapping[Metric, float],
+    highest: float,
+    shares: str,
 ) -> html.Html:
     """Return the page without the parts that the script draws."""
     e = html.element
@@ -139,7 +164,7 @@ def _body(
             class_="scale",
             style=f"background:{gradient}",
         ),
-        f" {highest_tension(log):.3g} N  ",
+        f" {highest:.3g} N  ",
         e("span", class_="scale slack", style=f"background:{_rgb(SLACK_COLOR)}"),
         " slack",
         class_="key",
@@ -176,7 +201,6 @@ def _body(
         )
         for metric, value in metrics.items()
     ]
-    thinned = f" Of the samples one in {every} is shown." if every > 1 else ""
     parts = [
         e("h1", episode_title(log)),
         e("p", "This page needs JavaScript and WebGL.", id="wrong"),
@@ -189,7 +213,7 @@ def _body(
         e(
             "p",
             "Drag the scene to turn it; click into a plot to go there.",
-            f" {len(log)} samples over {log['time_s'][-1]:g} s.{thinned}",
+            f" {shares}",
             class_="small",
         ),
     ]

@@ -71,7 +71,7 @@ def web_scene(
         fractions, at each point if they are cables; `box` (3, 2) around everything [m];
         `camera` in the page's terms.
     """
-    qpos = log["qpos"][samples]
+    qpos = log.rows("qpos", samples)
     moving = np.flatnonzero(model.body_weldid != 0)
     poses = _poses(model, qpos, moving)
     lines = _cables(log, model, samples) + _tendons(model, qpos, log.cables)
@@ -169,7 +169,7 @@ def _cables(
     for cable in log.cables:
         if cable not in described or not described[cable].route:
             continue
-        tension = log[f"tension_{cable}_nodes_n"][samples]
+        tension = log.rows(f"tension_{cable}_nodes_n", samples)
         shares = conduit_shares(model, cable)
         fine = fine_shares(shares)
         nodes = node_shares(shares, tension.shape[1])
@@ -179,7 +179,7 @@ def _cables(
             "tension": encode_array(tension),
             "nodes": encode_array(np.interp(fine, nodes, np.arange(len(nodes)))),
         }
-        points = conduit_points(model, cable, log["qpos"][samples], fine)
+        points = conduit_points(model, cable, log.rows("qpos", samples), fine)
         found.append((_without_repeats(points), about))
     return found
 

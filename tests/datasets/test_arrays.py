@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cc_mujoco.datasets import _file_formats as tables
+from cc_mujoco._utils import tables
 from cc_mujoco.datasets._dataset_file import DatasetFile, Source
 from cc_mujoco.datasets._reading import read
 from cc_mujoco.errors import CableError

@@ -58,7 +58,7 @@ def test_folders_are_sorted_and_files_taken_once(tmp_path: Path) -> None:
     ("path", "sentence"),
     [
         ("none.csv", "does not exist"),
-        ("notes.txt", "must end in .csv, .parquet, .mat"),
+        ("notes.txt", "must end in .csv, .tsv, .parquet, .mot"),
         ("empty", "there is no data file in"),
     ],
 )

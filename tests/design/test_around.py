@@ -26,7 +26,7 @@ def plan_of(**base: float) -> Plan:
     """Return a study whose first design is the best."""
     first = {"friction": 0.2, "pretension": 60.0, "loops": 2, **base}
     designs = (first, *WHOLE.designs)
-    return Plan(WHOLE.protocol, designs, WHOLE.ranges, False, (), WHOLE.source)
+    return Plan(WHOLE.protocol, designs, WHOLE.ranges, False, ())
 
 
 def table_of(plan: Plan, tension: float = 0.0) -> pa.Table:

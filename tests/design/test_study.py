@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import shutil
 import sys
@@ -25,7 +26,7 @@ from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
 from cc_mujoco.device import DEVICES, VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Sine, from_csv
+from cc_mujoco.human import Hold, Sine, read_motion
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.simulation import BatchedController, EpisodeLog
 
@@ -95,7 +96,7 @@ def test_a_motion_is_a_name_a_file_or_an_object(tmp_path: Path) -> None:
     given = {"metrics": ["rms_motor_torque"], "duration": 0.1}
     tables = [
         study("wrist", vary, trajectory=motion, **given)
-        for motion in (path, from_csv(path))
+        for motion in (path, read_motion(path))
     ]
     assert tables[0].equals(tables[1])
     sine = Sine(amplitude=0.2)
@@ -104,10 +105,62 @@ def test_a_motion_is_a_name_a_file_or_an_object(tmp_path: Path) -> None:
     again = study("wrist", vary, trajectory=Sine(0.2), out=folder, **given)
     assert first.equals(again) and not first.equals(tables[0])
     assert read_study(folder)["protocol"]["trajectory"] == repr(sine)
-    with pytest.raises(CableError, match=r"a Python object, Sine\(.*a name or a CSV"):
+    with pytest.raises(CableError, match=r"a Python object, Sine\(.*a name, a table"):
         show(folder, 0)
     with pytest.raises(CableError, match="trajectory must be a name"):
         study("wrist", vary, trajectory=3, **given)
+
+
+def test_a_task_is_a_text_a_table_or_an_object(tmp_path: Path) -> None:
+    vary = {"friction": [0.05, 0.1]}
+    given = {"metrics": ["rms_motor_torque"], "duration": 0.1, "trajectory": "sine"}
+    path = tmp_path / "torque.csv"
+    path.write_text("time_s,torque_nm\n0,0.3\n1,0.3\n")
+    folder = tmp_path / "runs"
+    texts = study("wrist", vary, task="hold:0.3", out=tmp_path / "text", **given)
+    table = study("wrist", vary, task=path, out=folder, **given)
+    thing = study("wrist", vary, task=Hold(0.3), out=tmp_path / "thing", **given)
+    assert texts.equals(table) and texts.equals(thing)
+    assert read_study(folder)["protocol"]["task"] == str(path)
+    assert read_study(tmp_path / "thing")["protocol"]["task"] == "Hold(pull=0.3)"
+    for name in (folder, tmp_path / "text"):
+        log, _ = show(name, 0)
+        assert np.all(log["desired_torque_nm"] == 0.3)
+    with pytest.raises(CableError, match="plays a task that was given as a Python obj"):
+        show(tmp_path / "thing", 0)
+    with pytest.raises(CableError, match="differs in its task"):
+        study("wrist", vary, task="hold:0.4", out=tmp_path / "text", **given)
+    path.write_text("time_s,torque_nm\n0,0.3\n1,0.4\n")
+    with pytest.raises(CableError, match=r"differs in .*torque\.csv"):
+        study("wrist", vary, task=path, out=folder, **given)
+    with pytest.raises(CableError, match="task must be a name"):
+        study("wrist", vary, task=3, **given)
+
+
+def test_the_files_of_a_users_task_make_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_pull.py").write_text(
+        "from cc_mujoco.human import Task\n"
+        "class Pull(Task):\n"
+        "    of_phase = True\n"
+        "    def torque(self, angle, velocity, phase):\n"
+        "        return 0.0 * angle + 0.3\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    vary = {"friction": [0.05, 0.1]}
+    given = {"metrics": ["rms_motor_torque"], "duration": 0.1, "trajectory": "sine"}
+    named = make_plan("wrist", vary, task="my_pull:Pull", **given)
+    thing = make_plan(
+        "wrist", vary, task=importlib.import_module("my_pull").Pull(), **given
+    )
+    for plan in (named, thing):
+        assert list(plan.made_by()["files"]) == ["my_pull.py"]
+    assert named.describe()["protocol"]["task"] == "my_pull:Pull"
+    assert thing.describe()["protocol"]["task"].startswith("Pull ")
+    ours = study("wrist", vary, task="hold:0.3", **given)
+    assert study("wrist", vary, task="my_pull:Pull", **given).equals(ours)
 
 
 def test_a_design_is_the_same_in_any_company() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Assist, Spring, Tunnel, task
+from cc_mujoco.human import TASKS, Assist, Hold, Spring, Tunnel, task
 
 
 def printed_tunnel(angle: float) -> float:
@@ -102,7 +104,125 @@ def test_registry_and_errors() -> None:
         Assist(peak=float("nan"))
 
 
-@pytest.mark.parametrize("name", ["gait", "motion", "tasks", "trajectories", "wearer"])
+@pytest.mark.parametrize(
+    "name",
+    ["gait", "gait_joints", "motion", "named_tasks", "tasks", "trajectories", "wearer"],
+)
 def test_examples_in_the_documentation(name: str) -> None:
     result = doctest.testmod(importlib.import_module(f"cc_mujoco.human._{name}"))
     assert result.attempted > 0 and result.failed == 0
+
+
+def test_numbers_change_the_parameters() -> None:
+    assert task("hold:-12") == Hold(-12.0)
+    assert task("spring:2.5") == Spring(2.5)
+    assert task("assist:20") == Assist(20.0)
+    assert task("tunnel:0.1,limit=2") == Tunnel(0.1, limit=2.0)
+    with pytest.raises(CableError, match="'transparent' takes no numbers"):
+        task("transparent:1")
+    with pytest.raises(CableError, match="unknown task 'hodl': did you mean 'hold'"):
+        task("hodl:-12")
+    with pytest.raises(CableError, match=r"'spring:-1': Spring\.stiffness must be"):
+        task("spring:-1")
+    with pytest.raises(CableError, match="must be a name, the path of a table or a Ta"):
+        task(3)  # type: ignore[arg-type]
+
+
+MODULE = """
+from cc_mujoco.human import Spring, Task
+
+class Damper(Task):
+    def torque(self, angle, velocity, phase):
+        return -2.0 * velocity
+
+class Pulse(Task):
+    of_phase = True
+    def torque(self, angle, velocity, phase):
+        return 3.0 * phase
+
+class Broken(Task):
+    def torque(self, angle, velocity, phase):
+        return angle / 0
+
+class Text(Task):
+    def torque(self, angle, velocity, phase):
+        return "1"
+
+def stiff():
+    return Spring(9.0)
+
+def broken():
+    raise KeyError("x")
+"""
+
+
+def test_tasks_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_tasks.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_tasks", raising=False)
+    assert task("my_tasks:stiff") == Spring(9.0)
+    assert task("my_tasks:Damper").torque(0.0, 2.0, 0.0) == -4.0
+    assert not task("my_tasks:Damper").of_phase and task("my_tasks:Pulse").of_phase
+    for name in ("Broken", "broken"):
+        with pytest.raises(CableError, match=rf"'my_tasks:{name}' raised .* in .*line"):
+            task(f"my_tasks:{name}").torque(0.0, 0.0, 0.0)
+    with pytest.raises(CableError, match="gave '1'; it must be a torque in N m"):
+        task("my_tasks:Text").torque(0.0, 0.0, 0.0)
+    with pytest.raises(CableError, match="there is no module 'my_task'"):
+        task("my_task:stiff")
+
+
+def profile(folder: Path, text: str, name: str = "torque.csv") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("head", ["phase_percent", "phase [%]", "Phase Percent"])
+@pytest.mark.parametrize("column", ["torque_nm", "knee_torque_nm", "knee_nm"])
+def test_a_profile_over_the_phase_is_periodic(
+    tmp_path: Path, head: str, column: str
+) -> None:
+    path = profile(tmp_path, f"{head},{column}\n10,1\n50,5\n90,3\n")
+    found = task(str(path), ("knee",))
+    phase = np.array([0.1, 0.3, 0.5, 0.9, 0.95, 0.0, 0.05])
+    np.testing.assert_allclose(
+        found.torque(0.0 * phase, 0.0 * phase, phase), [1, 3, 5, 3, 2.5, 2, 1.5]
+    )
+    assert found.of_phase and not found.of_time
+    fraction = profile(tmp_path, f"phase,{column}\n0.1,1\n0.5,5\n0.9,3\n", "b.csv")
+    assert task(fraction, ("knee",)) == found
+
+
+@pytest.mark.parametrize(("clock", "factor"), [("time_s", 1.0), ("time_ms", 1e3)])
+def test_a_profile_over_time_keeps_its_ends(
+    tmp_path: Path, clock: str, factor: float
+) -> None:
+    rows = [f"{factor * t},{1e3 * m}" for t, m in ((1, 2), (2, 4), (4, 0))]
+    path = profile(tmp_path, "\n".join([f"{clock},torque_mnm", *rows]))
+    found = task(path)
+    times = [0.0, 1.0, 1.5, 3.0, 9.0]
+    assert [found.torque(0.0, 0.0, t) for t in times] == [2.0, 2.0, 3.0, 2.0, 0.0]
+    assert found.of_phase and found.of_time
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "phase,torque_nm\n0,1\n50,2\n99,1\n",
+            "goes from 0 to 99; .* phase_percent if",
+        ),
+        ("phase_percent,torque_nm\n0,1\n120,2\n", r"goes from 0 to 120; .*\[0, 100\]"),
+        ("phase,torque_nm\n0,1\n0.3,2\n", "leaves 70% of the cycle without"),
+        ("phase,torque_nm\n0,1\n", "has 1 rows of data"),
+        ("phase,torque_nm\n0.5,1\n0.2,2\n", "row 2 of the data: 0.2 must be above"),
+        ("phase,torque\n0,1\n0.5,2\n", "no column of the torque on joint 'knee'"),
+        ("phase,hip_torque_nm\n0,1\n0.5,2\n", "no column of the torque on joint"),
+        ("time,torque_nm\n0,1\n1,2\n", "no column 'time_s'; if it is 'time'"),
+        ("time_s,torque_nm,knee_nm,knee_torque_nm\n0,1,1,1\n", "several columns of"),
+    ],
+)
+def test_profiles_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(CableError, match=message):
+        task(profile(tmp_path, text), ("knee",))

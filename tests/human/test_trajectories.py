@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -258,3 +260,130 @@ def test_errors(build: object, message: str) -> None:
     text = str(caught.value)
     assert text.startswith(message)
     assert text.endswith(".")
+
+
+KNEE = {"knee": (0.0, 2.0)}
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "walk"])
+def test_a_centre_moves_the_motion_and_its_start(name: str) -> None:
+    centred = sample(trajectory(name, 0.9, 1.0, KNEE))
+    assert centred.angle[0] == 1.0 and centred.velocity[0] == 0.0
+    assert centred.angle.min() >= 0.1 and centred.angle.max() <= 1.9
+    plain = sample(trajectory(name, 0.9))
+    assert np.array_equal(centred.velocity, plain.velocity)
+    np.testing.assert_allclose(centred.angle - 1.0, plain.angle, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_centre_of_zero_changes_nothing(name: str) -> None:
+    joints = {"ankle": (-0.9, 0.6), "knee": (-2.1, 0.15), "hip": (-0.7, 2.0)}
+    assert trajectory(name, 6.0, 0.0, joints) is TRAJECTORIES[name]
+
+
+def test_numbers_change_the_parameters() -> None:
+    assert trajectory("sine:0.3") == Sine(amplitude=0.3)
+    assert trajectory("sine:frequency=2, fade=0.5") == Sine(frequency=2.0, fade=0.5)
+    assert trajectory("multisine:0.2,draws=4") == Multisine(amplitude=0.2, draws=4)
+
+
+def test_an_amplitude_that_is_given_is_not_reduced() -> None:
+    assert trajectory("sine:0.3", limit=0.2) == Sine(amplitude=0.3)
+    assert trajectory("sine:frequency=2", limit=0.2) == Sine(0.2, frequency=2.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("sien:0.3", "unknown trajectory 'sien': did you mean 'sine'"),
+        ("sine:", "'' must be a number, the amplitude of 'sine'"),
+        ("sine:0.1,0.2", "'0.2' must be FIELD=NUMBER with FIELD one of amplitude, fre"),
+        ("sine:amplitude=1,amplitude=2", "gives 'amplitude' twice"),
+        ("sine:frequency=0", "Sine.frequency must be a number"),
+        ("multisine:draws=1.5", "'1.5' must be a whole number, the draws of"),
+        (3, "must be a name, the path of a table or a Trajectory, not 3"),
+    ],
+)
+def test_wrong_texts_are_one_sentence(given: str, message: str) -> None:
+    with pytest.raises(CableError, match=message):
+        trajectory(given)
+
+
+@pytest.mark.parametrize("ends", [(0.0, 2.0), (-0.3, 2.0), (-2.1, 0.15), (-2.0, 0.0)])
+def test_a_knee_walks_within_its_range(ends: tuple[float, float]) -> None:
+    motion = sample(trajectory("walk", 1.0, 0.0, {"my_knee": ends}))
+    assert ends[0] <= motion.angle.min() and motion.angle.max() <= ends[1]
+    measured = sample(Walk()).companions["knee"]
+    sign = 1.0 if ends[0] < -1.0 else -1.0
+    assert np.array_equal(motion.velocity, sign * measured.velocity)
+    assert np.ptp(motion.angle - sign * measured.angle) < 1e-12
+    assert np.array_equal(motion.phase, measured.phase)
+    check_consistent(motion)
+
+
+def test_the_other_leg_is_half_a_cycle_later() -> None:
+    free = (-np.inf, np.inf)
+    names = ("knee_r", "hip_flexion_r", "knee_l", "hip_flexion_l", "hip_adduction_l")
+    walk = trajectory("walk", 1.0, 0.0, dict.fromkeys((*names, "toe"), free))
+    motion = sample(walk)
+    assert tuple(motion.companions) == names[:4]
+    right, left = motion.companions["knee_r"], motion.companions["knee_l"]
+    assert np.array_equal(motion.angle, right.angle)
+    apart = np.mod(left.phase - right.phase, 1.0)
+    np.testing.assert_allclose(apart, 0.5, atol=1e-12)
+    assert left.velocity[0] == right.velocity[0] == 0.0
+    check_consistent(left)
+    assert isinstance(walk, Walk)
+    assert walk.describe() == (
+        "the walk moves knee_r (as knee), hip_flexion_r (as hip), knee_l (as knee, "
+        "half a cycle later), hip_flexion_l (as hip, half a cycle later)"
+    )
+
+
+def test_a_walk_needs_the_driven_joint() -> None:
+    with pytest.raises(CableError, match="drives the joint 'wrist'; choose another"):
+        trajectory("walk", joints={"wrist": (-1.0, 1.0)})
+
+
+MODULE = """
+import numpy as np
+from dataclasses import dataclass
+from cc_mujoco.human import Motion, Sine, Trajectory
+
+class Still(Trajectory):
+    def _motion(self, time, duration, rng):
+        still = 0.0 * time
+        return Motion(time, still, still, still, still)
+
+class Broken(Trajectory):
+    def _motion(self, time, duration, rng):
+        return 1 / 0
+
+class Short(Trajectory):
+    def _motion(self, time, duration, rng):
+        return Motion(time, time[:2], time, time, time)
+
+slow = Sine(frequency=0.2)
+number = 3
+"""
+
+
+def test_trajectories_of_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_motions.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_motions", raising=False)
+    assert trajectory("my_motions:slow") == Sine(frequency=0.2)
+    assert not sample(trajectory("my_motions:Still")).angle.any()
+    with pytest.raises(
+        CableError,
+        match=r"'my_motions:Broken' raised ZeroDivisionError in .*my_motions\.py, line",
+    ):
+        sample(trajectory("my_motions:Broken"))
+    with pytest.raises(CableError, match="`angle` must be 20001 finite numbers"):
+        sample(trajectory("my_motions:Short"))
+    with pytest.raises(CableError, match="must be a Trajectory, or a function"):
+        trajectory("my_motions:number")
+    with pytest.raises(CableError, match="has no object 'nothing'"):
+        trajectory("my_motions:nothing")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design import episodes, make_plan
 from cc_mujoco.design._designs import Given
 from cc_mujoco.device import Plant, load_device
-from cc_mujoco.human import TASKS, Spring, Tunnel
+from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
 from cc_mujoco.simulation import attended
 from cc_mujoco.simulation._compiled_batch import law_of, task_of
@@ -94,13 +95,34 @@ def test_help_that_follows_the_walk_is_the_same(
         assert inside.columns["desired_torque_nm"].min() < -1.0
 
 
-@pytest.mark.parametrize("task", ["tunnel", "spring", "hold", "transparent"])
-def test_every_task_is_the_same(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["tunnel", "spring", "hold:0.1", "transparent"])
+def test_every_task_is_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = both_ways(
-        monkeypatch, "wrist", {"friction": [0.05]}, "pi", task=task, trajectory="sine"
+        monkeypatch, "wrist", {"friction": [0.05]}, "pi", task=name, trajectory="sine"
     )
     for pair in pairs:
         assert_same(*pair)
+
+
+@pytest.mark.parametrize("clock", ["time_s", "phase"])
+def test_a_torque_table_is_the_same(
+    clock: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "torque.csv"
+    path.write_text(f"{clock},torque_nm\n0,0\n0.05,0.4\n0.5,-0.2\n")
+    pairs = both_ways(
+        monkeypatch, "wrist", {"friction": [0.05]}, "pi", task=path, trajectory="sine"
+    )
+    for inside, outside in pairs:
+        assert_same(inside, outside)
+        time = inside.columns["time_s"][0]
+        assert task_of(task(path)) is not None
+        over = time if clock == "time_s" else np.mod(0.5 * time, 1.0)
+        np.testing.assert_allclose(
+            inside.columns["desired_torque_nm"][0],
+            np.interp(over, [0.0, 0.05, 0.5], [0.0, 0.4, -0.2]),
+            atol=1e-12,
+        )
 
 
 def test_a_design_that_diverges_is_told_at_the_same_time(

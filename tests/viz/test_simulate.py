@@ -14,7 +14,7 @@ from cc_mujoco import play, simulate
 from cc_mujoco.control import CONTROLLERS, ProportionalIntegral, controller
 from cc_mujoco.device import PERFECT_SENSING, Drive, Measuring, Plant, find_device
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Spring, from_csv
+from cc_mujoco.human import Spring, read_motion
 from cc_mujoco.simulation import Single, attended
 from cc_mujoco.simulation._rollout import Episode
 from cc_mujoco.simulation._rollout import play as roll_out
@@ -93,7 +93,7 @@ def test_a_motion_is_a_name_a_file_or_an_object_and_the_log_names_it(
     times: list[float] = []
     given: Any = {"task": Spring(), "duration": 0.02}
     log = simulate("wrist", motion=path, progress=times.append, **given)
-    read = simulate("wrist", motion=from_csv(path), **given)
+    read = simulate("wrist", motion=read_motion(path), **given)
     assert np.array_equal(log["reference_angle_rad"], read["reference_angle_rad"])
     assert np.ptp(log["reference_angle_rad"]) > 0.0
     assert read.metadata["trajectory"] == "Recorded"
@@ -161,7 +161,7 @@ def test_a_torque_that_is_no_number_is_one_sentence(
         ("wrist", {"controller": "pid"}, "controller"),
         ("wrist", {"controller": 3}, "a function of a Drive, not 3"),
         ("wrist", {"motion": 3}, "trajectory must be a name"),
-        ("wrist", {"task": 3}, "task must be a Task"),
+        ("wrist", {"task": 3}, "task must be a name"),
         ("wrist", {"seed": -1}, "seed must be an integer from 0"),
         (["wrist"], {"seed": [1, 2]}, "one for each of 1 plants"),
         ("wrist", {"duration": 0.0}, "duration"),

@@ -1,16 +1,15 @@
-"""Columns of numbers from a file; `_arrays` reads MATLAB and HDF5.
+"""Columns of numbers from CSV and Parquet files, streamed by pyarrow.
 
-CSV and Parquet files are streamed, so that of a large one no more is held than the
-columns wanted. `csv_files` says what forms CSV may have.
+Of a large file no more is held than the columns wanted. `csv_files` says what forms CSV
+may have.
 """
 
 from __future__ import annotations
 
-import csv
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,13 +17,11 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.csv_files import HEAD_BYTES, Layout, is_number, layout
-from cc_mujoco.datasets import _arrays as arrays
-from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.errors import CableError
 
-ENDINGS = (".csv", ".parquet", *arrays.ENDINGS)
-"""Endings of files that can be read, in any case."""
+PARQUET_ENDING = ".parquet"
 
 _NULL_VALUES = [
     "",
@@ -47,37 +44,20 @@ def column_names(path: Path) -> list[str]:
     """Return the names of the columns of a file, in order.
 
     Raises:
-        CableError: the file cannot be read, or the first line names no columns.
+        CableError: the file cannot be used, or the first line names no columns.
     """
-    if path.suffix.lower() in arrays.ENDINGS:
-        return arrays.column_names(path)
-    with _Readable(path):
-        if path.suffix.lower() == ".parquet":
+    with _whole(path):
+        if path.suffix.lower() == PARQUET_ENDING:
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
         return _layout(path).names
 
 
 def read_columns(
-    path: Path, names: Iterable[str], switches: Iterable[str] = ()
+    path: Path, names: list[str], switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return the columns of a file as numbers, NaN where missing.
-
-    Args:
-        path: the file.
-        names: columns, each of which the file has once.
-        switches: those of them that may hold true and false, read as 1 and 0.
-
-    Returns:
-        Arrays (rows,) by name, in MATLAB and HDF5 files perhaps of different lengths.
-
-    Raises:
-        CableError: the file cannot be read or holds something else than numbers.
-    """
-    names = list(names)
-    if path.suffix.lower() in arrays.ENDINGS:
-        return arrays.read_columns(path, names)
-    with _Readable(path):
-        if path.suffix.lower() == ".parquet":
+    """Return the columns of a file as numbers, NaN where missing; see `tables`."""
+    with _whole(path):
+        if path.suffix.lower() == PARQUET_ENDING:
             return _join_batches(names, _parquet_batches(path, names))
         form = _layout(path)
         try:
@@ -196,23 +176,15 @@ def _csv_error(
     )
 
 
-class _Readable:
-    """Converter of errors while a file is read into one sentence."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, pa.ArrowException):
-            message = " ".join(str(error).split())[:160].rstrip(".")
-            raise CableError(
-                f"{self.path} is not a whole {self.path.suffix[1:]} file: {message}."
-            ) from None
-        if isinstance(error, UnicodeError | csv.Error):
-            raise CableError(f"{self.path} is not a text file: {error}.") from None
-        if isinstance(error, OSError):
-            reason = error.strerror or str(error)
-            raise CableError(f"cannot read {self.path}: {reason}.") from None
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Turn an error of pyarrow into one sentence."""
+    try:
+        yield
+    except OSError:
+        raise
+    except pa.ArrowException as error:
+        message = " ".join(str(error).split())[:160].rstrip(".")
+        raise CableError(
+            f"{path} is not a whole {path.suffix[1:]} file: {message}."
+        ) from None

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.errors import CableError
+
+FloatArray = NDArray[np.float64]
 
 MATLAB_ENDING = ".mat"
 ENDINGS = (MATLAB_ENDING, ".h5", ".hdf5")

@@ -1,0 +1,98 @@
+"""Columns of numbers from OpenSim's motion and storage files, `.mot` and `.sto`.
+
+Their columns have names without units; here the unit is appended: `time_s`,
+`knee_angle_r_deg` where the header has `inDegrees=yes` (`_rad` where it has `no`),
+`knee_angle_r_moment_nm`. Lengths, such as `pelvis_tx`, and all angles of a file whose
+header has no `inDegrees` keep their names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco._utils.array_files import FloatArray
+from cc_mujoco.errors import CableError
+
+ENDINGS = (".mot", ".sto")
+"""Endings of files that can be read, in any case."""
+
+_END = "endheader"
+_IN_DEGREES = re.compile(r"\s*indegrees\s*=\s*(yes|no)\s*", re.IGNORECASE)
+_UNITS = {
+    re.compile(r"time", re.IGNORECASE): "time_s",
+    re.compile(r"(.*_moment)", re.IGNORECASE): r"\1_nm",
+    re.compile(r"(.*_force)", re.IGNORECASE): r"\1_n",
+    re.compile(r"(.*_t[xyz])", re.IGNORECASE): r"\1",
+}
+"""Columns of OpenSim files that are no angles, and their names with the unit."""
+
+
+def _header(path: Path) -> tuple[list[str], int]:
+    """Return the columns of an OpenSim file, and the lines above its data.
+
+    Raises:
+        CableError: the file has no header.
+    """
+    degrees, ended, suffix = {"yes": "_deg", "no": "_rad"}, False, ""
+    with path.open(encoding="utf-8-sig") as file:
+        for count, line in enumerate(file, start=1):
+            text = line.strip()
+            if ended and text:
+                names = []
+                for name in line.split():
+                    named = (
+                        pattern.sub(unit, name)
+                        for pattern, unit in _UNITS.items()
+                        if pattern.fullmatch(name)
+                    )
+                    names.append(next(named, name + suffix))
+                return names, count
+            if text.lower() == _END:
+                ended = True
+            elif (found := _IN_DEGREES.fullmatch(text)) is not None:
+                suffix = degrees[found[1].lower()]
+    raise CableError(
+        f"{path} is no OpenSim file; a line {_END!r} and then one that names "
+        "the columns must stand above the data."
+    )
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file, with their units.
+
+    Raises:
+        CableError: the file has no header.
+    """
+    return _header(path)[0]
+
+
+def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
+    """Return columns of a file (rows,) by name.
+
+    Raises:
+        CableError: the file has no header, or a line is not all numbers.
+    """
+    names, top = _header(path)
+    rows: list[list[float]] = []
+    with path.open(encoding="utf-8-sig") as file:
+        for number, line in enumerate(file, start=1):
+            cells = line.split()
+            if number <= top or not cells:
+                continue
+            try:
+                rows.append([float(cell) for cell in cells])
+            except ValueError as error:
+                raise CableError(
+                    f"{path}, line {number}: {error}; every cell must be a number."
+                ) from None
+            if len(cells) != len(names):
+                raise CableError(
+                    f"{path}, line {number} has {len(cells)} cells; it must have the "
+                    f"{len(names)} that line {top} names."
+                )
+    table = np.array(rows, dtype=float).reshape(-1, len(names))
+    return {name: table[:, names.index(name)].copy() for name in wanted}

@@ -1,0 +1,220 @@
+"""Columns of numbers from CSV, TSV, Parquet, OpenSim, MATLAB and HDF5 files.
+
+    names = column_names(path)
+    time = quantity_column(path, names, "time_s", CLOCK)
+    angle = quantity_column(path, names, "angle_rad", ANGLE)
+    times, angles = read_course(path, [time, angle])
+
+`csv_files` says what forms CSV may have, `opensim_files` how columns of OpenSim get
+their units, and `array_files` how those of MATLAB and HDF5 are called.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco._utils import array_files, opensim_files
+from cc_mujoco._utils.array_files import FloatArray
+from cc_mujoco._utils.units import Kind, unit_of, words
+from cc_mujoco.errors import CableError
+
+ENDINGS = (".csv", ".tsv", ".parquet", *opensim_files.ENDINGS, *array_files.ENDINGS)
+"""Endings of files that can be read, in any case."""
+
+
+def is_table(name: str | Path) -> bool:
+    """Return whether the name of a file ends as that of a table."""
+    return Path(name).suffix.lower() in ENDINGS
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file, in order.
+
+    Raises:
+        CableError: the file cannot be read, or the first line names no columns.
+    """
+    ending = path.suffix.lower()
+    if ending in array_files.ENDINGS:
+        return array_files.column_names(path)
+    with _readable(path):
+        if ending in opensim_files.ENDINGS:
+            return opensim_files.column_names(path)
+        from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
+
+        return arrow_files.column_names(path)
+
+
+def read_columns(
+    path: Path, names: Iterable[str], switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
+    """Return the columns of a file as numbers, NaN where missing.
+
+    Args:
+        path: the file.
+        names: columns, each of which the file has once.
+        switches: those of them that may hold true and false, read as 1 and 0.
+
+    Returns:
+        Arrays (rows,) by name, in MATLAB and HDF5 files perhaps of different lengths.
+
+    Raises:
+        CableError: the file cannot be read or holds something else than numbers.
+    """
+    names, ending = list(names), path.suffix.lower()
+    if ending in array_files.ENDINGS:
+        return array_files.read_columns(path, names)
+    with _readable(path):
+        if ending in opensim_files.ENDINGS:
+            return opensim_files.read_columns(path, names)
+        from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
+
+        return arrow_files.read_columns(path, names, switches)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn errors of a file that cannot be read, or is no text, into one sentence."""
+    try:
+        yield
+    except (UnicodeError, csv.Error) as error:
+        raise CableError(f"{path} is not a text file: {error}.") from None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {path}: {reason}.") from None
+
+
+def quantity_column(
+    path: Path, names: Sequence[str], name: str, measured: Kind
+) -> Column:
+    """Return the column of a quantity, which may be in any of its units.
+
+    Args:
+        path: the file.
+        names: its columns.
+        name: with the unit of the program at its end, such as `angle_rad`; the file may
+            also have `angle_deg` or `Angle [deg]`.
+        measured: what it measures.
+
+    Raises:
+        CableError: there is no such column, or there are several.
+    """
+    stem = name.rpartition("_")[0]
+    found = {}
+    for other in names:
+        unit = unit_of(other, measured)
+        if unit is not None and "_".join(words(other)[:-1]) == stem:
+            found[other] = Column(other, measured.factors[unit])
+    if name in found:
+        return found[name]
+    if len(found) > 1:
+        raise CableError(
+            f"{path}: {' and '.join(found)} are both {name}; keep one of them."
+        )
+    if not found:
+        raise _missing_quantity(path, names, name, measured)
+    return next(iter(found.values()))
+
+
+def _missing_quantity(
+    path: Path, names: Sequence[str], name: str, measured: Kind
+) -> CableError:
+    """Return the error for a column that is not there."""
+    stem = name.rpartition("_")[0]
+    start = f"{path}: there is no column {name!r}"
+    near = next(iter(difflib.get_close_matches(name, names, 1, 0.4)), "")
+    if near and (unit := unit_of(near, measured)) is not None:
+        return CableError(f"{start}; if it is {near!r}, name it {stem}_{unit.lower()}.")
+    advice = f"; if it is {near!r}, name it by its unit" if near else "; name it"
+    return CableError(f"{start}{advice}: {unit_names(stem, measured)}.")
+
+
+def unit_names(stem: str, measured: Kind) -> str:
+    """Return the names of a column in every unit, for a sentence."""
+    return " or ".join(f"{stem}_{unit.lower()}" for unit in measured.factors)
+
+
+class Column(NamedTuple):
+    """A column of numbers that are converted.
+
+    Attributes:
+        name: in the file.
+        factor: that its numbers are multiplied by.
+        limit: largest absolute number, converted.
+    """
+
+    name: str
+    factor: float
+    limit: float = math.inf
+
+
+def read_course(
+    path: Path, columns: Sequence[Column], interval: float = 0.0
+) -> tuple[FloatArray, ...]:
+    """Return columns over one that increases, without the rows that are all blank.
+
+    Args:
+        path: the file.
+        columns: the one that increases, such as time, and others.
+        interval: least that it increases from row to row, converted; 0 is anything.
+
+    Returns:
+        An array (rows,) for each column, converted.
+
+    Raises:
+        CableError: a number is missing or beyond its limit, or the first column does
+            not increase; names column and row.
+    """
+    names = column_names(path)
+    for column in columns:
+        if names.count(column.name) > 1:
+            raise CableError(
+                f"{path} has several columns {column.name}; keep one of them."
+            )
+    read = read_columns(path, dict.fromkeys(column.name for column in columns))
+    if len({len(values) for values in read.values()}) > 1:
+        raise CableError(
+            f"{path}: {' and '.join(read)} have different numbers of rows; each row "
+            "needs them all."
+        )
+    blank = np.all([np.isnan(values) for values in read.values()], axis=0)
+    found = [column.factor * read[column.name][~blank] for column in columns]
+    for column, values in zip(columns, found, strict=True):
+        _require_range(path, column, values)
+    rising, over = columns[0], found[0]
+    step = np.diff(over)
+    early = np.flatnonzero((step <= 0.0) | (step < interval))
+    if early.size:
+        row, unit = int(early[0]) + 1, rising.factor
+        least = f"at least {interval / unit:g} above" if interval else "above"
+        raise CableError(
+            f"{path}, column {rising.name}, row {row + 1} of the data: "
+            f"{over[row] / unit:g} must be {least} the {over[row - 1] / unit:g} of the "
+            "row before."
+        )
+    return tuple(found)
+
+
+def _require_range(path: Path, column: Column, values: FloatArray) -> None:
+    """Refuse numbers that are missing or beyond the limit of a column."""
+    wrong = np.flatnonzero(~(np.isfinite(values) & (np.abs(values) <= column.limit)))
+    if not wrong.size:
+        return
+    row = int(wrong[0])
+    among = "a finite number"
+    if math.isfinite(column.limit):
+        end = column.limit / column.factor
+        among = f"a number between {-end:g} and {end:g}"
+    given = values[row] / column.factor
+    text = "is missing; it" if np.isnan(given) else f"is {given:g}; it"
+    raise CableError(
+        f"{path}, column {column.name}, row {row + 1} of the data {text} must be "
+        f"{among}."
+    )

@@ -1,0 +1,93 @@
+"""Joints of a device that take part in a gait, found by their names.
+
+>>> from cc_mujoco.human._gait_joints import gait_joints
+>>> for joint in gait_joints({"left_knee": (0.0, 2.0), "knee_r": (-2.0, 0.0)}):
+...     print(*joint)
+left_knee knee False True 0.017
+knee_r knee True False -0.017
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.human._gait import GAIT_ANGLES
+
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_OTHER_AXES = {
+    *("adduction", "abduction", "rotation", "inversion", "eversion"),
+    *("x", "z", "yaw", "roll"),
+}
+"""Words of joints that turn about another axis than that of level walking."""
+_PHASE_GRID = np.linspace(0.0, 1.0, 2001)
+_SPARE = 1.1
+"""Largest excursion of a joint at any speed, over that of the measured walk [-]."""
+_MAX_SHIFT = 0.03
+"""Most by which a joint's motion is shifted so that it stays in the range [rad]."""
+
+
+class GaitJoint(NamedTuple):
+    """A joint of a device, and what moves it.
+
+    Attributes:
+        name: of the joint.
+        part: of the measured leg, `ankle`, `knee` or `hip`.
+        other_leg: True if it is half a cycle behind the first leg.
+        turned: True if its positive direction is opposite to that of the data.
+        shift: that is added to its angle, so that it stays in the range [rad].
+    """
+
+    name: str
+    part: str
+    other_leg: bool = False
+    turned: bool = False
+    shift: float = 0.0
+
+
+def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, ...]:
+    """Return the joints of a device that a gait moves.
+
+    A joint takes part if its name contains `ankle`, `knee` or `hip` and no word of
+    another axis, such as `adduction`. The leg of the first joint that names a side is
+    the first leg. A joint is turned where its range holds the angles of the gait with
+    the opposite sign only, such as a knee whose flexion is positive, and shifted by up
+    to 0.03 rad where it stops short of them, such as a knee that cannot hyperextend.
+
+    Args:
+        joints: Range [rad] by name of the device's joints, the driven joint first.
+    """
+    found = []
+    lead = ""
+    for name, ends in joints.items():
+        words = _words(name)
+        part = next((one for one in GAIT_ANGLES if one in name.lower()), "")
+        if not part or _OTHER_AXES.intersection(words):
+            continue
+        side = next((_SIDES[word] for word in words if word in _SIDES), "")
+        lead = lead or side
+        found.append(
+            GaitJoint(name, part, bool(side and side != lead), *_fit(part, ends))
+        )
+    return tuple(found)
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a joint's name in lower case, `LeftKnee` for example."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return [word for word in re.split(r"[^a-z]+", apart.lower()) if word]
+
+
+def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:
+    """Return whether a joint is turned, and its shift [rad]."""
+    angles = _SPARE * GAIT_ANGLES[part](_PHASE_GRID)
+    least, most = float(angles.min()), float(angles.max())
+    for turned, (low, high) in ((False, (least, most)), (True, (-most, -least))):
+        up, down = max(ends[0] - low, 0.0), max(high - ends[1], 0.0)
+        if max(up, down) <= _MAX_SHIFT and not (up and down):
+            return turned, math.ceil(1e3 * up) / 1e3 - math.ceil(1e3 * down) / 1e3
+    return False, 0.0

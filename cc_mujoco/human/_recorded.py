@@ -1,0 +1,250 @@
+"""Motions of one joint or of several, read from a table.
+
+    read_motion("motion.csv")                      # time_s, angle_rad
+    read_motion("walk.mot", ("knee_r", "hip_r"))   # knee_angle_r, hip_r, in degrees
+
+A column of angles is named by its joint and its unit, `knee_deg` or `knee_angle_rad`; a
+plain `angle_deg`, or `joint_angle_deg`, is that of the joint that the device drives.
+`_utils.tables` reads CSV, TSV, Parquet, OpenSim, MATLAB and HDF5 files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from cc_mujoco._utils import opensim_files, tables
+from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._motion import Array, Motion, Trajectory, episode_fraction
+
+_MIN_SAMPLES = 4
+_MIN_INTERVAL = 1e-6
+_MAX_TIME, _MAX_ANGLE = 1e6, 1e3
+
+Words = tuple[str, ...]
+Entry = TypeVar("Entry")
+
+_DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
+"""Names of the joint that the device drives, in words without `angle`."""
+
+
+@dataclass(frozen=True)
+class Recorded(Trajectory):
+    """A recorded motion, joined by a cubic spline and held at its last angle.
+
+    The spline starts and ends at rest, so that an episode can begin without a jerk and
+    the hold that follows the end continues the motion. Phase: fraction of the episode.
+    """
+
+    times: tuple[float, ...]
+    """Times of the samples from the first [s], increasing from 0."""
+    angles: tuple[float, ...]
+    """Angles of the joint that the device drives [rad]."""
+    joint: str = ""
+    """Name of that joint; empty where the file names none."""
+    others: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    """Names and angles [rad] of other joints."""
+    source: str = field(default="", compare=False, repr=False)
+    """Path of the file, for messages."""
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample [s]."""
+        return self.times[-1]
+
+    def on_joints(self, joints: Sequence[str]) -> Recorded:
+        """Return the motion with the names of a device's joints.
+
+        Args:
+            joints: Names of its joints, that which it drives first.
+
+        Raises:
+            CableError: If there is no motion of the first joint.
+        """
+        every = [(self.joint, self.angles), *self.others]
+        keys = {quantity_words(name, ANGLE)[0]: angles for name, angles in every}
+        found = match_joints(keys, joints)
+        if joints[0] not in found:
+            names = " and ".join(repr(name) for name, _ in every)
+            raise CableError(
+                f"{self.source or 'the recorded motion'} moves {names}, but the device "
+                f"drives the joint {joints[0]!r}; name its column "
+                f"{tables.unit_names(joints[0] + '_angle', ANGLE)}."
+            )
+        others = [(name, found[name]) for name in joints[1:] if name in found]
+        return Recorded(
+            self.times, found[joints[0]], joints[0], tuple(others), self.source
+        )
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        phase = episode_fraction(time, duration)
+        own = self._played(self.angles, time, phase, {})
+        companions = {
+            name: self._played(angles, time, phase, {}) for name, angles in self.others
+        }
+        if not companions:
+            return own
+        if self.joint:
+            companions[self.joint] = own
+        return self._played(self.angles, time, phase, companions)
+
+    def _played(
+        self,
+        angles: tuple[float, ...],
+        time: Array,
+        phase: Array,
+        companions: Mapping[str, Motion],
+    ) -> Motion:
+        from scipy.interpolate import CubicSpline
+
+        spline = CubicSpline(self.times, angles, bc_type="clamped")
+        inside = time <= self.times[-1]
+        held = np.minimum(time, self.times[-1])
+        return Motion(
+            time,
+            spline(held),
+            np.where(inside, spline(held, 1), 0.0),
+            np.where(inside, spline(held, 2), 0.0),
+            phase,
+            companions,
+        )
+
+
+def match_joints(
+    columns: Mapping[Words, Entry], joints: Sequence[str]
+) -> dict[str, Entry]:
+    """Return the columns of a device's joints by the names of the joints.
+
+    Args:
+        columns: By the words of their names without quantity and unit.
+        joints: Names of the joints, that which the device drives first.
+    """
+    found = {}
+    for place, joint in enumerate(joints):
+        named = [quantity_words(joint, ANGLE)[0], *(_DRIVEN_NAMES if not place else ())]
+        for key in named:
+            if key in columns:
+                found[joint] = columns[key]
+                break
+    return found
+
+
+def read_motion(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
+    """Read a motion from a table with a column of time and columns of angles.
+
+    Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to
+    row and may start anywhere. Angles are `angle_rad`, `angle_deg`, `angle_mrad` or
+    `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
+    have their units in the header. Columns of no joint are ignored.
+
+    Args:
+        path: The file.
+        joints: Names of the device's joints, that which it drives first. By default
+            every column of angles is read, and the first or that without a name of a
+            joint is of the driven one.
+
+    Returns:
+        The motion, as recorded and shifted to start at time 0.
+
+    Raises:
+        CableError: If the file cannot be read or used, or an angle has no unit; names
+            file, column and row.
+    """
+    path = Path(path)
+    names = tables.column_names(path)
+    clock = tables.quantity_column(path, names, "time_s", CLOCK)
+    columns = _angle_columns(path, names, joints)
+    times, *moved = tables.read_course(
+        path,
+        [
+            clock._replace(limit=_MAX_TIME),
+            *(_angle_column(column) for column in columns.values()),
+        ],
+        _MIN_INTERVAL,
+    )
+    if len(times) < _MIN_SAMPLES:
+        raise CableError(
+            f"{path} has {len(times)} rows of data, but a trajectory needs at least "
+            f"{_MIN_SAMPLES}."
+        )
+    angles = [tuple(values.tolist()) for values in moved]
+    (first, own), *others = zip(columns, angles, strict=True)
+    since = tuple((times - times[0]).tolist())
+    return Recorded(since, own, first, tuple(others), str(path))
+
+
+def _angle_column(name: str) -> tables.Column:
+    unit = quantity_words(name, ANGLE)[1] or ANGLE.unit
+    return tables.Column(name, ANGLE.factors[unit], _MAX_ANGLE)
+
+
+def _angle_columns(
+    path: Path, names: Sequence[str], joints: Sequence[str]
+) -> dict[str, str]:
+    """Return the columns of angles by joint, that of the driven joint first.
+
+    Raises:
+        CableError: There is none of the driven joint, several are of one joint, or one
+            has no unit.
+    """
+    with_unit: dict[Words, list[str]] = {}
+    without: dict[Words, list[str]] = {}
+    for name in names:
+        key, unit = quantity_words(name, ANGLE)
+        if not key and not _names_angle(name):
+            continue
+        (without if unit is None else with_unit).setdefault(key, []).append(name)
+    if not joints:
+        angles = {k: v for k, v in without.items() if _names_angle(v[0])}
+        if not with_unit and angles:
+            raise _no_unit(path, next(iter(angles.values()))[0])
+        if not with_unit:
+            tables.quantity_column(path, names, "angle_rad", ANGLE)
+        keys = sorted(with_unit, key=lambda key: key not in _DRIVEN_NAMES)
+        return {"_".join(key): _only(path, with_unit[key]) for key in keys}
+    found = match_joints(with_unit, joints)  # in the order of the joints
+    for joint, bare in match_joints(without, joints).items():
+        if joint not in found:
+            raise _no_unit(path, bare[0])
+    if joints[0] not in found:
+        ways = tables.unit_names("angle", ANGLE)
+        raise CableError(
+            f"{path} has no column of the angle of joint {joints[0]!r}, only "
+            f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; name it "
+            f"{joints[0]}_angle_deg, or {ways}."
+        )
+    return {joint: _only(path, columns) for joint, columns in found.items()}
+
+
+def _names_angle(column: str) -> bool:
+    return ANGLE.name in column.lower()
+
+
+def _no_unit(path: Path, column: str) -> CableError:
+    """Return the error for an angle whose unit is not named."""
+    stem = column if _names_angle(column) else f"{column}_angle"
+    header = ""
+    if path.suffix.lower() in opensim_files.ENDINGS:
+        header = ", or write inDegrees=yes or inDegrees=no into its header"
+    return CableError(
+        f"{path}: the angle {column!r} has no unit; name the column {stem}_deg if it "
+        f"is in degrees or {stem}_rad if it is in radians{header}."
+    )
+
+
+def _only(path: Path, columns: Sequence[str]) -> str:
+    """Return the column of a joint: the only one, or that in radians."""
+    if len(columns) == 1:
+        return columns[0]
+    plain = [c for c in columns if quantity_words(c, ANGLE)[1] == ANGLE.unit]
+    if len(plain) != 1:
+        raise CableError(
+            f"{path}: {' and '.join(columns)} are the angle of one joint; keep one of "
+            "them."
+        )
+    return plain[0]

@@ -1,0 +1,173 @@
+"""Torque profiles from a table: against the phase of the gait, or against time.
+
+read_torque("torque.csv")               # phase or time_s, torque_nm
+read_torque("torque.csv", ("knee",))    # or knee_torque_nm, knee_angle_moment_nm
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco._utils import tables
+from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._recorded import match_joints
+from cc_mujoco.human._tasks import Real, Task
+
+MIN_SAMPLES = 2
+_MAX_TORQUE, _MAX_TIME = 1e6, 1e6
+_MAX_GAP = 0.5
+"""Largest part of the cycle without a sample [-]."""
+
+
+@dataclass(frozen=True)
+class PhaseTorque(Task):
+    """A torque over the phase, linear between its samples and periodic."""
+
+    of_phase = True
+    phases: tuple[float, ...]
+    """Phases of the samples [-], increasing within [0, 1]."""
+    torques: tuple[float, ...]
+    """Torques [N m]."""
+    source: str = field(default="", compare=False, repr=False)
+    """Path of the file, for messages."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque at a phase [N m]; see `Task.torque`."""
+        found: Real = _interpolated(phase, self.phases, self.torques, 1.0)
+        return found
+
+
+@dataclass(frozen=True)
+class TimeTorque(Task):
+    """A torque over the time of the episode, linear between its samples.
+
+    Before the first sample and after the last it keeps their torques.
+    """
+
+    of_phase = True
+    of_time = True
+    times: tuple[float, ...]
+    """Times of the samples from the start of the episode [s], increasing."""
+    torques: tuple[float, ...]
+    """Torques [N m]."""
+    source: str = field(default="", compare=False, repr=False)
+    """Path of the file, for messages."""
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample [s]."""
+        return self.times[-1]
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque at a time, given as `phase` [s]; see `Task.torque`."""
+        found: Real = _interpolated(phase, self.times, self.torques, None)
+        return found
+
+
+def _interpolated(
+    at: Any, over: Sequence[float], torques: Sequence[float], period: float | None
+) -> Any:
+    found = np.interp(at, over, torques, period=period)
+    return found if isinstance(found, np.ndarray) else float(found)
+
+
+def read_torque(
+    path: str | Path, joints: Sequence[str] = ()
+) -> PhaseTorque | TimeTorque:
+    """Read a profile from a table with a column of torque over phase or time.
+
+    `phase` holds fractions of the cycle up to 1; `phase_percent` (or `phase [%]`) per
+    cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time since
+    the start of the episode. Torque is `torque_nm`, or in another unit of torque, with
+    the name of a joint before it, if any.
+
+    Args:
+        path: The file.
+        joints: Name of the joint that the torque acts on, first of several; by default
+            the file must have one column of torque.
+
+    Raises:
+        CableError: If the file cannot be read or used; names file, column and row.
+    """
+    path = Path(path)
+    names = tables.column_names(path)
+    torque = _torque_column(path, names, joints)
+    phases = [name for name in names if quantity_words(name, PHASE)[0] == ()]
+    phases = [name for name in phases if PHASE.name in name.lower()]
+    if len(phases) > 1:
+        raise CableError(f"{path}: {' and '.join(phases)} are both phase; keep one.")
+    if not phases:
+        over = tables.quantity_column(path, names, "time_s", CLOCK)
+        times, torques = tables.read_course(
+            path, [over._replace(limit=_MAX_TIME), torque]
+        )
+        _require_samples(path, times)
+        return TimeTorque(tuple(times.tolist()), tuple(torques.tolist()), str(path))
+    unit = quantity_words(phases[0], PHASE)[1]
+    factor = PHASE.factors[unit] if unit else 1.0
+    over = tables.Column(phases[0], factor)
+    phase, torques = tables.read_course(path, [over, torque])
+    _require_samples(path, phase)
+    if phase[0] < 0.0 or phase[-1] > 1.0:
+        ends = f"{phase[0] / factor:g} to {phase[-1] / factor:g}"
+        advice = "" if unit else "; name it phase_percent if it is in per cent"
+        raise CableError(
+            f"{path}, column {phases[0]} goes from {ends}; it must be in "
+            f"[0, {1.0 / factor:g}]{advice}."
+        )
+    gap = float(max(np.diff(phase).max(), 1.0 + phase[0] - phase[-1]))
+    if gap > _MAX_GAP:
+        raise CableError(
+            f"{path}, column {phases[0]} leaves {gap:.0%} of the cycle without a "
+            f"sample; it must leave at most {_MAX_GAP:.0%}."
+        )
+    return PhaseTorque(tuple(phase.tolist()), tuple(torques.tolist()), str(path))
+
+
+def _torque_column(
+    path: Path, names: Sequence[str], joints: Sequence[str]
+) -> tables.Column:
+    """Return the column of the torque on a joint.
+
+    Raises:
+        CableError: There is none, or there are several.
+    """
+    found: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        key, unit = quantity_words(name, TORQUE)
+        if unit is not None:
+            own = tuple(word for word in key if word not in ("moment", "angle"))
+            found.setdefault(own, []).append(name)
+    matched = match_joints(found, joints)
+    every = [name for columns in found.values() for name in columns]
+    columns = matched.get(joints[0], []) if joints else every
+    if not columns:
+        name = f"{joints[0]}_torque_nm or torque_nm" if joints else "torque_nm"
+        raise CableError(
+            f"{path} has no column of the torque"
+            + f" on joint {joints[0]!r}" * bool(joints)
+            + f", only {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; "
+            f"name it {name}."
+        )
+    if len(columns) > 1:
+        raise CableError(
+            f"{path} has several columns of torque, {' and '.join(columns)}; keep one "
+            "of them."
+        )
+    unit = quantity_words(columns[0], TORQUE)[1]
+    assert unit is not None
+    return tables.Column(columns[0], TORQUE.factors[unit], _MAX_TORQUE)
+
+
+def _require_samples(path: Path, over: np.ndarray[Any, Any]) -> None:
+    if over.size < MIN_SAMPLES:
+        raise CableError(
+            f"{path} has {over.size} rows of data; a torque profile needs at least "
+            f"{MIN_SAMPLES}."
+        )

@@ -126,6 +126,8 @@ class Author:
             if joint not in device.movers:  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
             own = motion.companions.get(joint, motion)
+            if own is motion and motion.companions and len(device.axes) > 1:
+                own = resting(motion, device.neutral(joint))
             moved[joint] = own
             motions.append(own)
         for joint, part in moved.items():

@@ -480,12 +480,12 @@ def _sources(
     """Return the trajectory of every axis; what is the same is one motion."""
     description = device.description
     chosen = description.trajectory if given is None else given
-    ranges = {joint: joint_range(device.model, joint) for joint in device.movers}
+    # The phase of a walk is that of the first axis.
+    joints = dict.fromkeys((*(axis.limb for axis in description.axes), *device.movers))
+    ranges = {joint: joint_range(device.model, joint) for joint in joints}
     found: list[Trajectory] = []
     for axis in description.axes:
-        # The driven joint first.
-        own = {axis.limb: joint_range(device.model, axis.limb)} | ranges
-        source = trajectory(chosen, axis.reach, axis.centre, own)
+        source = trajectory(chosen, axis.reach, axis.centre, ranges)
         found.append(next((one for one in found if one == source), source))
     return tuple(found)
 

@@ -15,12 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._parameters import KEYS, PATHS
 from cc_mujoco.device import Plant
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, bare_model, frame_skip
 from cc_mujoco.device._drive import CableDrive, Drive
-from cc_mujoco.device._moment_arm import Winding, winding_of
+from cc_mujoco.device._moment_arm import (
+    TabledWinding,
+    Winding,
+    open_winding,
+    winding_of,
+)
 from cc_mujoco.device._mover import MotorLimits, Mover
 from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -80,6 +85,9 @@ _RESULT_FIELDS = Physics._fields[3:]
 
 VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
 """Fields of a model that define what a plant is."""
+
+MIXED = PATHS[2]
+"""Path of a cable that leaves its conduit."""
 
 SPARE_BYTES = 1000
 """Bytes in a model for longer configurations of a cable than that of the scene."""
@@ -142,10 +150,12 @@ class AxisModel:
         """Both ends of the first cable of the joint, in `actuator_force`."""
         self.proximal_arm = float(arms[0][first[0]])
         """Displacement of its proximal end per motor angle of the model [m/rad]."""
-        self.winding = winding_of(model, first[1], axis.joint)
+        self.winding: Winding | TabledWinding | None
         """Winding of the first cable's distal end; None on a round pulley."""
         self.driven = tuple(name for name in axis.cables if self._distal[name])
         """Names of the cables from the motor to the joint."""
+        self._unknown = False
+        self._find_winding(first[1])
         name = self.driven[0]
         self.ratio = self._distal[name] / (self.sense * self._proximal[name])
         """Joint torque per motor torque without friction in the neutral pose [-]."""
@@ -154,6 +164,27 @@ class AxisModel:
         self._weightless = bool(
             np.any(model.body_gravcomp) or model.opt.density or model.opt.viscosity
         )
+
+    def paid_out(self, data: mujoco.MjData) -> float:
+        """Return the length that the joint has drawn since the neutral pose [m]."""
+        if isinstance(self.winding, TabledWinding):
+            wound = self.winding.read(physics_of(data))[WINDING_COLUMNS[0]]
+            return float(wound) * self._distal[self.driven[0]]
+        distal = self.first[1]
+        return float(data.actuator_length[distal] - self.model.actuator_length0[distal])
+
+    def _find_winding(self, end: int) -> None:
+        """Find what the first cable winds by; of a moving conduit, its open part."""
+        name = self.driven[0]
+        cable = plugin.from_mjcf(self.model)[name]
+        if cable.path != MIXED:
+            self.winding = winding_of(self.model, end, self.axis.joint)
+            return
+        tendon = int(self.model.tendon(cable.route).id)
+        mouth = int(self.model.site(cable.mouth).id)
+        self.winding = open_winding(self.model, tendon, mouth, self.axis.joint)
+        # No controller knows a cable of which other joints wind a part.
+        self._unknown = self.winding is None
 
     @property
     def joint_range(self) -> tuple[float, float]:
@@ -169,6 +200,7 @@ class AxisModel:
         """True if nothing but cables and a wearer of gear 1 acts on the joint."""
         direct = self._mover is not None and self._mover.gear == 1.0
         direct = direct and self.axis.cuff is None
+        direct = direct and not isinstance(self.winding, TabledWinding)
         return direct and self.sense == 1.0 and not (self._others or self._weightless)
 
     def observed(self, device: str, period: float) -> Observed:
@@ -197,15 +229,16 @@ class AxisModel:
                 cables[name], self.sense * self._proximal[name], self._distal[name]
             )
             for name in self.driven
+            if not self._unknown
         )
-        pulls = all(cable.proximal < 0.0 for cable in cable_drives)
+        pulls = all(self.sense * self._proximal[n] < 0.0 for n in self.driven)
         return Drive(
             self.ratio,
             low,
             high,
             period,
             pulls,
-            (cable_drives,),
+            (cable_drives,) if cable_drives else (),
             inertia=float(self.model.dof_M0[self.places.motor_v]),
             damping=float(self.model.dof_damping[self.places.motor_v]),
             joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
@@ -222,7 +255,7 @@ class AxisModel:
         return self.winding.others(self.model) if self.winding else ()
 
     def read_motion(
-        self, physics: Physics, winding: Winding | None = None
+        self, physics: Physics, winding: Winding | TabledWinding | None = None
     ) -> dict[str, Any]:
         """Read angles, velocities and torques of motor, joint and wearer.
 
@@ -400,9 +433,7 @@ class DeviceModel:
         data.ctrl[self.script_controls] = commands
         mujoco.mj_fwdPosition(model, data)
         for axis in self.axes:
-            _, distal = axis.first
-            payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
-            data.qpos[axis.places.motor_q] += payed_out / axis.proximal_arm
+            data.qpos[axis.places.motor_q] += axis.paid_out(data) / axis.proximal_arm
         plugin.settle(model, data)
 
     def read_cables(self, physics: Physics) -> dict[str, Any]:

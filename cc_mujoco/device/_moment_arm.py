@@ -28,6 +28,10 @@ MIN_LEVERAGE = 0.1
 """Least leverage that is reported; with less the cable hardly turns the joint."""
 POSE_SHARES = np.linspace(0.1, 0.9, 5)
 """Shares of the ranges of all joints at which is looked for what moves an end."""
+TABLE_ANGLES = 401
+"""Angles of the joint at which a table of the winding is made."""
+OPEN_TOLERANCE = 1e-6
+"""Change of a cable's length by other joints that is none [m]."""
 ARM_TOLERANCE = 1e-9
 """Share of an arm that is rounding."""
 
@@ -74,14 +78,107 @@ class Winding(NamedTuple):
         return tuple(model.joint(model.dof_jntid[dof]).name for dof in dofs)
 
     @staticmethod
-    def over(windings: Sequence[Winding | None]) -> Winding | None:
+    def over(
+        windings: Sequence[Winding | TabledWinding | None],
+    ) -> Winding | TabledWinding | None:
         """Return the winding of devices of one layout, simulated together."""
         one = windings[0]
-        if one is None:
-            return None
-        pairs = [(each.length, each.arm) for each in windings if each is not None]
+        if one is None or isinstance(one, TabledWinding):
+            return one  # the path is drawn, and no plant changes that
+        pairs = [
+            (each.length, each.arm) for each in windings if isinstance(each, Winding)
+        ]
         length, arm = np.array(pairs).T
         return one._replace(length=length, arm=arm)
+
+
+class TabledWinding(NamedTuple):
+    """Winding of a cable whose conduit moves, by the angle of the joint alone.
+
+    The tendon of such a cable has a part inside the conduit, whose length says nothing
+    of the cable.
+    """
+
+    joint_q: int
+    """Index of the joint in `qpos`."""
+    joint_v: int
+    angles: Array
+    """Joint angles, rising, (k,) [rad]."""
+    wound: Array
+    """Angle that is wound there, (k,) [rad]."""
+    leverage: Array
+    """Its derivative, (k,)."""
+
+    def read(self, physics: Any) -> dict[str, Any]:
+        """Return `WINDING_COLUMNS`, see `Winding.read`."""
+        angle = physics.qpos.T[self.joint_q]
+        share = np.interp(angle, self.angles, self.leverage)
+        velocity = share * physics.qvel.T[self.joint_v]
+        leverage = np.maximum(share, MIN_LEVERAGE)
+        wound = np.interp(angle, self.angles, self.wound)
+        return dict(zip(WINDING_COLUMNS, (wound, velocity, leverage), strict=True))
+
+    def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
+        """Return no joints: none but the driven one winds the cable."""
+        return ()
+
+
+def open_winding(
+    model: mujoco.MjModel, tendon: int, mouth: int, joint: str
+) -> TabledWinding | None:
+    """Return the winding of a cable that leaves a conduit and ends on a path.
+
+    Args:
+        model: The device.
+        tendon: Its path.
+        mouth: Site at which the conduit ends.
+        joint: That the cable drives.
+
+    Returns:
+        None where other joints move the part outside of the conduit, too.
+    """
+    own = model.joint(joint)
+    place, dof = int(own.qposadr[0]), int(own.dofadr[0])
+    neutral = float(model.qpos0[place])
+    low, high = neutral - 1.0, neutral + 1.0
+    if model.jnt_limited[own.id]:
+        span = float(own.range[1] - own.range[0])
+        low, high = own.range[0] - 0.1 * span, own.range[1] + 0.1 * span
+    data = mujoco.MjData(model)
+
+    def length(qpos: Array) -> float:
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        return _open_length(model, data, tendon, mouth)
+
+    first = length(model.qpos0)
+    for qpos in _poses(model):
+        still = qpos.copy()
+        still[place] = neutral
+        if abs(length(still) - first) > OPEN_TOLERANCE:
+            return None
+    angles = np.union1d(np.linspace(low, high, TABLE_ANGLES), [neutral])
+    lengths = np.empty(len(angles))
+    for row, angle in enumerate(angles.tolist()):
+        qpos = model.qpos0.copy()
+        qpos[place] = angle
+        lengths[row] = length(qpos)
+    slope = np.gradient(lengths, angles)
+    arm = float(np.interp(neutral, angles, slope))
+    if not arm:
+        return None
+    return TabledWinding(place, dof, angles, (lengths - first) / arm, slope / arm)
+
+
+def _open_length(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, mouth: int
+) -> float:
+    """Return the length of a tendon from a site of it to its end [m]."""
+    start = int(data.ten_wrapadr[tendon])
+    points = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
+    at = np.linalg.norm(points - data.site_xpos[mouth], axis=1).argmin()
+    guided = np.linalg.norm(np.diff(points[: at + 1], axis=0), axis=1).sum()
+    return float(data.ten_length[tendon] - guided)
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:

@@ -27,6 +27,7 @@ from cc_mujoco.control._proportional_integral import Feedback, ProportionalInteg
 from cc_mujoco.control._stiction import StictionCompensation
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._moment_arm import MIN_LEVERAGE as LEAST_LEVERAGE
+from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.human import Spring, Task, Tunnel
 from cc_mujoco.plugin import Reader, cables
 from cc_mujoco.simulation import _compiled_episode as compiled
@@ -189,8 +190,8 @@ class CompiledEpisodes:
             "motor_scale": axis.motor_scale,
             "torque_limit": axis.torque_limit,
         }
-        winding = axis.winding
-        if winding is not None:
+        winding = axis.winding  # `plain` axes have no table
+        if isinstance(winding, Winding):
             arms = np.array([*winding.places, *winding.dofs], dtype=np.int64)
             found |= {
                 "wound": len(winding.places),

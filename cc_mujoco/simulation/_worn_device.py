@@ -24,7 +24,7 @@ from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import Array, DeviceModel, Physics
-from cc_mujoco.device._moment_arm import Winding
+from cc_mujoco.device._moment_arm import TabledWinding, Winding
 from cc_mujoco.device._observation import OBSERVATION_LIMIT, ObservationHistory
 from cc_mujoco.device._ranges import Ranges
 from cc_mujoco.device._sensors import (
@@ -347,7 +347,7 @@ class WornDevice:
         physics: Physics,
         marks: Array,
         demands: Sequence[Array | None] | None = None,
-        windings: Sequence[Winding | None] = (),
+        windings: Sequence[Winding | TabledWinding | None] = (),
     ) -> dict[str, Any]:
         """Return the true columns that the device can measure.
 

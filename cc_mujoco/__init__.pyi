@@ -22,6 +22,7 @@ from .human import Trajectory as Trajectory
 from .human import Wearer as Wearer
 from .metrics import METRICS as METRICS
 from .metrics import Metric as Metric
+from .plugin import add_cable as add_cable
 from .plugin import add_friction as add_friction
 from .plugin import from_mjcf as from_mjcf
 from .plugin import read as read

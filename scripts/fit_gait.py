@@ -2,8 +2,8 @@
 
     python scripts/fit_gait.py FOLDER
 
-FOLDER holds two tables. `ankle_walk_tidy.csv`: columns t_s, ankle_r_deg, knee_r_deg,
-hip_r_deg, ankle_r_moment_Nm at equal steps, over more than one gait cycle.
+FOLDER holds two tables. `ankle_walk_tidy.csv`: columns t_s, and JOINT_r_deg and
+JOINT_r_moment_Nm of ankle, knee and hip, at equal steps, over more than one gait cycle.
 `ankle_assistance_shape.csv`: columns gait_cycle_fraction (0 to 1),
 assistance_normalised. The period is the one that leaves the least error of the angles
 over the whole recording; the coefficients are least squares over the one cycle that
@@ -27,19 +27,19 @@ HEEL_STRIKE = 0.60
 """Time of the right heel strike in the recording [s]: there the moment of the right
 ankle turns from about zero, in swing, to the dorsiflexion moment of loading."""
 JOINTS = ("ankle", "knee", "hip")
-TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait_table.py"
+TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "_gait_table.py"
 DECIMALS = 6
-UNITS = {"assistance_root": "1", "ankle_moment": "N m"}
+UNITS = {"assistance_root": "1"} | {f"{joint}_moment": "N m" for joint in JOINTS}
 """Units of series that are no angles."""
 
 HEAD = '''\
 """Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
 
-Angles and the moment of the ankle by inverse dynamics: right leg of one walking
-subject, OpenSim Gait2354 example (subject01), one gait cycle, as repackaged in the
-public repository nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the
-ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised
-by the same repository; the series is that of its square root.
+Angles and moments by inverse dynamics: right leg of one walking subject, OpenSim
+Gait2354 example (subject01), one gait cycle, as repackaged in the public repository
+nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the ankle assistance
+of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised by the same
+repository; the series is that of its square root.
 
 RMS errors of the fit: {errors}.
 """
@@ -112,10 +112,11 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
         fitted = solve(matrix, np.deg2rad(angle[cycle])).round(DECIMALS)
         errors[joint] = rms(np.rad2deg(matrix @ fitted) - angle[cycle])
         table[joint] = fitted.reshape(-1, 2)
-    moment = walk["ankle_r_moment_Nm"][cycle]
-    fitted = solve(matrix, moment).round(DECIMALS)
-    errors["ankle_moment"] = rms(matrix @ fitted - moment)
-    table["ankle_moment"] = fitted.reshape(-1, 2)
+    for joint in JOINTS:
+        moment = walk[f"{joint}_r_moment_Nm"][cycle]
+        fitted = solve(matrix, moment).round(DECIMALS)
+        errors[f"{joint}_moment"] = rms(matrix @ fitted - moment)
+        table[f"{joint}_moment"] = fitted.reshape(-1, 2)
     shape = read(folder / "ankle_assistance_shape.csv")
     # The last point repeats the first of the next cycle.
     phase = shape["gait_cycle_fraction"][:-1]
@@ -129,7 +130,8 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 def summary(errors: dict[str, float]) -> str:
     """Return the errors as one line."""
     angles = ", ".join(f"{joint} {errors[joint]:.2f}" for joint in JOINTS)
-    moment = f"moment of the ankle {errors['ankle_moment']:.2f} N m"
+    each = ", ".join(f"{joint} {errors[f'{joint}_moment']:.2f}" for joint in JOINTS)
+    moment = f"moments {each} N m"
     assistance = f"assistance {errors['assistance']:.4f} of its peak"
     return f"{angles} degrees;\n{moment}; {assistance}"
 

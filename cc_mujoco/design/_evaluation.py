@@ -45,7 +45,7 @@ from cc_mujoco.human import Spring, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.metrics import METRICS, ArrayLog, measure
 from cc_mujoco.metrics._clamped import SWING_PERIODS
-from cc_mujoco.metrics._metric import MOMENT_RATIO, PACE, SPRING, Test
+from cc_mujoco.metrics._metric import GAIT_JOINT, MOMENT_RATIO, PACE, SPRING, Test
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
@@ -133,6 +133,9 @@ def _try_case(
             parts = parts_of(plant, model, dict(protocol.costs))
             for law in laws:
                 each[law] |= _values("parts", ArrayLog({}, metadata=parts), protocol)
+    walking: dict[str, Any] = {}
+    if any(is_stride_metric(name) for name in protocol.metrics):
+        walking[GAIT_JOINT] = walking_designs.gait_joint(builder)
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
@@ -151,7 +154,7 @@ def _try_case(
                 where = "" if test == "episode" else f"{test} test: "
                 failed[index] = dict.fromkeys(of, where + why) | failed[index]
                 continue
-            row = _measure(test, played, index, plants[index], protocol)
+            row = _measure(test, played, index, plants[index], protocol, walking)
             for name in of:
                 found[index][name] |= row
         done += episode.duration
@@ -330,11 +333,22 @@ def _measure(
     index: int,
     plant: Plant,
     protocol: EpisodeProtocol,
+    walking: Mapping[str, Any],
 ) -> dict[str, float]:
-    """Return the metrics of one test of a design, by name."""
+    """Return the metrics of one test of a design, by name.
+
+    Args:
+        test: that was played.
+        played: with all designs of the batch.
+        index: of the design in the batch.
+        plant: of the design.
+        protocol: how designs are tried.
+        walking: metadata of strides, empty where none is measured.
+    """
     facts = plant.facts | {SPRING: isinstance(find_task(protocol.task), Spring)}
-    if any(is_stride_metric(name) for name in protocol.metrics):
+    if walking:
         facts |= {
+            **walking,
             PACE: pace_of(plant.values),
             MOMENT_RATIO: body_of(plant.values).moment,
         }

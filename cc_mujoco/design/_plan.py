@@ -357,10 +357,13 @@ def _make_protocol(
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
     walking_designs.require_played(home, variables_named, *sources)
     for name in chosen:
-        if is_stride_metric(name) and (home.joint, sources[0]) != ("ankle", WALK):
+        if is_stride_metric(name) and not (
+            sources[0] == WALK and walking_designs.gait_joint(builder)
+        ):
             raise CableError(
-                f"metric {name!r} is of the strides of an ankle; it needs the scene "
-                f"'ankle' and the trajectory {WALK!r}."
+                f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
+                f"it needs a device that drives one, as 'ankle' and 'exosuit' do, and "
+                f"the trajectory {WALK!r}."
             )
         if variables := missing_variables(METRICS[name], variables_named):
             ways = " or ".join(map(repr, variables))

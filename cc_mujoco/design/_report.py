@@ -83,8 +83,7 @@ def write_report(
 
     Args:
         folder: where.
-        plan: the study. Without objectives the ranking goes by all metrics, and there
-            is no Pareto set.
+        plan: the study. Without objectives the ranking goes by usual ones.
         table: its table.
         command: that made the study, for the reader.
         nearby: sensitivities around the best design, if requested.
@@ -108,11 +107,11 @@ def write_report(
     _write_table(folder / EFFECTS_FILE, effects_table(found))
     drawings = {}
     with style():
-        if finding.chosen:
+        if finding.front.any():
             _write_table(folder / PARETO_FILE, table.filter(pa.array(finding.front)))
             written.append(folder / PARETO_FILE)
-        if len(plan.objectives) > 1 and finding.front.any():
-            drawings[PARETO_FIGURE] = pareto_plot(table, plan.objectives, finding.front)
+        if len(finding.goals) > 1 and finding.front.any():
+            drawings[PARETO_FIGURE] = pareto_plot(table, finding.goals, finding.front)
         if found:
             drawings[EFFECTS_FIGURE] = effects_plot(found)
             if (maps := heat_maps(plan, table, found)) is not None:
@@ -242,15 +241,13 @@ def markdown(
         parts.append(
             f"Limits: {', '.join(limit.text for limit in limits)}; {kept} keep them."
         )
-    if finding.chosen:
-        parts.append(f"Objectives: {names}. Pareto set: {int(finding.front.sum())}.")
-    else:
-        parts.append(f"No objectives were given; the order is by all metrics: {names}.")
+    given = "Objectives" if finding.chosen else "No objectives were given; usual ones"
+    parts.append(f"{given}: {names}. Pareto set: {int(finding.front.sum())}.")
     parts.append("## Ranking")
-    rule = "by mean rank in the objectives"
-    if finding.chosen:
-        rule = f"the Pareto set (marked *) first, each part {rule}"
-    parts.append(f"The best {min(RANKED_DESIGNS, len(rows))}: {rule}.")
+    parts.append(
+        f"The best {min(RANKED_DESIGNS, len(rows))}: the Pareto set (marked *) first, "
+        "each part by mean rank in the objectives."
+    )
     parts.append(_ranking(finding))
     if half is not None:
         parts.append(report_text.timestep_sentence(half))
@@ -350,7 +347,7 @@ def _ranking(finding: report_text.RankedStudy) -> str:
     rows = []
     for place in finding.order[:RANKED_DESIGNS]:
         cells = [format_cell(finding.rows[place][name]) for name in columns]
-        cells[0] += "*" if finding.chosen and finding.front[place] else ""
+        cells[0] += "*" if finding.front[place] else ""
         rows.append(cells)
     return table_of(head, rows)
 

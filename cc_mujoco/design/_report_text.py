@@ -43,6 +43,7 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
 from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device._plant import RADII
 from cc_mujoco.device._registry import DEVICES
@@ -87,7 +88,7 @@ class RankedStudy:
         kept: whether designs keep the limits.
         order: designs from best to worst.
         front: which are in the Pareto set.
-        chosen: whether objectives were given; otherwise every metric is one.
+        chosen: whether objectives were given; otherwise they are usual ones.
     """
 
     plan: Plan
@@ -130,14 +131,21 @@ class RankedStudy:
 
 
 def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
-    """Return the objectives that rank designs, or all metrics that have numbers."""
+    """Return the objectives that rank designs.
+
+    Without any they are those of `DEFAULT_OBJECTIVES` that have numbers, and else the
+    first metrics that do.
+    """
     if plan.objectives:
         return plan.objectives
     measured = plan.protocol.metrics
     had = [name for name in measured if table[name].null_count < len(table)]
     names = had or measured
-    directed = [name for name in names if METRICS[name].better]
-    return tuple(Objective(name, METRICS[name].high) for name in directed or names)
+    directed = [name for name in names if METRICS[name].better] or names
+    usual = [name for name in DEFAULT_OBJECTIVES if name in directed]
+    chosen = usual if len(usual) > 1 else [*usual, *directed]
+    chosen = list(dict.fromkeys(chosen))[: len(DEFAULT_OBJECTIVES)]
+    return tuple(Objective(name, METRICS[name].high) for name in chosen)
 
 
 def header(found: RankedStudy) -> Html:
@@ -147,7 +155,7 @@ def header(found: RankedStudy) -> Html:
     goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
                     for g in found.goals])  # fmt: skip
     if not found.chosen:
-        goals = "the best in all that was measured, as no objective was given"
+        goals += " (no objective was given; --objective METRIC chooses others)"
     many = f"{len(found.rows)} designs were simulated, looking for {goals}"
     if found.limits:
         limits = list_words([limit.text for limit in found.limits])

@@ -26,6 +26,9 @@ DEFAULT_METRICS = (
     "efficiency",
     "held_backlash",
     "rms_torque_error",
+    "peak_wearer_torque",
+    "wearer_power",
+    "peak_torque_rate",
     "peak_motor_torque",
     "peak_motor_power",
     "rms_motor_torque",
@@ -46,6 +49,10 @@ DEFAULT_METRICS = (
     "bending_stress",
 )
 """Metrics that are measured where none is chosen, of designs that have them."""
+DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
+"""Metrics that rank designs where no objective is given, of those that were measured:
+how well the task is done, how the device feels without power, how large its motor is.
+"""
 COST_METRIC = "cost"
 """Metric that a table of costs is for."""
 CONTROLLER_METRIC = "rms_torque_error"
@@ -95,7 +102,7 @@ def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]
 
 
 def is_stride_metric(name: str) -> bool:
-    """Return whether a metric is of the strides of an ankle that walks."""
+    """Return whether a metric is of the strides of a joint that walks."""
     return PACE in METRICS[name].needs
 
 

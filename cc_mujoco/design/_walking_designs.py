@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from cc_mujoco.design._protocol import CONTROL_PERIOD, EpisodeProtocol
 from cc_mujoco.design._study_metrics import is_stride_metric
+from cc_mujoco.device import Plant, Scene
 from cc_mujoco.device._registry import Setup
 from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import (
@@ -35,7 +36,9 @@ from cc_mujoco.device._wearer_scaling import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Profile, Task, Walk, scale_task
 from cc_mujoco.human import task as find_task
+from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._profile import Profiles
+from cc_mujoco.simulation._reference_motion import joint_range
 from cc_mujoco.simulation._rollout import Episode
 
 
@@ -60,6 +63,13 @@ def require_played(
                 f"variable {name!r} is of task {ASSIST!r}, but the study plays "
                 f"{task!r}."
             )
+
+
+def gait_joint(builder: Scene) -> GaitJoint | None:
+    """Return the part of a walk that a device's driven joint has, None without."""
+    joint = builder.setup.joint
+    found = gait_joints({joint: joint_range(Plant(builder).model(), joint)})
+    return found[0] if found else None
 
 
 def require_strides(

@@ -68,9 +68,13 @@ GAIT_ANGLES = {
 }
 """Joint angles [rad] over the gait cycle."""
 
-ANKLE_MOMENT = Harmonics(gait_table.ANKLE_MOMENT)
-"""Moment of the muscles about the ankle over the gait cycle [N m], of the same walk;
-negative in plantarflexion."""
+GAIT_MOMENTS = {
+    "ankle": Harmonics(gait_table.ANKLE_MOMENT),
+    "knee": Harmonics(gait_table.KNEE_MOMENT),
+    "hip": Harmonics(gait_table.HIP_MOMENT),
+}
+"""Moments of the muscles about the joints over the gait cycle [N m], of the same walk,
+positive as the angles are: that of the ankle is negative in plantarflexion."""
 
 GAIT_PERIOD = gait_table.PERIOD
 """Duration of a gait cycle of the measured walk [s]."""

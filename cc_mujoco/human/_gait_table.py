@@ -1,13 +1,13 @@
 """Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
 
-Angles and the moment of the ankle by inverse dynamics: right leg of one walking
-subject, OpenSim Gait2354 example (subject01), one gait cycle, as repackaged in the
-public repository nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the
-ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised
-by the same repository; the series is that of its square root.
+Angles and moments by inverse dynamics: right leg of one walking subject, OpenSim
+Gait2354 example (subject01), one gait cycle, as repackaged in the public repository
+nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the ankle assistance
+of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised by the same
+repository; the series is that of its square root.
 
 RMS errors of the fit: ankle 0.22, knee 0.12, hip 0.12 degrees;
-moment of the ankle 0.90 N m; assistance 0.0051 of its peak.
+moments ankle 0.90, knee 1.62, hip 3.25 N m; assistance 0.0051 of its peak.
 """
 
 from __future__ import annotations
@@ -57,6 +57,28 @@ ANKLE_MOMENT = (  # N m
     (0.225069, -3.328161),
     (-1.762794, -0.163654),
     (1.042547, 0.508513),
+)
+KNEE_MOMENT = (  # N m
+    (-8.913354, 0.0),
+    (18.117359, 0.442367),
+    (-19.178687, 17.048835),
+    (-4.37965, -2.845365),
+    (-8.194494, -3.065534),
+    (3.014498, -1.333605),
+    (-0.978499, -2.461966),
+    (1.418972, 0.692328),
+    (1.336919, -1.0409),
+)
+HIP_MOMENT = (  # N m
+    (-7.420136, 0.0),
+    (-19.875438, -21.843129),
+    (3.994744, -3.537298),
+    (2.829672, -9.164392),
+    (0.789132, 4.446769),
+    (4.224024, 1.738368),
+    (-2.542663, 0.499283),
+    (0.715435, 1.154505),
+    (1.182635, -1.699826),
 )
 ASSISTANCE_ROOT = (  # 1
     (0.235132, 0.0),

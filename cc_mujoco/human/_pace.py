@@ -17,6 +17,7 @@ Between the classes, and 0.06 m/s below the slowest, numbers go as powers of the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -76,8 +77,14 @@ class Pace:
         return self._ratio(joint)
 
     def moment(self, joint: str) -> float:
-        """Return a joint's peak push-off moment, relative to the measured one [-]."""
-        return self._ratio(f"{joint}_moment")
+        """Return a joint's largest moment, relative to the measured one [-].
+
+        NaN for the knee at another speed than the measured one, where none is known.
+        """
+        name = f"{joint}_moment"
+        if name not in _SPEED_CLASSES:
+            return 1.0 if self.speed == MEASURED_SPEED else math.nan
+        return self._ratio(name)
 
     def phase(self, phase: Real) -> Real:
         """Return the equivalent phase of the measured walk, elementwise.

@@ -32,9 +32,9 @@ CONTINUOUS_TORQUE, WINDING_RESISTANCE = "continuous_torque", "winding_resistance
 TORQUE_CONSTANT, GEARING = "torque_constant", "gearing"
 """Metadata keys: data sheet of the motor [N m], [ohm], [N m/A], and turns of its rotor
 per turn of its pulley."""
-PACE, MOMENT_RATIO = "pace", "ankle_moment"
-"""Metadata keys: `Pace` of the walk, and the moment of the wearer's ankle over that of
-the wearer of the scene."""
+PACE, MOMENT_RATIO, GAIT_JOINT = "pace", "moment_ratio", "gait_joint"
+"""Metadata keys: `Pace` of the walk, moments of the wearer over those of the wearer of
+the scene, and the `GaitJoint` that the device drives."""
 
 
 class LogLike(Protocol):

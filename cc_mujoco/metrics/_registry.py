@@ -25,7 +25,7 @@ from cc_mujoco.metrics import _clamped as clamped
 from cc_mujoco.metrics import _torque as torque
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW
 from cc_mujoco.metrics._efficiency import efficiency
-from cc_mujoco.metrics._gait import RATE_WINDOW, stride_metrics
+from cc_mujoco.metrics._gait import stride_metrics
 from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
     PACE,
@@ -41,7 +41,7 @@ from cc_mujoco.metrics._metric import (
     rms,
 )
 from cc_mujoco.metrics._signals import MEAN_WINDOW
-from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, TAUT_SHARE
+from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, RATE_WINDOW, TAUT_SHARE
 from cc_mujoco.report import _markdown as markdown
 
 WINDING_KEYS = (WINDING_RESISTANCE, TORQUE_CONSTANT)
@@ -56,7 +56,7 @@ def _constant(
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
-    """Define a metric of the strides of an ankle that walks."""
+    """Define a metric of the strides of an assisted joint that walks."""
 
     def compute(log: LogLike) -> float:
         return float(getattr(stride_metrics(log), name))
@@ -81,6 +81,16 @@ METRICS: dict[str, Metric] = {
                lambda log: peak(log["joint_torque_nm"]), better=""),
         Metric("rms_joint_torque", "N m", "RMS of the joint torque",
                lambda log: rms(log["joint_torque_nm"]), better=""),
+        Metric("peak_wearer_torque", "N m", "largest |torque| with which the wearer "
+               "holds the joint to the motion, the limb's weight and inertia included",
+               lambda log: peak(log["wearer_torque_nm"])),
+        Metric("wearer_power", "W", "mean positive power of that torque: work of the "
+               "wearer per second",
+               lambda log: float(np.mean(torque.wearer_power(log)))),
+        Metric("peak_torque_rate", "N m/s", "fastest change of the joint torque, over "
+               f"{1e3 * RATE_WINDOW:g} ms; jerks are uncomfortable",
+               lambda log: torque.peak_rate(
+                   log["joint_torque_nm"], float(log["time_s"][1] - log["time_s"][0]))),
         Metric("reflected_torque", "N m", "RMS of the joint torque while the wearer "
                "moves the device and the motor gives none",
                lambda log: rms(log["joint_torque_nm"]), test="backdrive"),
@@ -168,18 +178,20 @@ METRICS: dict[str, Metric] = {
         _constant("cost", "1", "cost of motor, pulleys, ropes, conduits and fittings "
               "by the table of costs, in its money"),
         _stride("wearer_work", "J", "positive work per stride of the muscles of the "
-                "ankle, if its motion and its moment in all stay those of the measured "
-                "walk: that moment less the torque of the cables"),
+                "assisted joint, if its motion and its moment in all stay those of the "
+                "measured walk: that moment less the torque of the cables; none for a "
+                "knee at another speed"),
         _stride("wearer_work_change", "1", "wearer_work minus what it is without help, "
                 "over the latter; below 0 the wearer is helped"),
         _stride("assistance_work", "J", "positive work per stride of the cables on the "
-                "ankle", "high"),
-        _stride("peak_assistance", "N m", "largest torque of the cables on the ankle, "
-                "in plantarflexion"),
+                "assisted joint", "high"),
+        _stride("peak_assistance", "N m", "largest torque of the cables on the "
+                "assisted joint, in the direction of the largest that the task asks "
+                "for"),
         _stride("torque_rate", "N m/s", "fastest change of the torque of the cables on "
-                f"the ankle, over {1e3 * RATE_WINDOW:g} ms"),
-        _stride("swing_torque", "N m", "largest |torque| of the cables on the ankle "
-                "from toe-off to heel strike, which hinders the swing"),
+                f"the assisted joint, over {1e3 * RATE_WINDOW:g} ms"),
+        _stride("swing_torque", "N m", "largest |torque| of the cables on the assisted "
+                "joint from toe-off to heel strike, which hinders the swing"),
     )
 }  # fmt: skip
 """Every metric by name, those of the user once `find_metric` has found them."""

@@ -31,6 +31,8 @@ LAG_STEP = 5e-3
 """Step of the correlation of `torque_lag`, which is refined beyond it [s]."""
 TAUT_SHARE = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
+RATE_WINDOW = 0.01
+"""Time over which the rate of a torque is taken [s]."""
 MAX_UNSAFE_TIME = 0.01
 """Time for which a torque beyond what is safe is a failure [s]."""
 
@@ -77,6 +79,26 @@ def chatter(log: LogLike) -> float:
     mean = moving_mean(motor, _period(log))
     first = (motor.size - mean.size) // 2
     return rms(motor[first : first + mean.size] - mean)
+
+
+def peak_rate(torque: Array, step: float) -> float:
+    """Return the fastest change of a torque, over `RATE_WINDOW` [N m/s].
+
+    Args:
+        torque: (T,) [N m].
+        step: Time between samples [s].
+    """
+    gap = max(1, round(RATE_WINDOW / step))
+    if torque.size <= gap:
+        return math.nan
+    return float(np.max(np.abs(torque[gap:] - torque[:-gap]) / (gap * step)))
+
+
+def wearer_power(log: LogLike) -> Array:
+    """Return the positive part of the power that the wearer gives (T,) [W]."""
+    power = log["wearer_torque_nm"] * log["joint_velocity_rad_s"]
+    found: Array = np.maximum(power, 0.0)
+    return found
 
 
 def motor_power(log: LogLike) -> Array:

@@ -26,18 +26,10 @@ from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._config import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
+from cc_mujoco.plugin._spec import add_element
 
 End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
-
-
-_UNUSED_DEFAULTS = (
-    "type", "dyntype", "dynprm", "gaintype", "gainprm", "biastype", "biasprm", "actdim",
-    "actearly", "actlimited", "actrange", "ctrllimited", "ctrlrange", "forcelimited",
-    "forcerange", "inheritrange", "lengthrange", "damping", "armature", "delay",
-    "nsample", "interp", "cranklength", "group",
-)  # fmt: skip
-"""Attributes that actuators take from a default and that a cable does not use."""
 
 
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
@@ -118,7 +110,7 @@ def to_mjcf(
         spec.activate_plugin(PLUGIN)
         found = [spec.add_plugin(name=name, plugin_name=PLUGIN, active=True)]
         for end in ends:
-            actuator = spec.add_actuator(name=f"{name}_{end}", **_default_actuator())
+            actuator = add_element(spec, "actuator", name=f"{name}_{end}")
             actuator.plugin.name = name
             actuator.plugin.plugin_name = PLUGIN
             actuator.plugin.active = True
@@ -128,12 +120,6 @@ def to_mjcf(
         if end in targets:
             actuator.trntype, actuator.target, gear = targets[end]
             actuator.gear = [gear, 0, 0, 0, 0, 0]
-
-
-def _default_actuator() -> dict[str, Any]:
-    """Return the fields of an actuator that takes nothing from its model's defaults."""
-    pristine = mujoco.MjSpec().add_actuator()
-    return {field: getattr(pristine, field) for field in _UNUSED_DEFAULTS}
 
 
 def instances(model: mujoco.MjModel) -> dict[str, int]:

@@ -27,10 +27,10 @@ import numpy as np
 
 from cc_mujoco.cable._parameters import KEYS, MAX_SEGMENTS, Cable, Section
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._config import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._open_path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import route_wrap
+from cc_mujoco.plugin._spec import compile_spec, require_spec
 
 _ALLOWED_KEYS = [key for key in KEYS if key not in ("route", "bend", "path", "mouth")]
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
@@ -78,11 +78,7 @@ def add_friction(
             parameter cannot be used, or the model does not compile. The specification
             is as before.
     """
-    if not isinstance(spec, mujoco.MjSpec):
-        raise CableError(
-            "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
-            f"{type(spec).__name__}."
-        )
+    require_spec(spec)
     if friction is None:
         raise CableError(
             "add_friction needs friction=, the coefficient of friction wherever the "
@@ -115,10 +111,10 @@ def add_friction(
     for key in parameters:
         if key not in _ALLOWED_KEYS:
             raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
-    model = _compile(spec.copy())
+    model = compile_spec(spec.copy())
     if tendon not in (model.tendon(i).name for i in range(model.ntendon)):
         # A copy omits dangling references; compiling the original reports them.
-        _compile(spec)
+        compile_spec(spec)
     index = model.tendon(tendon).id
     start = model.tendon_adr[index]
     kinds = model.wrap_type[start : start + model.tendon_num[index]]
@@ -149,7 +145,7 @@ def add_friction(
 
     tried = spec.copy()
     write(tried)
-    model = _compile(tried)
+    model = compile_spec(tried)
     data = mujoco.MjData(model)
     # Only the path is needed: a step would warn of a model that is not finished yet.
     mujoco.mj_fwdPosition(model, data)
@@ -158,17 +154,3 @@ def add_friction(
     if wrap > 0.0:
         given["conduit"] = (Section(length, length / wrap),)
     write(spec)
-
-
-def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise CableError(_error_sentence(error)) from None
-
-
-def _error_sentence(error: ValueError) -> str:
-    """Return MuJoCo's message, once, or the plugin's own sentence within it."""
-    message = " ".join(dict.fromkeys(str(error).split("\n")))
-    _, found, own = message.partition(f"plugin `{PLUGIN}`, instance ")
-    return f"cable {own}" if found else message

@@ -20,9 +20,11 @@ from cc_mujoco.device import Plant
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human._body import SEGMENT_MASS_SHARES, WEARER_LEG_LENGTH, WEARER_MASS
-from cc_mujoco.human._gait import ANKLE_MOMENT
+from cc_mujoco.human._gait import GAIT_MOMENTS
+from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
 from cc_mujoco.metrics import METRICS, ArrayLog
+from cc_mujoco.metrics._gait import ANKLE
 from cc_mujoco.simulation import EpisodeLog
 
 NAMES = [name for name in METRICS if is_stride_metric(name)]
@@ -31,11 +33,14 @@ PLAIN = ("rms_torque_error", "peak_tension", "reflected_torque")
 STRIDE = {"duration": 3.5, "threads": 1, "timestep": 1e-3, "controllers": ["none"]}
 
 
-def walked(speed: float, share: float, duration: float = 6.0) -> ArrayLog:
-    """Return a walk in which the cables give a share of the ankle's moment."""
+def walked(
+    speed: float, share: float, duration: float = 6.0, part: str = "ankle"
+) -> ArrayLog:
+    """Return a walk in which the cables give a share of a joint's moment."""
     pace = Pace(speed)
     motion = Walk.at(speed).sample(duration, 1e-3, np.random.default_rng(0))
-    own = pace.moment("ankle") * ANKLE_MOMENT(pace.phase(motion.phase))
+    motion = motion.companions[part]
+    own = pace.moment(part) * GAIT_MOMENTS[part](pace.phase(motion.phase))
     turn = 2 * np.pi * motion.phase
     columns = {
         "time_s": motion.time,
@@ -44,17 +49,55 @@ def walked(speed: float, share: float, duration: float = 6.0) -> ArrayLog:
         "reference_angle_rad": motion.angle,
         "joint_velocity_rad_s": motion.velocity,
         "joint_torque_nm": share * own,
+        "desired_torque_nm": share * own,
     }
     return ArrayLog(columns)
 
 
 def strides_of(
-    log: ArrayLog | EpisodeLog, pace: Pace, moment: float = 1.0
+    log: ArrayLog | EpisodeLog,
+    pace: Pace,
+    moment: float = 1.0,
+    joint: GaitJoint = ANKLE,
 ) -> dict[str, float]:
     """Return all metrics of strides of an episode at this pace."""
-    about = {"pace": pace, "ankle_moment": moment}
+    about = {"pace": pace, "moment_ratio": moment, "gait_joint": joint}
     log = ArrayLog(log.columns, metadata=about)
     return {name: METRICS[name].compute(log) for name in NAMES}
+
+
+@pytest.mark.parametrize("part", ["ankle", "knee", "hip"])
+def test_help_saves_its_share_of_the_work_of_any_joint(part: str) -> None:
+    alone, helped = (walked(MEASURED_SPEED, share, part=part) for share in (0.0, 0.3))
+    about = {"pace": Pace(), "gait_joint": GaitJoint("mine", part)}
+    work, less = (
+        METRICS["wearer_work"].compute(ArrayLog(log.columns, metadata=about))
+        for log in (alone, helped)
+    )
+    assert work > 1.0 and less == pytest.approx(0.7 * work)
+    turned = {
+        name: -column if name[:5] in ("refer", "joint", "desir") else column
+        for name, column in helped.columns.items()
+    }
+    about = {"pace": Pace(), "gait_joint": GaitJoint("mine", part, turned=True)}
+    for name in NAMES:
+        found = METRICS[name].compute(ArrayLog(turned, metadata=about))
+        as_measured = strides_of(helped, Pace(), joint=GaitJoint("mine", part))[name]
+        assert found == pytest.approx(as_measured)
+
+
+def test_nothing_is_known_of_the_work_of_a_knee_at_another_speed() -> None:
+    log = walked(MEASURED_SPEED, 0.3, part="knee")
+    found = strides_of(log, Pace(1.4), joint=GaitJoint("mine", "knee"))
+    assert math.isnan(found["wearer_work"])
+    assert found["peak_assistance"] > 0.0
+
+
+def test_strides_of_a_hip_are_measured() -> None:
+    given = {**STRIDE, "duration": 4.0}
+    table = study("exosuit", {"pretension": "15"}, metrics=NAMES, **given)
+    row = table.to_pylist()[0]
+    assert row["wearer_work"] > 0.0 and row["peak_assistance"] > 0.0
 
 
 def test_at_the_measured_speed_a_study_is_bit_for_bit_that_without() -> None:
@@ -221,10 +264,10 @@ def test_strides_are_measured_only_where_they_are_asked_for() -> None:
         ("ankle", {"peak_torque": "80"}, {}, "must be at most the 60 N m that"),
         ("ankle", {"gait_speed": "1"}, {"across": {"gait_speed": "1.2"}},
          "'gait_speed' is both varied and crossed"),
-        ("exosuit", {"friction": "0.1"}, {"metrics": ["wearer_work"]},
-         "it needs the scene 'ankle' and the trajectory 'walk'"),
+        ("finger", {"friction": "0.1"}, {"metrics": ["wearer_work"]},
+         "a device that drives one, as 'ankle' and 'exosuit' do, and the trajectory"),
         ("ankle", {"friction": "0.1"},
-         {"metrics": ["swing_torque"], "trajectory": "sine"}, "strides of an ankle"),
+         {"metrics": ["swing_torque"], "trajectory": "sine"}, "strides of an ass"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_sentence(

@@ -109,7 +109,8 @@ def test_numbers_of_an_episode() -> None:
             "motor_torque_nm": -2.0 * np.ones_like(time),
             "motor_velocity_rad_s": -3.0 * time,
             "joint_torque_nm": np.ones_like(time),
-            "joint_velocity_rad_s": np.zeros_like(time),
+            "joint_velocity_rad_s": np.full_like(time, 0.5),
+            "wearer_torque_nm": -4.0 + 8.0 * time,
             "desired_torque_nm": np.zeros_like(time),
             "dissipated_a_j": 6.0 * time,
             "tension_a_proximal_n": 2.0 * tension,
@@ -124,6 +125,9 @@ def test_numbers_of_an_episode() -> None:
     assert found["rms_torque_error"] == pytest.approx(1.0)
     assert found["peak_motor_torque"] == 2.0
     assert found["peak_motor_power"] == pytest.approx(6.0)
+    assert found["peak_wearer_torque"] == pytest.approx(4.0)
+    assert found["wearer_power"] == pytest.approx(0.5, rel=0.01)
+    assert found["peak_torque_rate"] == 0.0
     assert found["slack_margin"] == 0.0
     assert found["slack_share"] == pytest.approx(0.25, abs=2e-3)
     assert found["peak_tension"] == pytest.approx(30.0)

@@ -135,9 +135,12 @@ def test_fit_recovers_a_made_up_walk(
     ankle = 5 + 10 * np.cos(2 * np.pi * phase) + 3 * np.sin(6 * np.pi * phase)
     np.savetxt(
         tmp_path / "ankle_walk_tidy.csv",
-        np.column_stack([time, ankle, 2 * ankle, -ankle, 10 * ankle]),
+        np.column_stack(
+            [time, ankle, 2 * ankle, -ankle, 10 * ankle, 20 * ankle, -10 * ankle]
+        ),
         delimiter=",",
-        header="t_s,ankle_r_deg,knee_r_deg,hip_r_deg,ankle_r_moment_Nm",
+        header="t_s,ankle_r_deg,knee_r_deg,hip_r_deg,ankle_r_moment_Nm,"
+        "knee_r_moment_Nm,hip_r_moment_Nm",
         comments="",
     )
     fraction = np.linspace(0, 1, 101)
@@ -158,7 +161,9 @@ def test_fit_recovers_a_made_up_walk(
     expected[0, 0], expected[1, 0], expected[3, 1] = np.deg2rad([5, 10, 3])
     np.testing.assert_allclose(np.array(found["ANKLE"]), expected, atol=1e-6)
     moment = 10 * np.rad2deg(expected)
-    np.testing.assert_allclose(np.array(found["ANKLE_MOMENT"]), moment, atol=1e-6)
+    for name, share in (("ANKLE", 1.0), ("KNEE", 2.0), ("HIP", -1.0)):
+        fitted = np.array(found[f"{name}_MOMENT"])
+        np.testing.assert_allclose(fitted, share * moment, atol=1e-6)
     # sin^4 is the square of (1 - cos) / 2.
     root = np.array(found["ASSISTANCE_ROOT"])
     assert np.abs(root[:2, 0]) == pytest.approx([0.5, 0.5], abs=1e-4)

@@ -1,0 +1,514 @@
+"""A Bowden drive for a joint of any model.
+
+>>> import mujoco
+>>> import cc_mujoco
+>>> spec = mujoco.MjSpec.from_string('''<mujoco><worldbody>
+...   <body name="pelvis"><geom size=".1"/>
+...     <body name="thigh" pos="0 0 -.1"><geom size=".05" fromto="0 0 0 0 0 -.3"
+...         type="capsule"/>
+...       <body name="shank" pos="0 0 -.4"><joint name="knee" axis="0 -1 0"/>
+...         <geom size=".04" fromto="0 0 0 0 0 -.3" type="capsule"/></body>
+...     </body></body></worldbody></mujoco>''')
+>>> route = [("pelvis", (-.1, 0, .1)), ("pelvis", (0, .1, 0)), ("thigh", (.08, 0, -.2))]
+>>> cc_mujoco.add_cable(
+...     spec, "extensor", motor="pelvis", drum=0.03, torque_limit=10.0,
+...     joint="knee", pulley=0.06, route=route, friction=0.1, axial_stiffness=40e3)
+>>> model = spec.compile()
+>>> [model.actuator(i).name for i in range(model.nu)]
+['extensor_motor', 'extensor_proximal', 'extensor_distal']
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from numbers import Real
+from typing import Any, TypeAlias
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable._parameters import KEYS, Cable, Section
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._mjcf import to_mjcf
+from cc_mujoco.plugin._spec import (
+    add_element,
+    compile_spec,
+    plain_errors,
+    require_spec,
+)
+
+Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[float]]
+"""A site or its name, or a body or its name and a position in its frame [m]."""
+
+ROTOR_INERTIA = 1e-3
+"""Inertia of a new motor about its drum [kg m^2]."""
+ROTOR_DAMPING = 1e-2
+"""Damping of a new motor [N m s/rad]."""
+MOTOR_MASS = 0.5
+"""Mass of a new motor [kg]."""
+MAX_RADIUS = 1.0
+"""Largest radius of a drum or pulley [m]: what is larger was meant in millimetres."""
+
+_ALLOWED_KEYS = [k for k in KEYS if k not in ("route", "path", "mouth", "conduit")]
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_STRAIGHT = 1e-9
+"""Largest turn of a route that counts as none [rad]."""
+_DRAWN = {"route": (0.003, 0.1), "rope": (0.0015, 0.7)}
+"""Radius [m] and shade of grey of the conduit and of the rope."""
+_POSES = 7
+"""Poses of a joint in which a lever is tried."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Site:
+    """A site that exists, or one to be created on a body."""
+
+    name: str
+    body: str = ""
+    position: tuple[float, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drive:
+    """Names and numbers of a drive, valid in a specification and in its copies."""
+
+    name: str
+    joint: str
+    drum: float
+    pulley: float | None
+    lever: _Site | None
+    route: tuple[_Site, ...]
+    motor: str = ""
+    """Joint that exists; empty for a new winch."""
+    mount: _Site | None = None
+    """Body and position of a new winch."""
+    torque_limit: float = 0.0
+    rotor_inertia: float = ROTOR_INERTIA
+    rotor_damping: float = ROTOR_DAMPING
+    motor_mass: float = MOTOR_MASS
+    replace: str = ""
+
+    @property
+    def drawn(self) -> bool:
+        """Return whether a tendon draws the conduit."""
+        return len(self.route) > 1
+
+
+def add_cable(
+    spec: mujoco.MjSpec,
+    name: str,
+    *,
+    motor: str | mujoco.MjsJoint | mujoco.MjsBody | Place,
+    joint: str | mujoco.MjsJoint,
+    drum: float,
+    pulley: float | None = None,
+    lever: Place | None = None,
+    route: Iterable[Place] = (),
+    conduit: str | Iterable[tuple[float, float]] | None = None,
+    replace: str | None = None,
+    torque_limit: float | None = None,
+    rotor_inertia: float | None = None,
+    rotor_damping: float | None = None,
+    motor_mass: float | None = None,
+    **parameters: Any,
+) -> None:
+    """Let a motor drive a joint through a cable in a conduit.
+
+    Writes the cable `name` with its ends `<name>_proximal` and `<name>_distal`, and as
+    far as needed: a winch (body, joint and geom `<name>_winch`, actuator
+    `<name>_motor`), sites (`<name>_route_1` and on, `<name>_lever`), the tendon
+    `<name>_route` that draws the conduit, and the free rope `<name>_rope`. Nothing of
+    that takes a default of the model. In keyframes what is new is at rest.
+
+    Args:
+        spec: the specification to change.
+        name: name of the cable.
+        motor: joint that winds the cable up as it turns in the positive sense; or
+            where to mount a new winch: a body, by default at the first point of the
+            route if that is on it, or a body and a position [m].
+        joint: hinge or slide that the cable drives.
+        drum: radius on which the motor winds the cable [m]; negative if it winds the
+            cable up as it turns in the negative sense.
+        pulley: radius of a round pulley on the hinge `joint` [m], on which the cable
+            pulls in the positive sense of the joint; negative for the negative sense.
+        lever: instead, the site to which the rope runs freely from the last point of
+            the route; it must be on the other side of the joint.
+        route: points of the conduit from the motor to the joint.
+        conduit: sections of the conduit, as pairs or text of length and bend radius
+            [m]; by default the route bends the conduit (`bend` = `"route"`), which is
+            as long as the route in the pose `qpos0`. With `bend="fixed"` and no
+            `conduit` it keeps the bends that the route has in that pose.
+        replace: actuator to delete: the motor without a cable that drove the joint.
+        torque_limit: largest torque of a new winch [N m]; its control is its torque.
+        rotor_inertia: inertia of its rotor about the drum [kg m^2], `ROTOR_INERTIA` by
+            default.
+        rotor_damping: its damping [N m s/rad], `ROTOR_DAMPING` by default.
+        motor_mass: its mass [kg], `MOTOR_MASS` by default.
+        parameters: other parameters of the cable, by name, see `Cable`; unless given
+            they are those of `Cable()`.
+
+    Raises:
+        CableError: a name is unknown or taken, pulley and lever are both given or both
+            missing, the joint does not move the lever, there is neither a conduit nor
+            a route to draw one, a sensor reads the actuator to replace, a number is out
+            of its range, or the model does not compile. The specification is as before.
+    """
+    require_spec(spec)
+    if not isinstance(name, str) or not name:
+        raise CableError(f"name must be the name of the new cable, not {name!r}.")
+    if any(p.plugin_name == PLUGIN and p.name == name for p in spec.plugins):
+        raise CableError(
+            f"cable {name!r} exists already; give the new one another name."
+        )
+    for key in parameters:
+        if key not in _ALLOWED_KEYS:
+            raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
+    winch = {
+        "torque_limit": torque_limit,
+        "rotor_inertia": rotor_inertia,
+        "rotor_damping": rotor_damping,
+        "motor_mass": motor_mass,
+    }
+    points = tuple(
+        _site(spec, place, f"route point {i}", f"{name}_route_{i}")
+        for i, place in enumerate(route, start=1)
+    )
+    drive = _Drive(
+        name,
+        joint=_driven_joint(spec, joint, on_pulley=pulley is not None),
+        drum=_radius("drum", drum),
+        pulley=None if pulley is None else _radius("pulley", pulley),
+        lever=None if lever is None else _site(spec, lever, "lever", f"{name}_lever"),
+        route=points,
+        replace=_replaced(spec, replace, joint),
+        **_motor(spec, motor, points, winch),
+    )
+    if (pulley is None) == (lever is None):
+        raise CableError(
+            f"cable {name!r} needs either pulley=, the radius of a pulley on joint "
+            f"{drive.joint!r}, or lever=, the site on which its rope pulls."
+        )
+    if lever is not None and not points:
+        raise CableError(
+            f"cable {name!r} has a lever but no route; its last point must be where "
+            "the conduit ends and the free rope begins."
+        )
+    for i, (one, next_one) in enumerate(itertools.pairwise(points)):
+        if one.name == next_one.name:
+            raise _same_place(name, i)
+    if conduit is None and not drive.drawn:
+        raise CableError(
+            f"cable {name!r} needs conduit=, e.g. '0.5:0.2 0.3:inf', or a route of at "
+            "least two points that draws one."
+        )
+    compile_spec(spec)  # from now on its keyframes follow what is added and deleted
+    cable = _cable(spec, drive, conduit, parameters)
+    tried = spec.copy()
+    with plain_errors():
+        _write(tried, drive, cable)
+    compile_spec(tried)
+    _write(spec, drive, cable)
+
+
+def _cable(
+    spec: mujoco.MjSpec,
+    drive: _Drive,
+    conduit: str | Iterable[tuple[float, float]] | None,
+    parameters: dict[str, Any],
+) -> Cable:
+    """Return the cable, with the conduit that its route draws unless one is given."""
+    given = dict(parameters)
+    if drive.drawn:
+        given["route"] = f"{drive.name}_route"
+    if isinstance(conduit, str):
+        where = f"cable {drive.name!r}"
+        given["conduit"] = Cable.from_config({"conduit": conduit}, where).conduit
+    elif conduit is not None:
+        given["conduit"] = tuple(conduit)
+    else:
+        given.setdefault("bend", "route")
+    drawn = spec.copy()
+    with plain_errors():
+        _write_path(drawn, drive)
+    model = compile_spec(drawn)
+    data = mujoco.MjData(model)
+    if drive.lever is not None:
+        _require_arm(model, data, drive)
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_kinematics(model, data)
+    if conduit is None:
+        points = np.array([data.site(site.name).xpos for site in drive.route])
+        sections = _drawn_sections(points, drive.name)
+        if given["bend"] == "route":
+            length = sum(section.length for section in sections)
+            wrap = sum(section.length / section.radius for section in sections)
+            sections = (Section(length, length / wrap if wrap else math.inf),)
+        given["conduit"] = sections
+    return Cable(**given)
+
+
+def _drawn_sections(points: NDArray[np.float64], cable: str) -> tuple[Section, ...]:
+    """Return a conduit through points (P, 3): each bends it half-way to the next."""
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if not np.all(lengths > 0.0):
+        raise _same_place(cable, int(np.argmin(lengths)))
+    along = steps / lengths[:, None]
+    turns = np.arctan2(
+        np.linalg.norm(np.cross(along[:-1], along[1:]), axis=1),
+        np.sum(along[:-1] * along[1:], axis=1),
+    )
+    sections = [Section(float(lengths[0]) / 2.0, math.inf)]
+    for turn, length in zip(turns, (lengths[:-1] + lengths[1:]) / 2.0, strict=True):
+        radius = float(length / turn) if turn > _STRAIGHT else math.inf
+        sections.append(Section(float(length), radius))
+    return (*sections, Section(float(lengths[-1]) / 2.0, math.inf))
+
+
+def _same_place(cable: str, index: int) -> CableError:
+    return CableError(
+        f"points {index + 1} and {index + 2} of the route of cable {cable!r} are at "
+        "the same place; every point must be apart from the next."
+    )
+
+
+def _require_arm(model: mujoco.MjModel, data: mujoco.MjData, drive: _Drive) -> None:
+    """Refuse a lever of which the joint does not change the length of the rope."""
+    joint = model.joint(drive.joint)
+    low, high = joint.range if model.jnt_limited[joint.id] else (-0.5, 0.5)
+    arms = []
+    for value in np.linspace(low, high, _POSES):
+        data.qpos[joint.qposadr[0]] = value
+        data.qvel[joint.dofadr[0]] = 1.0
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        arms.append(abs(float(data.tendon(f"{drive.name}_rope").velocity[0])))
+    if max(arms) < mujoco.mjMINVAL:
+        assert drive.lever is not None
+        ends = [drive.route[-1].name, drive.lever.name]
+        bodies = [model.body(model.site(end).bodyid[0]).name for end in ends]
+        raise CableError(
+            f"joint {drive.joint!r} does not move the rope of cable {drive.name!r}, "
+            f"from body {bodies[0]!r} to body {bodies[1]!r}; the joint must lie "
+            "between the last point of the route and the lever, and off their line."
+        )
+
+
+def _write(spec: mujoco.MjSpec, drive: _Drive, cable: Cable) -> None:
+    if drive.replace:
+        spec.delete(spec.actuator(drive.replace))
+    _write_path(spec, drive)
+    motor = drive.motor
+    if drive.mount is not None:
+        motor = f"{drive.name}_winch"
+        _write_winch(spec, drive, motor)
+    # Cable that the motor winds up moves to proximal. So does what a pulley pays out as
+    # it turns the way it is pulled.
+    winding = (spec.joint(motor), -drive.drum)
+    if drive.pulley is not None:
+        distal = (spec.joint(drive.joint), -drive.pulley)
+    else:
+        distal = (spec.tendon(f"{drive.name}_rope"), 1.0)
+    to_mjcf(spec, drive.name, cable, winding, distal)
+
+
+def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
+    """Write the sites that are new, the tendon of the conduit, and the free rope."""
+    for site in (*drive.route, drive.lever):
+        if site is not None and site.body:
+            add_element(
+                spec.body(site.body),
+                "site",
+                name=site.name,
+                pos=site.position,
+                size=[0.004] * 3,
+            )
+    paths = {"route": drive.route} if drive.drawn else {}
+    if drive.lever is not None:
+        paths["rope"] = (drive.route[-1], drive.lever)
+    for kind, sites in paths.items():
+        name, (width, shade) = f"{drive.name}_{kind}", _DRAWN[kind]
+        rgba = [shade, shade, shade, 1.0]
+        tendon = add_element(spec, "tendon", name=name, width=width, rgba=rgba)
+        for site in sites:
+            tendon.wrap_site(site.name)
+
+
+def _write_winch(spec: mujoco.MjSpec, drive: _Drive, name: str) -> None:
+    """Write a motor with its drum, a cylinder about the y axis of its body."""
+    assert drive.mount is not None
+    radius, width, mass = abs(drive.drum), 0.02, drive.motor_mass
+    about, across = 0.5 * mass * radius**2, mass * (radius**2 / 4.0 + width**2 / 12.0)
+    mount = spec.body(drive.mount.body)
+    body = mount.add_body(name=name, pos=drive.mount.position)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.inertia = mass, [0.0] * 3, [across, about, across]
+    add_element(
+        body,
+        "joint",
+        name=name,
+        axis=[0.0, 1.0, 0.0],
+        limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+        armature=drive.rotor_inertia,
+        damping=[drive.rotor_damping, 0.0, 0.0],
+    )
+    add_element(
+        body,
+        "geom",
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[radius, width / 2.0, 0.0],
+        quat=[math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0],
+        mass=mass,  # where the model infers all inertias
+        contype=0,
+        conaffinity=0,
+        rgba=[0.2, 0.2, 0.25, 1.0],
+    )
+    add_element(
+        spec,
+        "actuator",
+        name=f"{drive.name}_motor",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        target=name,
+        ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        ctrlrange=[-drive.torque_limit, drive.torque_limit],
+    )
+
+
+def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:
+    """Return the name of an element of the specification, given it or its name.
+
+    Raises:
+        CableError: there is none of that name, or it has none.
+    """
+    name = thing if isinstance(thing, str) else getattr(thing, "name", None)
+    if not name:
+        raise CableError(
+            f"{kind} must be given by name, or be an element that has one, not "
+            f"{thing!r}."
+        )
+    names = [x.name for x in found if x.name]
+    if name not in names:
+        raise CableError.unknown(kind, name, names)
+    return str(name)
+
+
+def _site(spec: mujoco.MjSpec, place: Any, what: str, name: str) -> _Site:
+    """Return the site that a place stands for."""
+    if isinstance(place, str | mujoco.MjsSite):
+        return _Site(_name("site", place, spec.sites))
+    if isinstance(place, Sequence) and len(place) == 2:
+        position = np.asarray(place[1], dtype=object)
+        numbers = position.shape == (3,) and all(isinstance(x, Real) for x in position)
+        if numbers and np.all(np.isfinite(position.astype(float))):
+            body = _name("body", place[0], spec.bodies)
+            return _Site(name, body, tuple(float(x) for x in position))
+    raise CableError(
+        f"{what} must be a site, or a body and a position in metres, e.g. "
+        f"('pelvis', (0, 0.1, 0)), not {place!r}."
+    )
+
+
+def _motor(
+    spec: mujoco.MjSpec,
+    motor: Any,
+    route: tuple[_Site, ...],
+    winch: dict[str, float | None],
+) -> dict[str, Any]:
+    """Return the fields of a drive that describe its motor."""
+    joints = [joint.name for joint in spec.joints if joint.name]
+    bodies = [body.name for body in spec.bodies if body.name]
+    label = motor if isinstance(motor, str) else getattr(motor, "name", None)
+    is_joint = isinstance(motor, mujoco.MjsJoint) or (
+        isinstance(motor, str) and motor in joints
+    )
+    if isinstance(motor, str) and motor in joints and motor in bodies:
+        raise CableError(
+            f"motor {motor!r} is both a joint and a body; pass the element itself "
+            "instead of its name."
+        )
+    given = {key: value for key, value in winch.items() if value is not None}
+    if is_joint:
+        name = _name("joint", motor, spec.joints)
+        if spec.joint(name).type != _HINGE:
+            raise CableError(
+                f"motor must be a hinge, which turns a drum; joint {name!r} is none."
+            )
+        if given:
+            raise CableError(
+                f"{next(iter(given))} is that of a new winch, and joint {name!r} "
+                "exists; change its actuator, or give a body as the motor."
+            )
+        return {"motor": name}
+    if isinstance(motor, str | mujoco.MjsBody):
+        if isinstance(motor, str) and motor not in bodies:
+            raise CableError.unknown("joint or body", motor, joints + bodies)
+        on_it = route[:1] if route and route[0].body == label else ()
+        position = on_it[0].position if on_it else (0.0, 0.0, 0.0)
+        motor = (motor, position)
+    mount = _site(spec, motor, "motor", "")
+    if not mount.body:
+        raise CableError(
+            f"motor must be a joint, a body, or a body and a position, not {motor!r}."
+        )
+    if "torque_limit" not in given:
+        raise CableError(
+            f"the new winch on body {mount.body!r} needs torque_limit=, the largest "
+            "torque of its motor in N m."
+        )
+    for key, value in given.items():
+        least = "above" if key != "rotor_damping" else "of at least"
+        number = isinstance(value, Real) and math.isfinite(value)
+        if not number or value < 0.0 or (value == 0.0 and key != "rotor_damping"):
+            raise CableError(f"{key} must be a number {least} 0, not {value!r}.")
+    return {"mount": mount, **{key: float(value) for key, value in given.items()}}
+
+
+def _driven_joint(spec: mujoco.MjSpec, joint: Any, on_pulley: bool) -> str:
+    name = _name("joint", joint, spec.joints)
+    kind = spec.joint(name).type
+    if kind != _HINGE and (on_pulley or kind != _SLIDE):
+        what = "a hinge, which turns a pulley" if on_pulley else "a hinge or a slide"
+        raise CableError(f"joint must be {what}, and joint {name!r} is none.")
+    return name
+
+
+def _radius(what: str, radius: Any) -> float:
+    number = isinstance(radius, Real) and math.isfinite(radius)
+    if not number or not 0.0 < abs(radius) <= MAX_RADIUS:
+        raise CableError(
+            f"{what} must be a radius in metres of at most {MAX_RADIUS:g}, and not 0, "
+            f"e.g. {what}=0.03, not {radius!r}."
+        )
+    return float(radius)
+
+
+def _replaced(spec: mujoco.MjSpec, actuator: str | None, joint: Any) -> str:
+    """Return the name of the actuator to delete, which must drive the joint alone."""
+    if actuator is None:
+        return ""
+    name = _name("actuator", actuator, spec.actuators)
+    found, driven = spec.actuator(name), _name("joint", joint, spec.joints)
+    on_joint = found.trntype in (
+        mujoco.mjtTrn.mjTRN_JOINT,
+        mujoco.mjtTrn.mjTRN_JOINTINPARENT,
+    )
+    if not on_joint or found.target != driven:
+        here = [a.name for a in spec.actuators if a.target == driven and a.name]
+        others = f"; at it are {', '.join(here)}" if here else "; nothing is at it"
+        raise CableError(
+            f"replace must be an actuator at joint {driven!r}, and {name!r} pulls "
+            f"{found.target!r}{others}."
+        )
+    for sensor in spec.sensors:
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname == name:
+            raise CableError(
+                f"sensor {sensor.name!r} reads actuator {name!r}, which replace would "
+                "delete; delete the sensor first."
+            )
+    return name

@@ -1,0 +1,92 @@
+"""Changes to a specification: elements without defaults, errors in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._config import PLUGIN
+
+_OWN = {
+    "alt", "classname", "compiler", "frame", "fromto", "id", "info", "name", "parent",
+    "path", "plugin", "signature", "userdata",
+}  # fmt: skip
+"""Fields of an element that no default gives it."""
+
+
+def add_element(owner: Any, kind: str, **fields: Any) -> Any:
+    """Add an element that takes nothing from the defaults of its model.
+
+    Args:
+        owner: specification or body.
+        kind: `"actuator"`, `"geom"`, `"joint"`, `"site"` or `"tendon"`.
+        fields: values of its fields that differ from those of MuJoCo.
+    """
+    element = getattr(owner, f"add_{kind}")()
+    for field, value in (_pristine_fields(kind) | fields).items():
+        setattr(element, field, value)
+    return element
+
+
+@cache
+def _pristine_fields(kind: str) -> dict[str, Any]:
+    """Return the fields of an element of a model without defaults."""
+    spec = mujoco.MjSpec()
+    owner = spec if kind in ("actuator", "tendon") else spec.worldbody.add_body()
+    element = getattr(owner, f"add_{kind}")()
+    found = {}
+    for field in dir(element):
+        if not field.startswith("_") and field not in _OWN:
+            value = getattr(element, field)
+            if isinstance(value, np.ndarray):
+                found[field] = value.copy()
+            elif not callable(value):
+                found[field] = value
+    return found
+
+
+def require_spec(spec: Any) -> None:
+    """Refuse what is no specification.
+
+    Raises:
+        CableError: it is none.
+    """
+    if not isinstance(spec, mujoco.MjSpec):
+        raise CableError(
+            "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
+            f"{type(spec).__name__}."
+        )
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Raise what MuJoCo refuses as a `CableError`, in one sentence."""
+    try:
+        yield
+    except CableError:
+        raise
+    except ValueError as error:
+        raise CableError(_error_sentence(error)) from None
+
+
+def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile a specification.
+
+    Raises:
+        CableError: it cannot be compiled, with the reason in one sentence.
+    """
+    with plain_errors():
+        return spec.compile()
+
+
+def _error_sentence(error: ValueError) -> str:
+    """Return MuJoCo's message, once, or the plugin's own sentence within it."""
+    message = " ".join(dict.fromkeys(str(error).split("\n")))
+    _, found, own = message.partition(f"plugin `{PLUGIN}`, instance ")
+    return f"cable {own}" if found else message

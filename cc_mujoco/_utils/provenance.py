@@ -26,7 +26,7 @@ import os
 import site
 import sys
 import sysconfig
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -84,6 +84,14 @@ def code_provenance(*names: str) -> dict[str, Any]:
         elif is_user_controller(name):
             files |= _user_file_digests(name)
     return {"versions": versions(), "sources": sources(), "files": files}
+
+
+def file_digests(files: Iterable[Path], folder: Path) -> dict[str, str]:
+    """Return digests of the user's files by their names relative to a folder."""
+    return {
+        Path(os.path.relpath(path, folder)).as_posix(): _digest(str(path))
+        for path in files
+    }
 
 
 def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,19 +21,20 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
-from cc_mujoco.benchmark._plant import Belief, Draw, believed_drive, sample_plants
+from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
 from cc_mujoco.benchmark._references import REFERENCES, Reference
-from cc_mujoco.benchmark._scores import SCORES, episode_scores
+from cc_mujoco.benchmark._scores import device_scores, episode_scores
 from cc_mujoco.control import Controller
-from cc_mujoco.device import Plant
+from cc_mujoco.device import Description, Plant, find_device
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._registry import DEVICES
-from cc_mujoco.device._sensors import Measuring, Sensing
+from cc_mujoco.device._plant import facts_of
+from cc_mujoco.device._sensors import AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import ArrayLog
-from cc_mujoco.metrics._metric import DRIVEN, PULL_PULL, SAFE_TORQUE, SPRING, STRENGTH
-from cc_mujoco.simulation._batch import FRAME_SKIP, Fleet
+from cc_mujoco.metrics._metric import DRIVEN, SPRING
+from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._loop import Trace, run
 from cc_mujoco.simulation._worn_device import WornDevice
@@ -44,13 +46,10 @@ WARM_UP = 0.5 * MIN_DURATION
 
 TRACE_COLUMNS = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 PHASE_COLUMNS = ("phase_sine", "phase_cosine")
-RECORDED_COLUMNS = (
-    *TRACE_COLUMNS,
-    *PHASE_COLUMNS,
-    "motor_torque_nm",
-    "least_tension_n",
-    "tension_n",
-)
+AXIS_COLUMNS = (*TRACE_COLUMNS, *PHASE_COLUMNS, "motor_torque_nm")
+"""Recorded columns of every axis."""
+CABLE_COLUMNS = ("least_tension_n", "tension_n")
+"""Recorded columns of all cables."""
 TRACE_DECIMATION = 10
 """Control steps between two samples of a trace."""
 
@@ -76,7 +75,7 @@ class Cell:
     @property
     def name(self) -> str:
         """Name of the cell, fit for a file."""
-        parts = (self.condition.scene, self.condition.name, self.controller)
+        parts = (self.condition.label, self.condition.name, self.controller)
         return "-".join(
             "".join(c if c.isalnum() else "_" for c in part) for part in parts
         )
@@ -87,10 +86,11 @@ class CellResult:
     """Result of a cell.
 
     Attributes:
-        scores: by name, (seeds,).
+        scores: by name, (seeds,); see `_scores`.
         plants: of every seed, what was drawn and what was believed of the cables that
-            the motor winds, lists in the order of `Device.driven`.
-        trace: where the condition is the ordinary one, columns (samples * seeds,).
+            the motors wind, lists in the order of `DeviceModel.driven`.
+        trace: where the condition is the ordinary one, columns (samples * seeds,);
+            those of an axis begin with its name where there are several.
     """
 
     scores: dict[str, Array]
@@ -102,12 +102,14 @@ class CellResult:
 class CellSetup:
     """All that an episode of a cell needs."""
 
+    description: Description
     draws: list[Draw]
     fleet: Fleet
-    driven: tuple[str, ...]
-    drive: Drive
+    driven: tuple[tuple[str, ...], ...]
+    """Cables that each motor winds."""
+    drives: tuple[Drive, ...]
     law: Controller
-    sensors: Measuring
+    sensors: AxesMeasuring
     period: float
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [N m]."""
@@ -146,7 +148,8 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         CableError: If a name is unknown or a controller cannot be used.
     """
     one = cells[0]
-    at, reference, setup = one.condition, _reference(one), DEVICES[one.condition.scene]
+    at, reference = one.condition, _reference(one)
+    description = find_device(at.scene).description
     draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
@@ -155,13 +158,11 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     exos = [
         WornDevice(
-            setup,
-            drawn.trajectory,
-            at.task,
-            at.duration,
-            FRAME_SKIP,
-            None,
+            description,
             changed(drawn.plant, reference).model(),
+            drawn.trajectory,
+            at.tasks(description),
+            at.duration,
         )
         for drawn in draws
     ]
@@ -171,27 +172,36 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     ]
     exo = exos[0]
     fleet = Fleet(exo, [e.device for e in exos], scripts)
-    driven = exo.device.driven
-    sensing = one.sensing or setup.sensing
-    drive = believed_drive(sensing.equip(exo.drive), driven, draws, beliefs)
+    driven, prefixes = exo.device.driven, exo.device.prefixes
+    sensing = one.sensing or description.sensing
+    equipped = [sensing.equip(drive) for drive in exo.drives]
+    drives = believed_drives(equipped, driven, draws, beliefs)
     name = reference.controller if reference else one.controller
-    law = Unpowered(drive) if name is None else user_entry.make_controller(name, drive)
-    read = 1 + sum(len(one.nodes) for one in drive.sensors)
-    sensors = Measuring(
+    law: Controller = (
+        Unpowered(drives[0], len(drives))
+        if name is None
+        else user_entry.make_controller(name, drives, prefixes)
+    )
+    sensors = exo.controller_sensors(
         sensing,
-        drive,
-        driven,
+        drives,
         [drawn.seed for drawn in draws],
-        fleet.steps,
+        [
+            [
+                drawn.bias[n][: 1 + sum(len(one.nodes) for one in drive.sensors)]
+                for drawn in draws
+            ]
+            for n, drive in enumerate(drives)
+        ],
         delay=[drawn.plant.delay for drawn in draws],
         noise=[drawn.plant.noise for drawn in draws],
-        bias=[drawn.bias[:read] for drawn in draws],
     )
     return CellSetup(
+        description,
         draws,
         fleet,
         driven,
-        drive,
+        drives,
         law,
         sensors,
         exo.period,
@@ -219,7 +229,8 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     """
     made = prepare_episodes(cells)
     fleet = made.fleet
-    trace = Trace(RECORDED_COLUMNS, fleet.steps, fleet.going)
+    of_axes = [prefix + name for prefix in fleet.prefixes for name in AXIS_COLUMNS]
+    trace = Trace([*of_axes, *CABLE_COLUMNS], fleet.steps, fleet.going)
     with np.errstate(all="ignore"):  # what diverged is not a number
         run(
             fleet,
@@ -242,7 +253,9 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
             CellResult(
                 _scores(cell, part, time, made),
                 _plant_columns(made, own),
-                _trace_columns(cell, part, time) if cell.condition.usual else {},
+                _trace_columns(cell, part, time, fleet.prefixes)
+                if cell.condition.usual
+                else {},
             )
         )
     return found
@@ -250,12 +263,13 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 
 def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:
     """Apply the desired torque to the joint, with delay and motor limits."""
-    desired = rows["desired_torque_nm"]
-    for row, drawn in enumerate(made.draws):
-        late = np.maximum(np.arange(len(desired)) - drawn.plant.delay, 0)
-        given = np.clip(desired[late, row], *made.drive.reach)
-        rows["joint_torque_nm"][:, row] = given
-        rows["motor_torque_nm"][:, row] = given / made.drive.ratio
+    for drive, prefix in zip(made.drives, made.fleet.prefixes, strict=True):
+        desired = rows[f"{prefix}desired_torque_nm"]
+        for row, drawn in enumerate(made.draws):
+            late = np.maximum(np.arange(len(desired)) - drawn.plant.delay, 0)
+            given = np.clip(desired[late, row], *drive.reach)
+            rows[f"{prefix}joint_torque_nm"][:, row] = given
+            rows[f"{prefix}motor_torque_nm"][:, row] = given / drive.ratio
     rows["least_tension_n"][:] = 1.0  # such a transmission is never slack
 
 
@@ -263,16 +277,20 @@ def _scores(
     cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of every seed (seeds,), without the warm-up."""
-    setup, cables = DEVICES[cell.condition.scene], made.fleet.cables
-    about = {
-        DRIVEN: made.driven,
-        STRENGTH: dict.fromkeys(cables, setup.strength),
-        SAFE_TORQUE: setup.safe_torque,
-        PULL_PULL: setup.pull_pull,
-        SPRING: isinstance(cell.condition.task, Spring),
-    }
+    description, cables = made.description, made.fleet.cables
+    tasks = cell.condition.tasks(description)
+    strength = dict.fromkeys(cables, description.strength)
+    facts = [
+        {
+            **facts_of(axis, strength),
+            DRIVEN: driven,
+            SPRING: isinstance(tasks[axis.name], Spring),
+        }
+        for axis, driven in zip(description.axes, made.driven, strict=True)
+    ]
+    prefixes = made.fleet.prefixes
     first = round(WARM_UP / made.period)
-    found: dict[str, list[float]] = {s.name: [] for s in SCORES}
+    episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):
         columns = {name: values[first:, row] for name, values in rows.items()}
         columns["time_s"] = time[first:]
@@ -281,19 +299,24 @@ def _scores(
             columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
-        for name, value in episode_scores(ArrayLog(columns, cables, about)).items():
-            found[name].append(value)
-    return {name: np.array(values) for name, values in found.items()}
+        of_axes = [
+            episode_scores(ArrayLog(axis_columns(columns, prefix, prefixes), cables, f))
+            for prefix, f in zip(prefixes, facts, strict=True)
+        ]
+        episodes.append(device_scores(of_axes, prefixes))
+    return {name: np.array([e[name] for e in episodes]) for name in episodes[0]}
 
 
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
     """Return columns of the sampled and the believed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
-    believed_of = made.drive.cable_drives
-    for drawn, row in zip(made.draws[own], believed_of[own], strict=True):
+    believed = zip(*(drive.cable_drives[own] for drive in made.drives), strict=True)
+    names = list(chain.from_iterable(made.driven))
+    for drawn, axes in zip(made.draws[own], believed, strict=True):
         plant = drawn.plant
-        actual = [plant.cables[name] for name in made.driven]
-        known = [cable_drive.cable for cable_drive in row]
+        actual = [plant.cables[name] for name in names]
+        known = [cable_drive.cable for cable_drive in chain.from_iterable(axes)]
+        wearers = [wearer.stiffness for wearer in plant.wearers.values()]
         columns: dict[str, Any] = {
             f"{who}_{key}": [getattr(cable, key) for cable in cables]
             for who, cables in (("plant", actual), ("believed", known))
@@ -303,8 +326,8 @@ def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
             "plant_wrap": [cable.wrap for cable in actual],
             "plant_delay": plant.delay,
             "plant_noise": plant.noise,
-            "plant_bias": drawn.bias[0] * made.torque_noise,
-            "plant_wearer": plant.wearer.stiffness,
+            "plant_bias": [bias[0] * made.torque_noise for bias in drawn.bias],
+            "plant_wearer": wearers,
         }
         for name, value in columns.items():
             found.setdefault(name, []).append(value)
@@ -312,17 +335,21 @@ def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
 
 
 def _trace_columns(
-    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array
+    cell: Cell,
+    rows: Mapping[str, NDArray[Any]],
+    time: Array,
+    prefixes: Sequence[str],
 ) -> dict[str, Array]:
     count = len(cell.seeds)
     thin = slice(None, None, TRACE_DECIMATION)
-    phase = (
-        np.arctan2(rows[PHASE_COLUMNS[0]], rows[PHASE_COLUMNS[1]])[thin]
-        / (2.0 * np.pi)
-        % 1.0
-    )
-    found = {name: rows[name][thin].ravel() for name in TRACE_COLUMNS}
-    found["phase"] = phase.ravel()
+    found: dict[str, Array] = {}
+    for prefix in prefixes:
+        sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)
+        phase = np.arctan2(sine, cosine)[thin] / (2.0 * np.pi) % 1.0
+        found |= {
+            prefix + name: rows[prefix + name][thin].ravel() for name in TRACE_COLUMNS
+        }
+        found[f"{prefix}phase"] = phase.ravel()
     found["time_s"] = np.repeat(time[thin], count)
     found["seed"] = np.tile(np.array(cell.seeds, dtype=float), time[thin].size)
     return found

@@ -10,11 +10,14 @@ levels here would be some thousand conditions for each device.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
-from cc_mujoco.device._registry import DEVICES, find_device
+from cc_mujoco.assets import SCENES
+from cc_mujoco.device import find_device
+from cc_mujoco.device._description import ENDING, Axis, Description
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
     TASKS,
@@ -24,6 +27,7 @@ from cc_mujoco.human import (
     Spring,
     Task,
     Trajectory,
+    Walk,
     trajectory,
 )
 
@@ -56,9 +60,12 @@ class Condition:
     """Condition that all seeds of a cell have in common."""
 
     scene: str
+    """Name or file of the device."""
     name: str
     trajectory: Trajectory
-    task: Task
+    """Motion of the wearer at all axes."""
+    task: Task | tuple[Task, ...]
+    """Task of all axes, or of each."""
     transmission: str = DEFAULT_CONDITION[0]
     """A key of `TRANSMISSIONS`."""
     error: str = DEFAULT_CONDITION[1]
@@ -76,7 +83,12 @@ class Condition:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
-        find_device(self.scene)
+        axes = find_device(self.scene).description.axes
+        if isinstance(self.task, tuple) and len(self.task) != len(axes):
+            raise CableError(
+                f"{self.scene} has {len(axes)} axes; a condition needs one task, or "
+                f"one for each, not {len(self.task)}."
+            )
         look_up("transmission", self.transmission, TRANSMISSIONS)
         look_up("error", self.error, MODEL_ERRORS)
         if not self.duration > MIN_DURATION:
@@ -88,9 +100,40 @@ class Condition:
             raise CableError(f"delay must be 0 to 1000 steps, not {self.delay!r}.")
 
     @property
+    def label(self) -> str:
+        """Name of the device in tables: that of its file without folder and ending."""
+        return device_label(self.scene)
+
+    @property
+    def text(self) -> str:
+        """Text that is equal for equal conditions, wherever the file of a device is."""
+        return repr(self).replace(repr(self.scene), repr(self.label), 1)
+
+    def tasks(self, description: Description) -> dict[str, Task]:
+        """Return the task of every axis by its name."""
+        axes = description.axes
+        tasks = self.task if isinstance(self.task, tuple) else (self.task,) * len(axes)
+        return {axis.name: task for axis, task in zip(axes, tasks, strict=True)}
+
+    @property
     def usual(self) -> bool:
         """Return whether this is the condition that the others differ from."""
         return self.name == "-".join(DEFAULT_CONDITION)
+
+
+def device_label(scene: str) -> str:
+    """Return the name of a device in tables, without folder and ending."""
+    if scene in SCENES:
+        return scene
+    name = Path(scene).name
+    return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
+
+
+def is_walk(source: Trajectory) -> bool:
+    """Return whether a trajectory is a walk, jolted or not."""
+    while isinstance(source, Perturbed):
+        source = source.base
+    return isinstance(source, Walk)
 
 
 def plant_key(name: str) -> str:
@@ -113,7 +156,7 @@ def _wrist() -> list[Condition]:
 
 def _ankle() -> list[Condition]:
     plain = Condition("ankle", "", TRAJECTORIES["walk"], TASKS["assist"])
-    reversing = trajectory("reversals", DEVICES["ankle"].reach)
+    reversing = trajectory("reversals", _axis("ankle").reach)
     still = _named_condition(plain, "reversals", trajectory=reversing, task=Hold(-15.0))
     common = [still if c.name == "reversals" else c for c in _single_changes(plain)]
     route = _named_condition(plain, "moving-route", moving_route=True)
@@ -121,19 +164,17 @@ def _ankle() -> list[Condition]:
 
 
 def _finger() -> list[Condition]:
-    reach = trajectory("reach", DEVICES["finger"].reach)
+    reach = trajectory("reach", _axis("finger").reach)
     return _liner_conditions(Condition("finger", "", reach, TASKS["hold"]))
 
 
-def _exosuit() -> list[Condition]:
-    return _liner_conditions(
-        Condition("exosuit", "", TRAJECTORIES["walk"], TASKS["swing"])
-    )
+def _axis(scene: str) -> Axis:
+    return find_device(scene).description.axis()
 
 
 def _single_changes(plain: Condition) -> list[Condition]:
     """Return the conditions that change one thing at a time."""
-    joint = DEVICES[plain.scene].joint
+    joint = _axis(plain.scene).joint
     return [
         _named_condition(plain, "delay-none", delay=(0, 0)),
         _named_condition(plain, "delay-long", delay=(3, 5)),
@@ -174,7 +215,10 @@ class Suite:
 
     meaning: str
     makers: dict[str, Callable[[], list[Condition]]]
+    """Devices and their conditions."""
     seeds: int
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Devices that the suite cannot have any more, and the reason."""
 
     def conditions(self, scene: str) -> list[Condition]:
         """Return all conditions of a device.
@@ -182,14 +226,23 @@ class Suite:
         Raises:
             CableError: If the suite has no such device.
         """
+        if scene in self.left_out:
+            raise CableError(
+                f"the suite has {scene!r} no more: {self.left_out[scene]}; "
+                "`--suite generic` plays it."
+            )
         return look_up("scene", scene, self.makers)()
 
 
 SUITES = {
     "v1": Suite(
-        "wrist and ankle in 18 and 19 conditions, finger and exosuit in three each",
-        {"wrist": _wrist, "ankle": _ankle, "finger": _finger, "exosuit": _exosuit},
+        "wrist and ankle in 18 and 19 conditions, finger in three",
+        {"wrist": _wrist, "ankle": _ankle, "finger": _finger},
         10,
+        {
+            "exosuit": "the motor at its heel followed the gait by itself, and is an "
+            "axis with a controller now"
+        },
     ),
 }
 """A suite that has been published is never changed: a new one gets a new name."""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
+from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS, is_walk
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Results, rms_errors
-from cc_mujoco.human import Walk
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.report._figures import COLORS, GREY, figure, style
 
 if TYPE_CHECKING:
@@ -72,28 +72,32 @@ def cycle(results: Results, scene: str) -> Figure:
     shown = {
         cell.controller: (cell, played.trace)
         for cell, played in results
-        if cell.condition.scene == scene and played.trace
+        if cell.condition.label == scene and played.trace
     }
+    prefixes = _trace_prefixes(trace for _, trace in shown.values())
     with style():
-        drawing = figure(7.6, 3.8)
-        axes = drawing.add_subplot()
+        drawing = figure(5.6 * len(prefixes) + 2.0, 3.8)
+        panels = drawing.subplots(1, len(prefixes), squeeze=False)[0]
         label = "time since the joint last reversed [s]"
-        for law, (cell, trace) in shown.items():
-            gait = isinstance(cell.condition.trajectory, Walk)
-            most = 1.0 if gait else REVERSAL_WINDOW
-            label = "phase of the gait" if gait else label
-            place = trace["phase"] if gait else _since_reversal(trace)
-            rms = _binned_rms(place / most, trace)
-            at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
-            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
-        axes.set(
-            title=f"{scene}: error over the cycle, ordinary condition",
-            xlabel=label,
-            ylabel="RMS error [N m]",
-            ylim=(0.0, None),
-        )
+        for axes, prefix in zip(panels, prefixes, strict=True):
+            for law, (cell, trace) in shown.items():
+                gait = is_walk(cell.condition.trajectory)
+                most = 1.0 if gait else REVERSAL_WINDOW
+                label = "phase of the gait" if gait else label
+                own = axis_columns(trace, prefix, prefixes)
+                place = own["phase"] if gait else _since_reversal(own)
+                rms = _binned_rms(place / most, own)
+                at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
+                axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
+            name = ", ".join((scene, *([prefix.rstrip(".")] if prefix else [])))
+            axes.set(
+                title=f"{name}: error over the cycle, ordinary condition",
+                xlabel=label,
+                ylabel="RMS error [N m]",
+                ylim=(0.0, None),
+            )
         if shown:
-            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return drawing
 
 
@@ -117,6 +121,13 @@ def levels(results: Results, scene: str) -> Figure:
         title = f"{scene}: transmissions and errors of the model"
         drawing.suptitle(title, x=0.01, ha="left", fontsize=11)
     return drawing
+
+
+def _trace_prefixes(traces: Iterable[Mapping[str, Array]]) -> list[str]:
+    """Return the beginnings of the columns of each axis; one that is empty if none."""
+    trace = next(iter(traces), {})
+    angle = "joint_angle_rad"
+    return [name.removesuffix(angle) for name in trace if name.endswith(angle)] or [""]
 
 
 def _since_reversal(trace: Mapping[str, Array]) -> Array:
@@ -148,7 +159,7 @@ def _mean_score(results: Results, scene: str, law: str, score: str) -> float:
     values = [
         played.scores[score]
         for cell, played in results
-        if (cell.condition.scene, cell.controller) == (scene, law)
+        if (cell.condition.label, cell.controller) == (scene, law)
     ]
     scores = np.concatenate(values)
     scores = scores[np.isfinite(scores)]

@@ -22,7 +22,7 @@ from cc_mujoco._validation import require_parameter
 from cc_mujoco.benchmark._conditions import TRANSMISSIONS, Condition, plant_key
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameters import BENDS, PATHS
-from cc_mujoco.device import Plant, Scene
+from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import BIAS
 from cc_mujoco.device._variables import Value
@@ -55,9 +55,9 @@ class Draw:
     seed: int
     """Seed of its motion and noise; that of the episode and its condition make it."""
     trajectory: Trajectory
-    bias: tuple[float, ...]
-    """Bias of the joint torque sensor, then of every tension sensor, as a multiple of
-    the standard deviation of the device's noise."""
+    bias: tuple[tuple[float, ...], ...]
+    """Bias of the joint torque sensor, then of every tension sensor, of each axis, as a
+    multiple of the standard deviation of the device's noise."""
 
 
 @dataclass(frozen=True)
@@ -90,12 +90,12 @@ class Belief:
 
 def sample_plants(condition: Condition, seeds: Sequence[int]) -> list[Draw]:
     """Draw the plants of a condition, one for each seed."""
-    device = Scene(condition.scene)
+    device = find_device(condition.scene)
     return [_sample_plant(condition, seed, device) for seed in seeds]
 
 
-def _sample_plant(condition: Condition, seed: int, device: Scene) -> Draw:
-    place = zlib.crc32(f"{condition.scene} {plant_key(condition.name)}".encode())
+def _sample_plant(condition: Condition, seed: int, device: Device) -> Draw:
+    place = zlib.crc32(f"{condition.label} {plant_key(condition.name)}".encode())
     own = int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
     random = np.random.default_rng([own, 2])
     values: dict[str, Value] = {}
@@ -115,51 +115,58 @@ def _sample_plant(condition: Condition, seed: int, device: Scene) -> Draw:
         elif cable.path == PATHS[0]:
             drawn["wrap"] = factors["wrap"] * cable.wrap
         values |= {f"{name}.{key}": value for key, value in drawn.items()}
-    values["wearer"] = condition.impedance * (
-        1.0 + IMPEDANCE_SPREAD * _clipped_normal(random)
-    )
+    impedance = 1.0 + IMPEDANCE_SPREAD * _clipped_normal(random)
+    if device.wearers:
+        values["wearer"] = condition.impedance * impedance
     source = condition.trajectory
     cadence = 1.0 + CADENCE_SPREAD * _clipped_normal(random)
     low, high = condition.delay
     # In turns: of few seeds each delay has its share, as so much depends on it.
     values["delay"] = low + (seed + place) % (high - low + 1)
     values["noise"] = condition.noise
-    sensors = 1 + SENSORS_PER_CABLE * len(device.cables)
+    sensors = [
+        1 + SENSORS_PER_CABLE * len(axis.cables) for axis in device.description.axes
+    ]
     return Draw(
         plant=Plant(device, values),
         seed=own,
         trajectory=_with_period_factor(source, cadence),
         bias=tuple(
-            condition.noise * BIAS * _clipped_normal(random) for _ in range(sensors)
+            tuple(condition.noise * BIAS * _clipped_normal(random) for _ in range(own))
+            for own in sensors
         ),
     )
 
 
-def believed_drive(
-    drive: Drive,
-    driven: Sequence[str],
+def believed_drives(
+    drives: Sequence[Drive],
+    driven: Sequence[Sequence[str]],
     draws: Sequence[Draw],
     beliefs: Sequence[Belief],
-) -> Drive:
-    """Return the drive with the parameters that each plant's controller believes.
+) -> tuple[Drive, ...]:
+    """Return the drives with the parameters that each plant's controller believes.
 
     Args:
-        drive: Of the device; gives the arms of the cables.
-        driven: Names of the cables that the motor winds.
+        drives: Of every axis of the device; give the arms of the cables.
+        driven: Names of the cables that each motor winds.
         draws: One per device.
         beliefs: How wrong they are, one per device.
     """
-    rows = []
+    rows: list[list[tuple[CableDrive, ...]]] = [[] for _ in drives]
     for drawn, belief in zip(draws, beliefs, strict=True):
         random = np.random.default_rng([drawn.seed, 3])
         cables = drawn.plant.cables
-        rows.append(
-            tuple(
-                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
-                for name, s in zip(driven, drive.cables, strict=True)
+        for own, drive, names in zip(rows, drives, driven, strict=True):
+            own.append(
+                tuple(
+                    CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
+                    for name, s in zip(names, drive.cables, strict=True)
+                )
             )
-        )
-    return dataclasses.replace(drive, cable_drives=tuple(rows))
+    return tuple(
+        dataclasses.replace(drive, cable_drives=tuple(own))
+        for drive, own in zip(drives, rows, strict=True)
+    )
 
 
 def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:

@@ -64,21 +64,28 @@ def normalise_errors(
 ) -> dict[str, Array]:
     """Return errors relative to one controller's mean error in the same condition.
 
+    That of a device is the mean over its axes, each in relation to itself.
+
     Args:
-        rms: RMS error by controller and condition, (seeds,); NaN where it diverged.
+        rms: RMS error by controller and condition, (seeds, axes); NaN where it
+            diverged.
         scale: The controller whose mean error is 1.
 
     Returns:
         By controller, (conditions, seeds).
     """
-    unit = {name: float(np.nanmean(values)) for name, values in rms[scale].items()}
+    unit = {
+        name: np.array([np.nanmean(axis) for axis in values.T])
+        for name, values in rms[scale].items()
+    }
     found = {}
     for name, own in rms.items():
         rows = np.array([own[condition] / unit[condition] for condition in unit])
-        found[name] = np.minimum(
+        limited = np.minimum(
             np.where(np.isfinite(rows), rows, MAX_NORMALISED_ERROR),
             MAX_NORMALISED_ERROR,
         )
+        found[name] = limited.mean(axis=-1)
     return found
 
 

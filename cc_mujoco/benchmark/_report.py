@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -71,8 +72,18 @@ def format_mean_interval(values: Array) -> Interval:
     )
 
 
-def all_tables(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return all tables as Markdown."""
+def all_tables(
+    results: Results,
+    baseline: str = DEFAULT_BASELINE,
+    left_out: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return all tables as Markdown.
+
+    Args:
+        results: Of a run.
+        baseline: Controller that the others are compared with.
+        left_out: Devices that the suite has no more, and the reason.
+    """
     errors = rms_errors(results)
     parts = [
         "# Benchmark of torque controllers",
@@ -80,6 +91,7 @@ def all_tables(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
         overview_table(results),
     ]
     parts += divergence_sentences(results)
+    parts += [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
@@ -148,7 +160,7 @@ def overview_table(results: Results) -> str:
                 [
                     played.scores["failed"]
                     for cell, played in results
-                    if (cell.condition.scene, cell.controller) == (scene, law)
+                    if (cell.condition.label, cell.controller) == (scene, law)
                 ]
             )
             row += [_score_with_interval(places[law]), f"{np.mean(failed):.0%}"]
@@ -188,7 +200,8 @@ def conditions_table(results: Results, scene: str) -> str:
     rows = []
     for place, (condition, unit) in enumerate(rms[SCALE_CONTROLLER].items()):
         means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
-        rows.append([condition, f"{np.nanmean(unit):.3g} N m", *means])
+        units = ", ".join(f"{own:.3g}" for own in np.nanmean(unit, axis=0))
+        rows.append([condition, f"{units} N m", *means])
     return table(
         ["condition", f"`{SCALE_CONTROLLER}`", *map(_controller_label, laws)], rows
     )
@@ -198,7 +211,7 @@ def scores_table(results: Results, scene: str) -> str:
     """Return every score, a row per controller."""
     found: dict[str, dict[str, list[Array]]] = {}
     for cell, played in results:
-        if cell.condition.scene == scene:
+        if cell.condition.label == scene:
             own = found.setdefault(cell.controller, {})
             for name, values in played.scores.items():
                 own.setdefault(name, []).append(values)
@@ -226,7 +239,7 @@ def scores_table(results: Results, scene: str) -> str:
 
 def plants_table(results: Results, scene: str) -> str:
     """Return the plants of the ordinary condition, or of the first, a row per seed."""
-    of_scene = [(c, r) for c, r in results if c.condition.scene == scene]
+    of_scene = [(c, r) for c, r in results if c.condition.label == scene]
     chosen = [(c, r) for c, r in of_scene if c.condition.usual] or of_scene
     cell, played = next((c, r) for c, r in chosen if c.controller == SCALE_CONTROLLER)
     drawn = played.plants
@@ -248,9 +261,9 @@ def plants_table(results: Results, scene: str) -> str:
                 both("axial_stiffness", 1e-3),
                 both("pretension"),
                 ", ".join(f"{wrap:.3g}" for wrap in drawn["plant_wrap"][row]),
-                f"{drawn['plant_wearer'][row]:.3g}",
+                ", ".join(f"{own:.3g}" for own in drawn["plant_wearer"][row]) or "-",
                 str(drawn["plant_delay"][row]),
-                f"{drawn['plant_bias'][row]:.2g}",
+                ", ".join(f"{own:.2g}" for own in drawn["plant_bias"][row]),
             ]
         )
     return table(heads, rows)
@@ -264,7 +277,7 @@ def times_table(results: Results) -> str:
         worst = played.plants.get("step_worst_s", [None])[0]
         if median is not None and worst is not None:
             times = f"{1e6 * median:.0f} µs, {1e6 * worst:.0f} µs"
-            scenes.setdefault(cell.condition.scene, {})[cell.controller] = times
+            scenes.setdefault(cell.condition.label, {})[cell.controller] = times
     laws = dict.fromkeys(law for own in scenes.values() for law in own)
     rows = [
         [_controller_label(law), *(own.get(law, "-") for own in scenes.values())]

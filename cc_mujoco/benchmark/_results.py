@@ -29,20 +29,21 @@ from cc_mujoco._utils.provenance import (
 from cc_mujoco.benchmark._cell import Cell, CellResult
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
+from cc_mujoco.benchmark._scores import ERROR, axis_errors
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 Results = Sequence[tuple[Cell, CellResult]]
 Errors = dict[str, dict[str, dict[str, Array]]]
-"""RMS errors by scene, controller and condition, (seeds,)."""
+"""RMS errors by scene, controller and condition, (seeds, axes)."""
 
 
 def rms_errors(results: Results) -> Errors:
     """Return the RMS errors of a run."""
     found: Errors = {}
     for cell, played in results:
-        own = found.setdefault(cell.condition.scene, {})
-        errors = played.scores["rms_torque_error"]
+        own = found.setdefault(cell.condition.label, {})
+        errors = axis_errors(played.scores)
         own.setdefault(cell.controller, {})[cell.condition.name] = errors
     return found
 
@@ -85,30 +86,32 @@ def write_results(
         for s, own in rms_errors(results).items()
     }
     places: dict[tuple[str, str], int] = {}
-    columns: dict[str, list[Any]] = {}
+    entries: list[dict[str, Any]] = []
     for cell, played in results:
         at = cell.condition
-        place = places.get((at.scene, cell.controller), 0)
-        places[at.scene, cell.controller] = place + 1
+        place = places.get((at.label, cell.controller), 0)
+        places[at.label, cell.controller] = place + 1
         for row, seed in enumerate(cell.seeds):
             entry: dict[str, Any] = {
-                "scene": at.scene,
+                "scene": at.label,
                 "condition": at.name,
                 "transmission": at.transmission,
                 "model_error": at.error,
                 "controller": cell.controller,
                 "seed": seed,
-                "error": float(scaled[at.scene][cell.controller][place, row]),
+                "error": float(scaled[at.label][cell.controller][place, row]),
             }
             entry |= {name: float(v[row]) for name, v in played.scores.items()}
             entry |= {name: v[row] for name, v in played.plants.items()}
-            for name, value in entry.items():
-                columns.setdefault(name, []).append(value)
-    used = {f"{c.condition.scene} {c.condition.name}": c.condition for c, _ in results}
-    table = pa.table(columns)
+            entries.append(entry)
+    used = {f"{c.condition.label} {c.condition.name}": c.condition for c, _ in results}
+    # A device of one axis lacks the columns of another's.
+    names = dict.fromkeys(name for entry in entries for name in entry)
+    table = pa.table({name: [e.get(name) for e in entries] for name in names})
     about = {
         "suite": suite,
-        "conditions": {name: repr(condition) for name, condition in used.items()},
+        "conditions": {name: condition.text for name, condition in used.items()},
+        "devices": {one.label: one.scene for one in used.values()},
         "durations": {name: condition.duration for name, condition in used.items()},
         "made_by": dict(makers),
         "machine": describe_machine(),
@@ -165,12 +168,14 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
         CableError: If it is no such file, or was changed after it was written.
     """
     table, about = read_rows(path)
-    found: dict[str, dict[str, dict[str, list[tuple[int, float]]]]] = {}
-    names = ("scene", "controller", "condition", "seed", "rms_torque_error")
-    rows = zip(*(table[name].to_pylist() for name in names), strict=True)
-    for scene, law, condition, seed, error in rows:
+    found: dict[str, dict[str, dict[str, list[tuple[int, list[float]]]]]] = {}
+    names = ("scene", "controller", "condition", "seed")
+    of_axes = [name for name in table.column_names if name.endswith(f".{ERROR}")]
+    for row in table.select([*names, ERROR, *of_axes]).to_pylist():
+        scene, law, condition, seed = (row[name] for name in names)
         own = found.setdefault(scene, {}).setdefault(law, {})
-        own.setdefault(condition, []).append((seed, error))
+        axes = [row[name] for name in of_axes if row[name] is not None] or [row[ERROR]]
+        own.setdefault(condition, []).append((seed, axes))
     about["seeds"] = {
         f"{scene} {condition}": sorted(seed for seed, _ in values)
         for scene, laws in found.items()
@@ -211,7 +216,7 @@ def join_results(
                 (kind, n): t
                 for kind in ("conditions", "seeds")
                 for n, t in provenance[kind].items()
-                if n.startswith(f"{scene} ")
+                if n.rpartition(" ")[0] == scene
             }
             for provenance in (about, of_other)
         ]

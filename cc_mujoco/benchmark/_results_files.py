@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.benchmark import _figures as drawing
-from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._report import DEFAULT_BASELINE, all_tables
 from cc_mujoco.benchmark._results import Results, write_results
 from cc_mujoco.benchmark._runner import (
@@ -31,13 +30,13 @@ def write(
         The tables, as Markdown.
     """
     out = Path(out)
-    makers = user_entry.controller_provenance(*plan.controllers)
+    makers = plan.made_by()
     write_results(out / RESULTS_FILE, results, plan.suite, makers)
-    text = all_tables(results, baseline)
+    text = all_tables(results, baseline, plan.left_out())
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
     with replacing(out / TABLES_FILE) as partial:
         partial.write_text(text, encoding="utf-8")
-    for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
+    for scene in dict.fromkeys(cell.condition.label for cell, _ in results):
         for stem in FIGURE_STEMS:
             with style():
                 draw = getattr(drawing, stem)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from cc_mujoco._utils.atomic_io import is_marked, replacing, require_unmodified
 from cc_mujoco._utils.atomic_io import require_ours as require_ours_in
 from cc_mujoco._utils.provenance import (
     earlier_results_message,
+    file_digests,
     provenance_differences,
     read_provenance,
     with_provenance,
@@ -40,7 +41,9 @@ from cc_mujoco.benchmark._references import (
     SCALE_CONTROLLER,
     require_unused_name,
 )
+from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._timing import StepTimes, time_steps
+from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError, look_up
 
 MAX_SEEDS = 1000
@@ -95,6 +98,14 @@ class BenchmarkPlan:
             found = [dataclasses.replace(c, duration=self.duration) for c in found]
         return found
 
+    def left_out(self) -> Mapping[str, str]:
+        """Return the devices that the suite has no more, and the reason."""
+        return {} if self.scenes else look_up("suite", self.suite, SUITES).left_out
+
+    def made_by(self) -> dict[str, Any]:
+        """Return the provenance of the results; controllers were made before."""
+        return provenance(self.controllers, [at.scene for at in self.played()])
+
     def cells(self) -> list[Cell]:
         """Return all cells, in the order of tables.
 
@@ -147,13 +158,13 @@ class Playing:
         }
         self.plan.cells()
         for condition in shortest.values():
-            drive = prepare_episodes([Cell(condition, SCALE_CONTROLLER)]).drive
+            made = prepare_episodes([Cell(condition, SCALE_CONTROLLER)])
             for name in self.plan.controllers:
-                entry.make_controller(name, drive)
+                entry.make_controller(name, made.drives, made.fleet.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""
-        return entry.controller_provenance(*self.plan.controllers)
+        return self.plan.made_by()
 
     def size(self, piece: Sequence[Cell]) -> int:
         """Return the number of cells."""
@@ -170,6 +181,19 @@ class Playing:
         return found
 
 
+def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, Any]:
+    """Return the provenance of results: code, versions, files of the user.
+
+    Args:
+        controllers: That were made before.
+        scenes: Names and files of devices.
+    """
+    found = entry.controller_provenance(*controllers)
+    for scene in dict.fromkeys(scenes):
+        found["files"] |= file_digests(find_device(scene).files, Path(scene).parent)
+    return found
+
+
 def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
     """Find out, before long work, whether a plan's results may be written to a folder.
 
@@ -177,7 +201,7 @@ def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
         CableError: If not; see `_utils.atomic_io.require_ours`.
     """
     cells = [f"{CELLS_FOLDER}/{file}" for cell in plan.cells() for file in _files(cell)]
-    scenes = dict.fromkeys(condition.scene for condition in plan.played())
+    scenes = dict.fromkeys(condition.label for condition in plan.played())
     pictures = [f"{scene}-{stem}.png" for scene in scenes for stem in FIGURE_STEMS]
     require_ours_in(
         out,
@@ -266,7 +290,9 @@ def _files(cell: Cell) -> list[str]:
 
 def _cell_key(cell: Cell) -> dict[str, Any]:
     """Return the key of a cell, whose controller was made before."""
-    return {"cell": repr(cell), "made_by": entry.controller_provenance(cell.controller)}
+    at = cell.condition
+    text = repr(cell).replace(repr(at), at.text, 1)
+    return {"cell": text, "made_by": provenance([cell.controller], [at.scene])}
 
 
 def _tables(
@@ -299,9 +325,7 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
             return None, provenance_differences(then.get("made_by"), now["made_by"])
         found.append(table)
     scores = {
-        name: found[0][name].to_numpy()
-        for name in found[0].column_names
-        if not name.startswith(("plant_", "believed_", "step_"))
+        name: found[0][name].to_numpy() for name in score_columns(found[0].column_names)
     }
     rest = {
         name: found[0][name].to_pylist()

@@ -1,10 +1,17 @@
-"""Metrics that an episode of the benchmark is judged by."""
+"""Metrics that an episode of the benchmark is judged by.
+
+Every axis of a device has scores of its own, under `AXIS.NAME` where there are several.
+Then a score of the device is the mean over its axes, as its reward is, but an episode
+has failed if any axis has.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.metrics import METRICS, LogLike, measure
 
@@ -23,6 +30,9 @@ SCORES = tuple(
 )
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
 
+ERROR = "rms_torque_error"
+"""Score that controllers are ranked by."""
+
 
 def episode_scores(log: LogLike) -> dict[str, float]:
     """Return the scores of an episode by name, NaN where it has none.
@@ -32,3 +42,39 @@ def episode_scores(log: LogLike) -> dict[str, float]:
     whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
     measured = measure(log, (s for s in SCORES if whole or s.name == "failed"))
     return {s.name: measured.get(s, math.nan) for s in SCORES}
+
+
+def device_scores(
+    axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
+) -> dict[str, float]:
+    """Return the scores of a device and, where it has several axes, of each.
+
+    Args:
+        axes: Scores of every axis.
+        prefixes: Beginnings of the names of their scores.
+    """
+    found: dict[str, float] = {}
+    for score in SCORES:
+        own = [axis[score.name] for axis in axes]
+        over = max if score.name == "failed" else np.mean
+        found[score.name] = float(over(own))
+    if len(axes) > 1:
+        for prefix, axis in zip(prefixes, axes, strict=True):
+            found |= {prefix + name: value for name, value in axis.items()}
+    return found
+
+
+def score_columns(names: Sequence[str]) -> list[str]:
+    """Return the names that are scores, of a device or an axis."""
+    known = {score.name for score in SCORES}
+    return [name for name in names if name.rpartition(".")[2] in known]
+
+
+def axis_errors(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the RMS errors of every axis, (seeds, axes).
+
+    Args:
+        columns: Scores by name, (seeds,).
+    """
+    of_axes = [n for n in columns if n.endswith(f".{ERROR}")] or [ERROR]
+    return np.stack([np.asarray(columns[name]) for name in of_axes], axis=-1)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._cell import Cell, prepare_episodes
-from cc_mujoco.device._sensors import TENSION_COLUMN
 from cc_mujoco.simulation._loop import run
 
 TIMED_DURATION = 1.1
@@ -37,12 +36,12 @@ def time_steps(cell: Cell) -> StepTimes:
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
     )
-    law = user_entry.make_controller(cell.controller, made.drive)
+    law = user_entry.make_controller(cell.controller, made.drives, made.fleet.prefixes)
     law.reset()
     taken: list[float] = []
 
     def timed(seen: Mapping[str, Any]) -> Mapping[str, Any]:
-        one = {n: v[0] if n == TENSION_COLUMN else float(v[0]) for n, v in seen.items()}
+        one = {n: v[0] if v.ndim > 1 else float(v[0]) for n, v in seen.items()}
         begun = time.thread_time()
         law.torque(one)
         spent = time.thread_time() - begun

@@ -1,6 +1,6 @@
 """A controller from outside in a process of its own.
 
-    law = Entry(drive, "my_module:my_function")     # a `Controller`, as any other
+    law = Entry(drives, prefixes, "my_module:my_function")     # a `Controller`
     torque = law.torque(measured)
 
 The process that judges sends it the drive and what is measured, and takes torques, as
@@ -19,7 +19,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -30,14 +30,16 @@ from cc_mujoco._utils.provenance import (
     code_provenance,
     is_user_controller,
 )
-from cc_mujoco.control import Controller, controller
+from cc_mujoco.control import Controller, axes_controller
+from cc_mujoco.control._axes import limit_torques, named_laws
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
 _LENGTH_HEADER = struct.Struct("<q")
-_ANSWER_HEADER = struct.Struct("<qqqd")
-"""Key, number of dimensions (0 or 1), number of torques, and time that it took [s]."""
+_ANSWER_HEADER = struct.Struct("<qqqqd")
+"""Key, number of dimensions (0 to 2), the first two of them, or 1, and the time that it
+took [s]."""
 _MAX_ANSWER_BYTES = 1 << 26
 """Bytes of the longest answer."""
 _PROGRAM = (
@@ -54,16 +56,28 @@ def is_entry(name: str) -> bool:
 
     The file of a policy has none: it is numbers.
     """
-    return is_user_controller(name) and not name.endswith(POLICY_ENDING)
+    return any(
+        is_user_controller(law) and not law.endswith(POLICY_ENDING)
+        for law in named_laws(name)
+    )
 
 
-def make_controller(name: str, drive: Drive) -> Controller:
+def make_controller(
+    name: str, drives: Sequence[Drive], prefixes: Sequence[str]
+) -> Controller:
     """Return the controller of a name, in a process of its own if it has own code.
+
+    Args:
+        name: As of `control.axes_controller`.
+        drives: Of every axis.
+        prefixes: Beginnings of the columns of each axis.
 
     Raises:
         CableError: If there is none, or its code raises.
     """
-    return Entry(drive, name) if is_entry(name) else controller(name, drive)
+    if is_entry(name):
+        return Entry(drives, prefixes, name)
+    return axes_controller(name, drives, prefixes)
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
@@ -72,7 +86,8 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     Args:
         names: controllers that `make_controller` has made in this process.
     """
-    found = code_provenance(*(name for name in names if not is_entry(name)))
+    others = [name for name in names if not is_entry(name)]
+    found = code_provenance(*(law for name in others for law in named_laws(name)))
     for name in filter(is_entry, names):
         found["files"] |= _processes[name].files
     return found
@@ -81,22 +96,26 @@ def controller_provenance(*names: str) -> dict[str, Any]:
 class Entry(Controller):
     """A controller from outside, as the process that judges sees it."""
 
-    def __init__(self, drive: Drive, name: str) -> None:
+    def __init__(
+        self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
+    ) -> None:
         """Make it, in its process, which is started if there is none yet.
 
         Args:
-            drive: The device to be driven.
-            name: `module:function`.
+            drives: The device to be driven, every axis.
+            prefixes: Beginnings of the columns of each axis.
+            name: `module:function`, or such a name by axis.
 
         Raises:
             CableError: If it cannot be made.
         """
-        super().__init__(drive)
+        super().__init__(drives[0])
         self.name = name
+        self._drives = tuple(drives)
         if name not in _processes or not _processes[name].is_alive:
             _processes[name] = _Process(name)
         self._process = _processes[name]
-        self._key = self._process.make(drive)
+        self._key = self._process.make(tuple(drives), tuple(prefixes))
         self.spent = 0.0
         """Time of the processor that the last torque took, by the entry [s]."""
 
@@ -112,13 +131,14 @@ class Entry(Controller):
         """
         answer = self._process.ask("torque", self._key, dict(observation))
         try:
-            _, dimensions, count, self.spent = _ANSWER_HEADER.unpack_from(answer)
+            _, dimensions, *shape, self.spent = _ANSWER_HEADER.unpack_from(answer)
             values = np.frombuffer(answer, dtype=np.float64, offset=_ANSWER_HEADER.size)
+            torque = values.copy().reshape(shape[: max(dimensions, 0)])
         except (struct.error, ValueError):
-            dimensions, count, values = -1, 0, np.zeros(0)
-        if dimensions not in (0, 1) or values.size != count or count < 1:
-            raise CableError(f"controller {self.name!r} did not answer with torques.")
-        return self.limited(float(values[0]) if dimensions == 0 else values.copy())
+            raise CableError(
+                f"controller {self.name!r} did not answer with torques."
+            ) from None
+        return limit_torques(torque, self._drives)
 
 
 class _Process:
@@ -141,13 +161,13 @@ class _Process:
         """Return whether it has not ended."""
         return self._process.poll() is None
 
-    def make(self, drive: Drive) -> int:
+    def make(self, drives: tuple[Drive, ...], prefixes: tuple[str, ...]) -> int:
         """Make the controller; return the key by which it is called.
 
         Raises:
             CableError: If it cannot be made.
         """
-        answer = json.loads(self.ask("make", 0, (self._name, drive)))
+        answer = json.loads(self.ask("make", 0, (self._name, drives, prefixes)))
         files = answer.get("files") if isinstance(answer, dict) else None
         if not isinstance(files, dict):
             raise CableError(f"controller {self._name!r} did not say what it is of.")
@@ -216,9 +236,10 @@ def serve() -> None:
 def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
     """Return the answer to a question of the judge."""
     if what == "make":
-        name, drive = about
-        laws.append(controller(name, drive))
-        reply = {"key": len(laws) - 1, "files": code_provenance(name)["files"]}
+        name, drives, prefixes = about
+        laws.append(axes_controller(name, drives, prefixes))
+        files = code_provenance(*named_laws(name))["files"]
+        reply = {"key": len(laws) - 1, "files": files}
         return json.dumps(reply).encode()
     law = laws[key]
     with controller_errors(law.name or type(law).__name__):
@@ -229,8 +250,9 @@ def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
         with np.errstate(all="ignore"):  # what diverged is not a number
             torque = np.asarray(law.torque(about), dtype=np.float64)
         spent = time.thread_time() - begun
-    flat = np.ascontiguousarray(torque).ravel()
-    return _ANSWER_HEADER.pack(key, torque.ndim, flat.size, spent) + flat.tobytes()
+    shape = (*torque.shape, 1, 1)[:2]
+    header = _ANSWER_HEADER.pack(key, torque.ndim, *shape, spent)
+    return header + np.ascontiguousarray(torque).tobytes()
 
 
 def _send(pipe: IO[bytes], content: bytes) -> None:

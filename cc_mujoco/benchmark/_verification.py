@@ -16,7 +16,6 @@ import numpy as np
 import pyarrow as pa
 
 from cc_mujoco._utils.provenance import provenance_differences
-from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._cell import Cell, play
 from cc_mujoco.benchmark._conditions import SUITES, Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
@@ -54,12 +53,10 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
     plan = BenchmarkPlan(
         tuple(law for law in laws if law not in REFERENCES),
         about["suite"],
-        tuple(dict.fromkeys(row["scene"] for row in rows)),
+        tuple(dict.fromkeys(_source(about, row["scene"]) for row in rows)),
     )
     Playing(plan).rehearse()
-    if other := provenance_differences(
-        about["made_by"], user_entry.controller_provenance(*plan.controllers)
-    ):
+    if other := provenance_differences(about["made_by"], plan.made_by()):
         raise CableError(
             f"{path} was made by other code, which differs in {', '.join(other)}; "
             "verify it with the code that made it."
@@ -92,6 +89,11 @@ def _cell_of_row(row: dict[str, Any]) -> tuple[str, str, str]:
     return row["scene"], row["condition"], row["controller"]
 
 
+def _source(about: dict[str, Any], label: str) -> str:
+    """Return the name or file of a device; earlier versions wrote no label for it."""
+    return str(about.get("devices", {}).get(label, label))
+
+
 def _entries_equal(one: Any, other: Any) -> bool:
     """Return whether two entries of a table are equal, NaN to NaN."""
     if isinstance(one, float) and np.isnan(one):
@@ -110,11 +112,11 @@ def _conditions(
     suite = look_up("suite", about["suite"], SUITES)
     found = {}
     for name, text in about["conditions"].items():
-        scene, _, condition = name.partition(" ")
-        there = {one.name: one for one in suite.conditions(scene)}
+        scene, _, condition = name.rpartition(" ")
+        there = {one.name: one for one in suite.conditions(_source(about, scene))}
         at = look_up("condition", condition, there)
         found[name] = dataclasses.replace(at, duration=about["durations"][name])
-        if repr(found[name]) != text:
+        if found[name].text != text:
             raise CableError(
                 f"{path} was played in a condition {name!r} that this version of "
                 "cc_mujoco has otherwise; verify it with the version that made it."

@@ -68,12 +68,11 @@ class _ExternalOfAll(External):
     ) -> None:
         """Make the function, as `External` does, of the drives of all axes."""
         super().__init__(drives[0], lambda _: make(drives), name)
-        self._low = np.array([drive.low for drive in drives])
-        self._high = np.array([drive.high for drive in drives])
+        self._drives = drives
 
     def limited(self, torque: Any) -> Any:
         """Return torques (..., axes) clipped to the limits of the motors [N m]."""
-        return np.clip(torque, self._low, self._high)
+        return limit_torques(torque, self._drives)
 
 
 def _for_all_axes(given: Law) -> Any:
@@ -140,6 +139,28 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
             f"axis {missing[0]!r} has no controller; write {missing[0]}=NAME as well."
         )
     return [given[name] for name in names]
+
+
+def named_laws(given: str) -> list[str]:
+    """Return the controllers of a name: several of `hip=model,ankle=pi`."""
+    laws = split_by_axis(given)
+    return [laws] if isinstance(laws, str) else list(laws.values())
+
+
+def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
+    """Return the torques of all motors clipped to their limits [N m].
+
+    Args:
+        torque: Of the only motor, or of each (..., axes). One of another shape is
+            returned as it is: who calls the controller refuses it.
+        drives: Of every axis.
+    """
+    if len(drives) == 1:
+        return np.clip(torque, drives[0].low, drives[0].high)
+    if np.shape(torque)[-1:] != (len(drives),):
+        return torque
+    low, high = zip(*((drive.low, drive.high) for drive in drives), strict=True)
+    return np.clip(torque, low, high)
 
 
 def law_drives(law: Controller, drives: Sequence[Drive]) -> Sequence[Drive]:

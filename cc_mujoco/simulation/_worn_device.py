@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device import Nominal, Plant
@@ -267,6 +267,7 @@ class WornDevice:
         sensing: Sensing,
         drives: Sequence[Drive],
         seeds: int | Sequence[int],
+        biases: Sequence[ArrayLike] = (),
         **errors: Any,
     ) -> AxesMeasuring:
         """Return the sensors by which controllers see, of one device or of several.
@@ -275,16 +276,24 @@ class WornDevice:
             sensing: Their quality.
             drives: Of every axis; say where tension sensors are.
             seeds: One, or one for each of several devices.
-            errors: `delay`, `noise` and `bias` as of `Measuring`.
+            biases: Of every axis, as of `Measuring`; none by default.
+            errors: `delay` and `noise` as of `Measuring`.
         """
+        biases = biases or [0.0] * len(drives)
         return AxesMeasuring(
             self.device.prefixes,
             [
                 Measuring(
-                    sensing, drive, driven, _axis_seeds(seeds, n), self.steps, **errors
+                    sensing,
+                    drive,
+                    driven,
+                    _axis_seeds(seeds, n),
+                    self.steps,
+                    bias=bias,
+                    **errors,
                 )
-                for n, (drive, driven) in enumerate(
-                    zip(drives, self.device.driven, strict=True)
+                for n, (drive, driven, bias) in enumerate(
+                    zip(drives, self.device.driven, biases, strict=True)
                 )
             ],
         )

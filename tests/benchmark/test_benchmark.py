@@ -33,7 +33,6 @@ from cc_mujoco.benchmark._results import read_results
 from cc_mujoco.benchmark._results_files import write
 from cc_mujoco.benchmark._runner import FIGURE_STEMS, Playing
 from cc_mujoco.cable import Cable
-from cc_mujoco.device import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
 from cc_mujoco.report import figure
@@ -53,7 +52,7 @@ SHORT = BenchmarkPlan(
 
 
 def test_the_suite_crosses_what_depends_and_varies_the_rest_one_at_a_time() -> None:
-    for scene in DEVICES:
+    for scene in SUITES["v1"].makers:
         conditions = SUITES["v1"].conditions(scene)
         names = [condition.name for condition in conditions]
         assert len(set(names)) == len(names)
@@ -79,7 +78,7 @@ def test_a_seed_and_a_condition_are_one_plant_whoever_else_is_drawn() -> None:
     assert second == again
     flexors = first.plant.cables["flexor"], second.plant.cables["flexor"]
     assert len({*flexors, second.plant.cables["extensor"]}) == 3
-    assert first.plant.wearer != second.plant.wearer
+    assert first.plant.wearers != second.plant.wearers
     assert first.bias != second.bias
     other = sample_plants(WRIST["delay-long"], (3,))[0]
     assert 3 <= other.plant.delay <= 5 and other.plant.cables != first.plant.cables
@@ -243,7 +242,7 @@ def test_a_report_says_which_controller_gave_no_number() -> None:
 def test_what_cannot_be_played_is_refused() -> None:
     about = USUAL.trajectory, Spring()
     for arguments, why in (
-        (("elbow", "", *about), "unknown scene"),
+        (("elbow", "", *about), "unknown device"),
         (("wrist", "", *about, "oily"), "unknown transmission"),
         (("wrist", "", *about, "good", "awful"), "unknown error"),
         (("wrist", "", *about, "good", "bad", 1.0, (2, 1)), "delay"),

@@ -61,10 +61,27 @@ def test_intervals_are_as_wide_as_seeds_make_them() -> None:
     assert math.isnan(place.low)
 
 
+def column(*errors: float) -> np.ndarray:
+    """Return errors of one axis, (seeds, 1)."""
+    return np.array(errors)[:, None]
+
+
+def test_the_error_of_a_device_is_the_mean_over_its_axes() -> None:
+    rms = {
+        "none": {"a": np.array([[1.0, 10.0], [3.0, 30.0]])},
+        "mine": {"a": np.array([[1.0, 60.0], [math.nan, 2.0]])},
+    }
+    found = normalise_errors(rms, "none")
+    assert found["none"].tolist() == [[0.5, 1.5]]
+    assert found["mine"].tolist() == [
+        [0.5 * (0.5 + 3.0), 0.5 * (MAX_NORMALISED_ERROR + 0.1)]
+    ]
+
+
 def test_an_error_is_a_multiple_of_that_without_compensation() -> None:
     rms = {
-        "none": {"a": np.array([1.0, 3.0]), "b": np.array([10.0, math.nan])},
-        "mine": {"a": np.array([1.0, math.nan]), "b": np.array([5.0, 500.0])},
+        "none": {"a": column(1.0, 3.0), "b": column(10.0, math.nan)},
+        "mine": {"a": column(1.0, math.nan), "b": column(5.0, 500.0)},
     }
     found = normalise_errors(rms, "none")
     assert found["none"].tolist() == [[0.5, 1.5], [1.0, MAX_NORMALISED_ERROR]]
@@ -83,8 +100,8 @@ def fake(laws: dict[str, float], scene: str = "wrist") -> list[tuple[Cell, CellR
         for n, v in drawn.items()
         for who in ("plant", "believed")
     }
-    plants |= {"plant_wrap": [[7.0]] * SEEDS, "plant_wearer": [50.0] * SEEDS}
-    plants |= {"plant_delay": [1] * SEEDS, "plant_bias": [0.01] * SEEDS}
+    plants |= {"plant_wrap": [[7.0]] * SEEDS, "plant_wearer": [[50.0]] * SEEDS}
+    plants |= {"plant_delay": [1] * SEEDS, "plant_bias": [[0.01]] * SEEDS}
     for row, condition in enumerate(SUITES["v1"].conditions(scene)[-9:]):
         for law, mean in laws.items():
             scores = {s.name: np.full(SEEDS, 0.25) for s in SCORES}

@@ -86,6 +86,15 @@ def _for_all_axes(given: Law) -> Any:
     return given if getattr(given, ALL_AXES, False) else None
 
 
+def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a function makes one controller for all axes.
+
+    Raises:
+        CableError: It is a `module:function` that cannot be found.
+    """
+    return not isinstance(given, Mapping) and _for_all_axes(given) is not None
+
+
 def axes_controller(
     given: Law | Mapping[str, Law], drives: Sequence[Drive], prefixes: Sequence[str]
 ) -> Controller:

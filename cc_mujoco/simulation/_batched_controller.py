@@ -10,8 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control import AxesController, Controller, controller
-from cc_mujoco.control._axes import Law, by_axis
+from cc_mujoco.control import (
+    AxesController,
+    Controller,
+    axes_controller,
+    controller,
+)
+from cc_mujoco.control._axes import Law, by_axis, sees_all_axes
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, TENSION_COLUMN, WINDING_COLUMNS
 
@@ -148,6 +153,29 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
     return whole
 
 
+class _PlantsController(Controller):
+    """A controller of all axes for each of several plants."""
+
+    def __init__(self, laws: Sequence[Controller]) -> None:
+        """Take one for each plant."""
+        super().__init__(laws[0].drive)
+        self._laws = tuple(laws)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Reset those of all plants; see `Controller.reset`."""
+        for law in self._laws:
+            law.reset()
+
+    def torque(self, observation: Mapping[str, Any]) -> Array:
+        """Return the torque of every motor [N m], (n, axes)."""
+        return np.stack(
+            [
+                law.torque({name: value[row] for name, value in observation.items()})
+                for row, law in enumerate(self._laws)
+            ]
+        )
+
+
 def batched_controller(
     given: Law | Mapping[str, Law],
     drives: Sequence[Sequence[Drive]],
@@ -163,6 +191,10 @@ def batched_controller(
     Raises:
         CableError: There is no such controller or axis.
     """
+    if sees_all_axes(given):
+        return _PlantsController(
+            [axes_controller(given, own, prefixes) for own in drives]
+        )
     each = list(zip(*drives, strict=True))
     laws = by_axis(given, prefixes)
     if len(each) == 1:

@@ -50,6 +50,9 @@ EFFORT_COST = 0.05
 MAX_ERROR_COST = 10.0
 """Most that an error of torque costs [1/s]."""
 
+BEYOND_SHARE = 0.02
+"""Share of the largest demand by which it may exceed what the motor gives."""
+
 REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
 """Keys of the terms of the reward in `info`; the reward is their sum."""
 
@@ -460,7 +463,8 @@ class WornDevice:
             velocity = np.gradient(reference, self.sampling)
             demand = task.torque(reference, velocity, phase)
             least, most = drive.reach
-            if least <= demand.min() and demand.max() <= most:
+            slack = BEYOND_SHARE * float(np.abs(demand).max())
+            if least - slack <= demand.min() and demand.max() <= most + slack:
                 continue
             ends = (demand.min(), demand.max(), least, most)
             low, high, weakest, strongest = (

@@ -141,6 +141,8 @@ def test_a_controller_of_the_user_may_see_all_axes() -> None:
     hip, ankle = log["hip.motor_torque_nm"], log["ankle.motor_torque_nm"]
     assert hip[-1] == pytest.approx(0.1 * log["hip.desired_torque_nm"][-3], rel=0.05)
     assert ankle[-1] == 15.0, "beyond the limit of its motor"
+    both = simulate(["exosuit", "exosuit"], all_axes, seed=[0, 1], duration=0.02)
+    assert np.array_equal(both[0]["hip.motor_torque_nm"], hip)
 
 
 def test_both_legs_walk_half_a_cycle_apart() -> None:

@@ -21,9 +21,11 @@ from cc_mujoco.design._report_text import (
     confidence,
     controllers,
     failures,
+    goals_of,
     header,
     limit_slack,
 )
+from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
 
 GOALS = ("rms_torque_error", "peak_tension")
 
@@ -58,6 +60,33 @@ def said(page: str | None) -> str:
 def written(folder: Path, found: RankedStudy, table: pa.Table) -> str:
     write_report(folder, found.plan, table, "cc-mujoco <x>")
     return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_without_objectives_three_usual_ones_rank() -> None:
+    plan = make_plan("wrist", {"friction": [0.1, 0.2]}, duration=0.2)
+    values = {name: [1.0, 2.0] for name in plan.protocol.metrics}
+    every = goals_of(plan, pa.table(values))
+    assert [goal.name for goal in every] == list(DEFAULT_OBJECTIVES)
+    assert not any(goal.high for goal in every)
+    without = pa.table(values | {"reflected_torque": pa.nulls(2, pa.float64())})
+    assert len(goals_of(plan, without)) == 2
+    few = make_plan(
+        "wrist",
+        {"friction": [0.1, 0.2]},
+        duration=0.2,
+        metrics=["efficiency", "slack_margin", "peak_tension", "strength_used"],
+    )
+    names = [goal.name for goal in goals_of(few, pa.table(
+        {name: [1.0, 2.0] for name in few.protocol.metrics}))]  # fmt: skip
+    assert names == ["efficiency", "slack_margin", "peak_tension"]
+
+
+def test_the_page_without_objectives_names_those_it_ranks_by(tmp_path: Path) -> None:
+    found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0], goals=())
+    page = said(written(tmp_path, found, table))
+    assert "least rms torque error and least peak tension (no objective" in page
+    assert found.front.sum() == 2
+    assert (tmp_path / "pareto.png").exists()
 
 
 def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None:

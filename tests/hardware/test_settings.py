@@ -121,6 +121,8 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     [
         ("name = 'sprig'", "did you mean 'spring'"),
         ("name = 'assist'", "follows the phase of a gait"),
+        ("name = 'assist:20'", "follows the phase of a gait"),
+        ("name = 'hold:x'", "'x' must be a number, the pull of 'hold'"),
         ("trajectory = 'sin'\namplitude = 1", "did you mean 'sine'"),
         ("csv = 'no.csv'", r"cannot read .*no\.csv"),
         (

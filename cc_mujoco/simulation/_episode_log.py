@@ -134,6 +134,12 @@ class EpisodeLog:
         """Names of the axes; none where there is only one."""
         return tuple(prefix.rstrip(".") for prefix in self.prefixes if prefix)
 
+    def each_axis(self) -> list[tuple[str, EpisodeLog | AxisLog]]:
+        """Return the name and the log of every axis; the name of a single one is ""."""
+        if not self.axes:
+            return [("", self)]
+        return [(name, AxisLog(self, name)) for name in self.axes]
+
     def axis(self, name: str | None = None) -> EpisodeLog | AxisLog:
         """Return the log of one axis, with plain names; by default of the only one.
 

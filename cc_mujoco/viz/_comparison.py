@@ -18,7 +18,7 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
 from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._panels import highest_tension, tensions
-from cc_mujoco.viz._rerun_blueprint import MAIN_LINES, line_values, scene_view
+from cc_mujoco.viz._rerun_blueprint import line_values, scene_view
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
 from cc_mujoco.viz._scene3d import TIMELINE
 from cc_mujoco.viz._summary import draw_loop
@@ -116,6 +116,10 @@ def common_limits(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, f
     return low - margin, high + margin
 
 
+MAIN_LINES = ("joint", "desired")
+"""Lines of torque that one looks at first."""
+
+
 def _episode_root(episode: LabelledEpisode) -> str:
     # Rerun shows a space in a path with a backslash before.
     return rr.new_entity_path([episode.name.replace(" ", "_")])
@@ -148,9 +152,16 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
     ]
     together = rrb.Vertical(
         rrb.Horizontal(*scenes),
-        plots("joint torque [N m]", "torque", MAIN_LINES),
+        *(
+            plots(
+                f"joint torque{f', {axis}' if axis else ''} [N m]",
+                "torque",
+                [f"torque/{axis}/{n}" if axis else f"torque/{n}" for n in MAIN_LINES],
+            )
+            for axis, _ in episodes[0].log.each_axis()
+        ),
         plots("tension at the ends [N]", "tension"),
-        row_shares=[3, 2, 2],
+        row_shares=[3, *(2 for _ in episodes[0].log.each_axis()), 2],
         name="Side by side",
     )
     about = rrb.TextDocumentView(origin="/about", name="About")

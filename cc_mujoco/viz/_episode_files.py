@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -11,7 +12,7 @@ from pathlib import Path
 import mujoco
 
 from cc_mujoco._utils import atomic_io
-from cc_mujoco.metrics import METRICS, Metric, expand_cable_metrics, measure
+from cc_mujoco.metrics import METRICS, Metric, expand_cable_metrics, measure_axes
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
 
@@ -103,7 +104,12 @@ def write_episode(
             log.write(partial / LOG_FILE)
         else:
             log = log(partial / LOG_FILE)
-        found = measure(log, expand_cable_metrics(chosen, log.cables))
+        found = {
+            _of_axis(metric, axis): value
+            for axis, metric, value in measure_axes(
+                log, expand_cable_metrics(chosen, log.cables)
+            )
+        }
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)
@@ -122,6 +128,15 @@ def write_episode(
             old.unlink()
             say(f"{old} is deleted, as it showed an earlier episode.")
     return found
+
+
+def _of_axis(metric: Metric, axis: str) -> Metric:
+    """Return a metric under the name of an axis; "" is the only one."""
+    if not axis:
+        return metric
+    return dataclasses.replace(
+        metric, name=f"{axis}.{metric.name}", meaning=f"{metric.meaning}, of {axis}"
+    )
 
 
 def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:

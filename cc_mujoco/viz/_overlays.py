@@ -81,6 +81,10 @@ class Strips:
         return frame
 
 
+MOST_PLOTS = 7
+"""Plots that fit beside a scene."""
+
+
 def _draw_surroundings(
     log: EpisodeLog, highest: float, opacity: float
 ) -> tuple[Picture, list[tuple[int, int]]]:
@@ -122,6 +126,8 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
     """Draw the plots one under the other, on one time axis."""
     height, width = FRAME_SIZE
     shown = torques(log) + tensions(log)
+    if len(shown) > MOST_PLOTS:  # of several axes, what the wearers feel
+        shown = torques(log)[::2][:MOST_PLOTS]
     top, bottom, between = 44, 52, 34
     each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
     time, plots = log["time_s"], []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.metrics._metric import RATIO
 from cc_mujoco.report._figures import BLUE, GREEN, ORANGE, SKY
-from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 
 Array = NDArray[np.float64]
 
@@ -34,20 +34,36 @@ class Panel(NamedTuple):
 
 def torques(log: EpisodeLog) -> list[Panel]:
     """Return the torque at the joint, as desired and as delivered, and at the motor."""
-    joint = (
-        PlotLine("delivered", log["joint_torque_nm"], BLUE),
-        PlotLine("desired", log["desired_torque_nm"], ORANGE, dashed=True),
-    )
-    motor = (PlotLine("motor", log["motor_torque_nm"], GREEN),)
-    return [Panel("Joint torque", "N m", joint), Panel("Motor torque", "N m", motor)]
+    panels = []
+    for axis, own in log.each_axis():
+        joint = (
+            PlotLine("delivered", own["joint_torque_nm"], BLUE),
+            PlotLine("desired", own["desired_torque_nm"], ORANGE, dashed=True),
+        )
+        motor = (PlotLine("motor", own["motor_torque_nm"], GREEN),)
+        of = f", {axis}" if axis else ""
+        panels += [
+            Panel(f"Joint torque{of}", "N m", joint),
+            Panel(f"Motor torque{of}", "N m", motor),
+        ]
+    return panels
 
 
-def angles(log: EpisodeLog) -> Panel:
-    """Return the angles of the joint, the wearer's target and the motor."""
+def angles(log: EpisodeLog) -> list[Panel]:
+    """Return the angles of every axis: joint, the wearer's target and motor."""
+    panels = []
+    for axis, own in log.each_axis():
+        of = f", {axis}" if axis else ""
+        panels.append(Panel(f"Angle{of}", "deg", axis_angles(own)))
+    return panels
+
+
+def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
+    """Return the angles of the joint, the wearer's target and the motor of an axis."""
     ratio = log.metadata.get(RATIO)
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     label = "motor" if ratio is None else "motor, referred to the joint"
-    lines = (
+    return (
         PlotLine(label, motor, GREEN),
         PlotLine("joint", np.degrees(log["joint_angle_rad"]), BLUE),
         PlotLine(
@@ -57,7 +73,6 @@ def angles(log: EpisodeLog) -> Panel:
             dashed=True,
         ),
     )
-    return Panel("Angle", "deg", lines)
 
 
 def tensions(log: EpisodeLog) -> list[Panel]:

@@ -16,9 +16,6 @@ from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
 
 Array = NDArray[np.float64]
 
-MAIN_LINES = ("torque/joint", "torque/desired")
-"""Lines that one looks at first."""
-
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     """Lay out an episode that is logged at the root.
@@ -29,13 +26,9 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     """
     scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
+    axes = [_axis_plots(log, axis) for axis, _ in log.each_axis()]
     plots = rrb.Vertical(
-        lines(log, "Joint torque [N m]", "torque", MAIN_LINES),
-        rrb.Tabs(
-            lines(log, "Motor torque [N m]", "torque", ("torque/motor",)),
-            lines(log, "Wearer's torque [N m]", "torque", ("torque/wearer",)),
-        ),
-        lines(log, "Angle [deg]", "angle"),
+        axes[0] if len(axes) == 1 else rrb.Tabs(*axes),
         lines(log, "Tension at the ends [N]", "tension"),
         rrb.Tabs(
             rrb.StateTimelineView(
@@ -45,12 +38,32 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
             ),
             lines(log, "Part of the cable that slips", "moving"),
         ),
-        row_shares=[6, 4, 6, 6, 7],
+        row_shares=[16, 6, 7],
     )
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Tabs(scene, about), plots, column_shares=[1, 1]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing"),
         collapse_panels=True,
+    )
+
+
+def _axis_plots(log: EpisodeLog, axis: str) -> rrb.Vertical:
+    """Return the plots of torque and angle of an axis; its name is "" if single."""
+
+    def paths(*names: str) -> tuple[str, ...]:
+        kind = f"torque/{axis}" if axis else "torque"
+        return tuple(f"{kind}/{name}" for name in names)
+
+    angle = f"angle/{axis}" if axis else "angle"
+    return rrb.Vertical(
+        lines(log, "Joint torque [N m]", "torque", paths("joint", "desired")),
+        rrb.Tabs(
+            lines(log, "Motor torque [N m]", "torque", paths("motor")),
+            lines(log, "Wearer's torque [N m]", "torque", paths("wearer")),
+        ),
+        lines(log, "Angle [deg]", angle),
+        row_shares=[6, 4, 6],
+        name=axis or None,
     )
 
 
@@ -62,7 +75,7 @@ def lines(
     Args:
         log: The episode.
         name: Title.
-        origin: First part of the paths of the lines.
+        origin: First parts of the paths of the lines.
         paths: Those that are shown, all of them unless given.
     """
     shown = line_values(log, origin, paths)
@@ -75,7 +88,8 @@ def line_values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list
     return [
         line.values
         for line in plotted_series(log)
-        if line.path[0] == origin and (not paths or "/".join(line.path) in paths)
+        if "/".join(line.path).startswith(f"{origin}/")
+        and (not paths or "/".join(line.path) in paths)
     ]
 
 

@@ -48,15 +48,17 @@ class Series(NamedTuple):
 
 def plotted_series(log: EpisodeLog) -> Iterator[Series]:
     """Yield every line of the plots."""
-    ratio = log.metadata.get(RATIO)
-    for path, name, column, color in SERIES:
-        values = log[column]
-        if column.endswith("_rad"):
-            values = np.degrees(values)
-        if column == "motor_angle_rad" and ratio is not None:
-            # Next to it a joint that turns a tenth as far would seem to stand still.
-            name, values = f"{name}, at the joint", ratio * values
-        yield Series(tuple(path.split("/")), name, values, color)
+    for axis, own in log.each_axis():
+        ratio = own.metadata.get(RATIO)
+        for path, name, column, color in SERIES:
+            values = own[column]
+            if column.endswith("_rad"):
+                values = np.degrees(values)
+            if column == "motor_angle_rad" and ratio is not None:
+                # Beside it a joint that turns a tenth as far would seem to rest.
+                name, values = f"{name}, at the joint", ratio * values
+            kind, line = path.split("/")
+            yield Series((kind, *([axis] if axis else []), line), name, values, color)
     for number, cable in enumerate(log.cables):
         colors = CABLE_COLORS[number % len(CABLE_COLORS)]
         for path, column, shade in CABLE_SERIES:

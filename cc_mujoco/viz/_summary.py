@@ -21,9 +21,9 @@ from cc_mujoco.report._figures import (
     save,
     style,
 )
-from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 from cc_mujoco.viz._frame_times import MAX_SAMPLES
-from cc_mujoco.viz._panels import angles
+from cc_mujoco.viz._panels import axis_angles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,18 +48,19 @@ def draw_summary(log: EpisodeLog) -> Figure:
     """
     log = log.thinned(MAX_SAMPLES)
     with style():
-        rows = len(log.cables)
-        drawing = figure(11, 5.2 + 2.1 * rows)
-        heights = [5.0, 0.3 + 2.1 * rows]
+        rows, axes = len(log.cables), log.each_axis()
+        drawing = figure(11, 5.0 * len(axes) + 0.2 + 2.1 * rows)
+        heights = [5.0 * len(axes), 0.3 + 2.1 * rows]
         top, bottom = drawing.subfigures(2, 1, squeeze=False, height_ratios=heights)[
             :, 0
         ]
-        grid = top.add_gridspec(2, 2, width_ratios=[3, 2])
-        torque = top.add_subplot(grid[0, 0])
-        angle = top.add_subplot(grid[1, 0], sharex=torque)
-        _draw_torque(torque, log)
-        _draw_angle(angle, log)
-        draw_loop(top.add_subplot(grid[:, 1]), log)
+        grid = top.add_gridspec(2 * len(axes), 2, width_ratios=[3, 2])
+        for row, (axis, own) in enumerate(axes):
+            torque = top.add_subplot(grid[2 * row, 0])
+            angle = top.add_subplot(grid[2 * row + 1, 0], sharex=torque)
+            _draw_torque(torque, own, axis)
+            _draw_angle(angle, own)
+            draw_loop(top.add_subplot(grid[2 * row : 2 * row + 2, 1]), own)
         _draw_tensions(bottom, log)
         drawing.suptitle(episode_title(log), x=0.012, ha="left", fontsize=13)
     return drawing
@@ -76,7 +77,7 @@ def episode_title(log: EpisodeLog) -> str:
     return "  ·  ".join(parts)
 
 
-def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
+def _draw_torque(axes: Axes, log: EpisodeLog | AxisLog, axis: str) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
     axes.plot(
@@ -90,15 +91,15 @@ def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
         label="desired",
         dashes=DASH_PATTERN,
     )
-    axes.set(title="Torque", ylabel="torque [N m]")
+    axes.set(title=f"Torque, {axis}" if axis else "Torque", ylabel="torque [N m]")
     axes.tick_params(labelbottom=False)
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
-def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
+def _draw_angle(axes: Axes, log: EpisodeLog | AxisLog) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
-    for label, values, color, dashed in angles(log).lines:
+    for label, values, color, dashed in axis_angles(log):
         axes.plot(
             time,
             values,
@@ -112,7 +113,7 @@ def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
-def draw_loop(axes: Axes, log: EpisodeLog) -> None:
+def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
     """Draw torque over angle of the joint, as desired and as delivered."""
     angle = np.degrees(log["joint_angle_rad"])
     axes.axhline(0, color=GREY, linewidth=0.6)

@@ -82,7 +82,7 @@ def write_page(
     log = log.thinned(MAX_SAMPLES)
     rate = frame_rate(log["time_s"], FRAME_RATE, MAX_FRAMES)
     samples = frame_samples(log["time_s"], rate)
-    panels = [*torques(log), angles(log), *tensions(log)]
+    panels = [*torques(log), *angles(log), *tensions(log)]
     every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
     data = {
         "time": encode_array(log["time_s"][::every]),

@@ -19,13 +19,15 @@ class Export:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
-    """The device whose cables the controller knows."""
+    """Device whose cables the controller knows: a name, or an MJCF file."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
     """Controller: pi, feedback, model, stiction, predictive or adaptive."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
     target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
     """Machine that it runs on: host, aarch64 or armv7."""
+    axis: Annotated[str | None, option_help("NAME")] = None
+    """Axis that the controller drives, of a device with several."""
     model: Annotated[Path | None, option_help("FILE.xml")] = None
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
     allow_active: Flag = False
@@ -38,41 +40,32 @@ class Export:
             CableError: Something is wrong, or in simulation the controller puts energy
                 into a passive wearer.
         """
-        from cc_mujoco.device._registry import find_device
+        from cc_mujoco.device import DeviceModel, find_device
+        from cc_mujoco.device._device import bare_model
+        from cc_mujoco.export import TARGETS, ExportPlan, require_ours, write
 
         device = find_device(self.scene)
-
-        from cc_mujoco.export import TARGETS, ExportPlan, require_ours, write
 
         target = look_up("target", self.target, TARGETS)
         require_ours(self.out)
 
-        import gymnasium
-        import mujoco
-
-        model = None
         if self.model is not None:
             try:
-                model = mujoco.MjModel.from_xml_path(str(self.model))
-            except ValueError as error:
-                reason = " ".join(str(error).split())
-                raise CableError(f"cannot read {self.model}: {reason}") from None
-        try:
-            env: Any = gymnasium.make(
-                device.environment, disable_env_checker=True, model=model
-            ).unwrapped
-        except KeyError as error:  # MuJoCo's, of a name that is not in the model
-            _, missing, *_ = str(error.args[0]).split("'")
-            raise CableError(
-                f"{self.model} is no variant of the scene {self.scene!r}: it has "
-                f"nothing that is called {missing!r}."
-            ) from None
-        plan = ExportPlan.of(self.controller, env.drive, env.exo.device.driven)
+                device = device.variant(self.model)
+            except CableError as error:
+                raise CableError(
+                    f"{self.model} is no variant of the scene {self.scene!r}: {error}"
+                ) from None
+        description = device.description
+        place = description.axes.index(description.axis(self.axis))
+        model = bare_model(device).compile()
+        made = DeviceModel(description, model)
+        drive = made.drives(description.period)[place]
+        plan = ExportPlan.of(self.controller, drive, made.driven[place])
         if not self.allow_active:
-            self._require_passive(model)
+            self._require_passive(model if self.model is not None else None)
         what = f"{self.controller} for the scene {self.scene}, on {self.target}"
         write(self.out, plan, target, what)
-        env.close()
         print(
             f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
             f"build with:  cmake -B build {self.out} && cmake --build build"

@@ -69,12 +69,9 @@ class RunRig:
         desired = settings.desired(duration)
 
         from cc_mujoco.control import PredictiveCompensation, controller
-        from cc_mujoco.device._registry import DEVICES
-        from cc_mujoco.hardware._drive_model import require_tension_limit
         from cc_mujoco.hardware._references import TorqueTable
 
         limits, period = settings.limits, settings.period
-        require_tension_limit(settings.scene, limits)
         drive = settings.drive()
         if isinstance(desired, TorqueTable):
             desired.require_within(drive, limits)
@@ -82,16 +79,8 @@ class RunRig:
         if drive.crossed and hasattr(law, "model"):
             raise CableError(
                 f"controller {self.controller!r} needs to know how joint "
-                f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of "
-                "one joint; none, feedback and pi need not."
-            )
-        device = DEVICES.get(settings.scene)
-        if device is not None and device.lever and hasattr(law, "model"):
-            print(
-                "cc-mujoco: warning: the lever's arm changes with its angle, and this "
-                "controller takes it for a round pulley here: away from the neutral "
-                "pose its torque is off by as much.",
-                file=sys.stderr,
+                f"{', '.join(drive.crossed)} winds the cable too, which the rig does "
+                "not measure; none, feedback and pi need not."
             )
         if isinstance(law, PredictiveCompensation):
             print(
@@ -184,7 +173,7 @@ class RunRig:
         from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop
         from cc_mujoco.hardware._run_log import BLOCK_TIME
 
-        period = settings.period
+        period, winding = settings.period, settings.winding()
         about = {
             "controller" if name is None else "plan": what,
             "duration_s": duration,
@@ -209,6 +198,7 @@ class RunRig:
                 clock=SystemClock(),
                 log=log,
                 stop=stop,
+                winding=winding,
             )
             try:
                 loop.run(duration)

@@ -31,10 +31,21 @@ def truncation_reason(rows: Path) -> str:
 
 def scene_of(rows: Path) -> str:
     """Return the scene that a run's controller used; empty where that is unknown."""
+    return str(_read_rig(rows).get("scene", ""))
+
+
+def axis_of(rows: Path) -> str | None:
+    """Return the axis that a run drove; None where the rig has no name for it."""
+    axis = _read_rig(rows).get("axis")
+    return None if axis is None else str(axis)
+
+
+def _read_rig(rows: Path) -> dict[str, Any]:
+    """Return the settings of the rig of a run; empty where they are unknown."""
     try:
-        return str(tomllib.loads(str(_read_page(rows).get("rig", ""))).get("scene", ""))
+        return tomllib.loads(str(_read_page(rows).get("rig", "")))
     except tomllib.TOMLDecodeError:
-        return ""
+        return {}
 
 
 def _read_page(rows: Path) -> dict[str, Any]:

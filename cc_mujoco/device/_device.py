@@ -73,11 +73,7 @@ class Device(Nominal):
             CableError: There is no such scene, or it is no device.
         """
         name, scene, table_path = _locate(source)
-        try:
-            spec = mujoco.MjSpec.from_file(str(scene))
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise CableError(f"scene {scene} does not load: {reason}") from None
+        spec = _load_spec(scene)
         table = Table(name, {})
         if table_path is not None:
             table = read_table(table_path)
@@ -124,6 +120,24 @@ class Device(Nominal):
         made._read(spec.copy(), name, Table(name, {}), None, given)
         return made
 
+    def variant(self, scene: str | Path) -> Device:
+        """Return the device with another scene, described as this one is.
+
+        Args:
+            scene: Path of an MJCF file, for example of one that a diagnosis wrote.
+
+        Raises:
+            CableError: It cannot be read, or lacks a part that the description names.
+        """
+        path = Path(scene)
+        if not path.is_file():
+            raise CableError(f"there is no file {scene}; give an MJCF file.")
+        made = Device.__new__(Device)
+        made.files, made.path = tuple(_files_of(path)), None
+        made._original = spec = _load_spec(path)
+        made._read(spec.copy(), str(path), self._table, self.timestep, {})
+        return made
+
     def _read(
         self,
         spec: mujoco.MjSpec,
@@ -134,7 +148,7 @@ class Device(Nominal):
     ) -> None:
         if timestep is not None:
             spec.option.timestep = timestep
-        table = Table(table.where, _merged(table.content, given))
+        self._table = table = Table(table.where, _merged(table.content, given))
         description = describe(spec, name, table)
         self.name, self.timestep, self.spec = name, timestep, spec
         model = spec.copy().compile()
@@ -188,6 +202,19 @@ class Device(Nominal):
         if self.name in SCENES:
             return scene_path(self.name).read_text(encoding="utf-8")
         return str(self.spec.to_xml())
+
+
+def _load_spec(scene: Path) -> mujoco.MjSpec:
+    """Return the specification of a scene.
+
+    Raises:
+        CableError: It cannot be read.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(scene))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise CableError(f"scene {scene} does not load: {reason}") from None
 
 
 def frame_skip(description: Description, timestep: float) -> int:

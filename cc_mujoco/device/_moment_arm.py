@@ -181,6 +181,48 @@ def _open_length(
     return float(data.ten_length[tendon] - guided)
 
 
+class MeasuredWinding:
+    """Winding of a distal end by measured angles of joints, without a simulation."""
+
+    def __init__(self, model: mujoco.MjModel, winding: Winding | TabledWinding) -> None:
+        """Prepare.
+
+        Args:
+            model: The device.
+            winding: Of the end, see `winding_of`.
+        """
+        self._model, self._data = model, mujoco.MjData(model)
+        self._winding: Winding | TabledWinding = winding
+        if isinstance(winding, TabledWinding):
+            self._velocities = [winding.joint_v]
+        else:
+            # A measured pose is that of the same instant.
+            self._winding = winding._replace(step=0.0)
+            self._velocities = list(winding.dofs)
+        joints = [int(model.dof_jntid[dof]) for dof in self._velocities]
+        self.joints = tuple(model.joint(joint).name for joint in joints)
+        """Joints that have to be measured, in the order of `read`."""
+        self._angles = model.jnt_qposadr[joints]
+
+    def read(
+        self, angles: Sequence[float], velocities: Sequence[float]
+    ) -> dict[str, float]:
+        """Return `WINDING_COLUMNS` in a pose.
+
+        Args:
+            angles: Of `joints`, as the scene counts them [rad].
+            velocities: Of the same [rad/s].
+        """
+        model, data = self._model, self._data
+        data.qpos[self._angles] = angles
+        data.qvel[self._velocities] = velocities
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        mujoco.mj_transmission(model, data)
+        return {name: float(v) for name, v in self._winding.read(data).items()}
+
+
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
     """Return the winding of a distal end.
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller
+from cc_mujoco.device._moment_arm import MeasuredWinding
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._clock import Clock
 from cc_mujoco.hardware._limits import Limiter, Limits
@@ -143,6 +144,7 @@ class Loop:
         clock: Clock,
         log: Rows,
         stop: Callable[[], Ending | None] = lambda: None,
+        winding: MeasuredWinding | None = None,
     ) -> None:
         """Prepare; nothing is sent yet.
 
@@ -155,15 +157,17 @@ class Loop:
             clock: That the cycles follow.
             log: Takes the rows.
             stop: Called twice a cycle; returns whether to end, and why.
+            winding: How far the joint winds cables that pull no round pulley.
 
         Raises:
             CableError: A stop cannot be as fast as requested.
         """
         self._rig, self._law, self._desired = rig, law, desired
         self._clock, self._log, self._stop = clock, log, stop
+        self._winding = winding
         self._period = law.drive.period
         self._limiter = Limiter(limits, self._period)
-        self._watch = Watch(limits, watchdog, law.drive)
+        self._watch = Watch(limits, watchdog, law.drive, winding)
         self._limits = limits
         self._deadline = 0.0
         self._late = 0.0
@@ -302,6 +306,7 @@ class Loop:
                         # No rig measures a gait: it stands at its beginning.
                         "phase_sine": 0.0,
                         "phase_cosine": 1.0,
+                        **self._wound(seen),
                     }
                 )
             )
@@ -310,6 +315,12 @@ class Loop:
         if not math.isfinite(wish):
             raise Ending(f"the controller asked for {wish} N m.")
         return desired, wish
+
+    def _wound(self, seen: Readings) -> dict[str, float]:
+        """Return what a controller with a model needs besides, of a lever."""
+        if self._winding is None:
+            return {}
+        return self._winding.read([seen.joint_angle], [seen.joint_velocity])
 
     def _stop_requested(self) -> None:
         if (ending := self._stop()) is not None:

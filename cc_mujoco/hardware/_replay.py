@@ -10,6 +10,7 @@ torques and their time are those that were measured.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_ours
-from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.assets import SCENES
 from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, scene_of
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, axis_of, scene_of
+from cc_mujoco.device import Drive, find_device
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._moment_arm import MeasuredWinding
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._drive_model import bench_drive
+from cc_mujoco.hardware._drive_model import winding_of
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
 from cc_mujoco.metrics._metric import RATIO
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.simulation._log_columns import DEVICE_COLUMNS, MODEL_XML
+from cc_mujoco.simulation._log_columns import (
+    AXES,
+    AXIS_COLUMNS,
+    MODEL_XML,
+    POSE_COLUMN,
+    TIME_COLUMN,
+)
 
 Array = NDArray[np.float64]
 
@@ -53,7 +63,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
 
     Args:
         log: `log.csv` of a run or of a trial, or the same as Parquet.
-        scene: Name of a scene, or the file of one.
+        scene: Name of a device, or the file of one.
 
     Returns:
         The two files.
@@ -78,7 +88,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
             "a file of it."
         )
     rows = read_rows(path)
-    model, episode = as_episode(rows, scene, path)
+    model, episode = as_episode(rows, scene, path, axis_of(path))
     written = files_for(path)
     about = files_of(path.stem)[1]
     require_ours(
@@ -147,52 +157,104 @@ def read_rows(path: Path) -> dict[str, Array]:
 
 
 def as_episode(
-    rows: dict[str, Array], scene: str, path: Path
+    rows: dict[str, Array], scene: str, path: Path, axis: str | None = None
 ) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Return the scene, and a run as an episode in it.
 
     Args:
         rows: See `read_rows`.
-        scene: Name of a scene, or the file of one.
+        scene: Name of a device, or the file of one.
         path: Of the log, for the errors.
+        axis: Axis that was driven, of a device with several.
 
     Raises:
-        CableError: The scene has no such drive, or its ratio is not that of the angles.
+        CableError: There is no such device or axis, its ratio is not that of the
+            angles, or joints wind its cables that no run measures.
     """
-    place = scene_path(scene) if scene in SCENES else Path(scene)
-    if not place.is_file():
-        raise CableError.unknown("scene", scene, SCENES)
-    bench = Bench.of(place)
-    if bench.lever is not None:
-        raise CableError(
-            f"scene {scene}: its cable pulls a lever; a log is shown in a scene whose "
-            "cables run on pulleys."
-        )
+    device = find_device(scene)
+    description = device.description
+    model = device.spec.copy().compile()
+    made = DeviceModel(description, model)
+    place = description.axes.index(description.axis(axis))
+    own, prefix = made.axes[place], made.prefixes[place]
     time, count = rows["time_s"], rows["time_s"].size
-    period = float(np.median(np.diff(time)))
-    drive = bench_drive(place, period)
-    twist = rows["motor_angle_rad"] / drive.ratio - rows["joint_angle_rad"]
+    drive = own.drive(device.cables, device.name, float(np.median(np.diff(time))))
+    winding = winding_of(own)
+    if winding is None and drive.crossed:
+        raise CableError(
+            f"{path} cannot be shown in scene {scene}: joint "
+            f"{', '.join(drive.crossed)} winds the cable too, and a run does not "
+            "measure it."
+        )
+    found = {**rows, **_wound(rows, winding)}
+    twist = rows["motor_angle_rad"] / drive.ratio - found["winding_angle_rad"]
     if np.ptp(twist) > _MAX_TWIST:
         raise CableError(
             f"{path} does not fit scene {scene}: the motor over {drive.ratio:.3g} and "
             f"the joint drift {np.ptp(twist):.2g} rad apart; give the rig's own scene."
         )
-    model = mujoco.MjModel.from_xml_path(str(place))
-    columns: dict[str, NDArray[Any]] = {
-        column.name: rows.get(column.name, np.full(count, np.nan))
-        for column in DEVICE_COLUMNS
-        if not column.listed
-    }
+    nothing = np.full(count, np.nan)
+    columns: dict[str, NDArray[Any]] = {TIME_COLUMN.name: time}
+    for each in made.prefixes:
+        for column in AXIS_COLUMNS:
+            values = found.get(column.name, nothing) if each == prefix else nothing
+            columns[each + column.name] = values
     qpos = np.tile(model.qpos0, (count, 1))
-    for name, angle in ((bench.motor, "motor"), (bench.joint, "joint")):
-        qpos[:, int(model.joint(name).qposadr[0])] += rows[f"{angle}_angle_rad"]
-    columns["qpos"] = qpos
+    qpos[:, own.places.motor_q] += own.sense * rows["motor_angle_rad"]
+    qpos[:, own.places.joint_q] = rows["joint_angle_rad"]
+    columns[POSE_COLUMN.name] = qpos
+    for name, cable in device.cables.items():
+        columns |= _unknown_cable(name, cable.segments, count)
+    columns |= _observed(
+        drive,
+        own.driven,
+        rows["motor_angle_rad"],
+        rows["joint_torque_nm"] / found["leverage_ratio"],
+    )
+    facts = {RATIO: 1.0 / drive.ratio}
+    about = {
+        "scene": scene,
+        "run": str(path),
+        "tensions": "by the scene's model, from motor angle and joint torque",
+        **({AXES: {own.axis.name: facts}} if prefix else facts),
+        "cables": {name: cable.to_config() for name, cable in device.cables.items()},
+        MODEL_XML: device.xml(),
+    }
+    return model, EpisodeLog(columns, about)
+
+
+def _wound(rows: dict[str, Array], winding: MeasuredWinding | None) -> dict[str, Array]:
+    """Return `WINDING_COLUMNS` of a run."""
+    angles, velocities = rows["joint_angle_rad"], rows["joint_velocity_rad_s"]
+    if winding is None:
+        values: Any = (angles, velocities, np.ones(angles.size))
+    else:
+        values = np.transpose(
+            [
+                [*winding.read([angle], [velocity]).values()]
+                for angle, velocity in zip(
+                    angles.tolist(), velocities.tolist(), strict=True
+                )
+            ]
+        )
+    return dict(zip(WINDING_COLUMNS, values, strict=True))
+
+
+def _observed(
+    drive: Drive, names: Sequence[str], motor: Array, torque: Array
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of cables as the model finds them, by motor and joint.
+
+    Args:
+        drive: Of the axis.
+        names: Of its cables.
+        motor: Angle of the motor (T,) [rad].
+        torque: At the joint, with a round pulley (T,) [N m].
+    """
     observer = CableModel(drive)
     states = []
-    for motor, torque in zip(
-        rows["motor_angle_rad"].tolist(), rows["joint_torque_nm"].tolist(), strict=True
-    ):
-        observer.follow([motor], [torque])
+    for angle, load in zip(motor.tolist(), torque.tolist(), strict=True):
+        observer.follow([angle], [load])
         states.append(
             [
                 (
@@ -200,30 +262,40 @@ def as_episode(
                     observer.slip(k)[0],
                     *observer.state[0, k, 2:4],
                 )
-                for k in range(len(bench.names))
+                for k in range(len(names))
             ]
         )
-    for k, cable in enumerate(bench.names):
-        nodes = np.array([state[k][0] for state in states])
-        slip = np.array([state[k][1] for state in states])
-        columns |= {
-            f"tension_{cable}_proximal_n": nodes[:, 0],
-            f"tension_{cable}_distal_n": nodes[:, -1],
-            f"moving_{cable}_fraction": np.mean(slip != 0, axis=1),
-            f"slack_{cable}_m": np.array([state[k][3] for state in states]),
-            f"dissipated_{cable}_j": np.array([state[k][2] for state in states]),
-            f"tension_{cable}_nodes_n": nodes,
-            f"slip_{cable}_direction": slip,
-        }
-    about = {
-        "scene": scene,
-        "run": str(path),
-        "tensions": "by the scene's model, from motor angle and joint torque",
-        RATIO: 1.0 / drive.ratio,
-        "cables": {
-            name: cable.to_config()
-            for name, cable in zip(bench.names, bench.cables, strict=True)
-        },
-        MODEL_XML: place.read_text(encoding="utf-8"),
+    columns: dict[str, NDArray[Any]] = {}
+    for k, cable in enumerate(names):
+        columns |= _cable_columns(
+            cable,
+            np.array([state[k][0] for state in states]),
+            np.array([state[k][1] for state in states]),
+            slack=np.array([state[k][3] for state in states]),
+            dissipated=np.array([state[k][2] for state in states]),
+        )
+    return columns
+
+
+def _unknown_cable(name: str, segments: int, count: int) -> dict[str, NDArray[Any]]:
+    """Return the columns of a cable that was not driven."""
+    nodes, slip = np.zeros((count, segments + 1)), np.zeros((count, segments))
+    return _cable_columns(name, nodes, slip, np.zeros(count), np.zeros(count))
+
+
+def _cable_columns(
+    cable: str,
+    nodes: Array,
+    slip: NDArray[Any],
+    slack: Array,
+    dissipated: Array,
+) -> dict[str, NDArray[Any]]:
+    return {
+        f"tension_{cable}_proximal_n": nodes[:, 0],
+        f"tension_{cable}_distal_n": nodes[:, -1],
+        f"moving_{cable}_fraction": np.mean(slip != 0, axis=1),
+        f"slack_{cable}_m": slack,
+        f"dissipated_{cable}_j": dissipated,
+        f"tension_{cable}_nodes_n": nodes,
+        f"slip_{cable}_direction": slip,
     }
-    return model, EpisodeLog(columns, about)

@@ -1,6 +1,7 @@
 """`rig.toml`: the rig, its limits and what it is to do.
 
 scene = "bench"                 # that the controller knows: a name or an MJCF file
+# axis = "knee"                 # that the rig drives, of a device with several
 period = 0.002                  # s, 0.0005 to 0.002
 # motor_lag = 0.003             # s, time constant of the torque; the scene's by default
 
@@ -57,11 +58,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cc_mujoco._utils.toml_table import Table, finite
+from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._moment_arm import MeasuredWinding
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import CanAddress, UdpAddress, address_of
 from cc_mujoco.hardware._can_rig import CanRig
-from cc_mujoco.hardware._drive_model import drive_of
+from cc_mujoco.hardware._drive_model import (
+    axis_model,
+    device_of,
+    drive_of,
+    winding_of,
+)
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
 from cc_mujoco.hardware._references import (
     Desired,
@@ -89,7 +97,7 @@ class Settings:
 
     path: Path
     scene: str
-    """Name of a scene, or the file of one."""
+    """Name of a device, or the file of one."""
     period: float
     """Period of the loop [s]."""
     rig: Table
@@ -102,6 +110,8 @@ class Settings:
     """The table `[servo]`."""
     motor_lag: float | None = None
     """Time constant of the motor's torque [s]; None is that of the scene."""
+    axis: str | None = None
+    """Name of the axis that the rig drives; None is the only one."""
 
     def address(self) -> UdpAddress | CanAddress | None:
         """Return the address of the rig, None for a rig with a class of its own."""
@@ -127,17 +137,41 @@ class Settings:
         """Return the prior knowledge of a controller about the rig.
 
         Raises:
-            CableError: There is no such scene, or it is not one that has such a drive.
+            CableError: There is no such device or axis.
         """
         return drive_of(
-            self.scene,
+            self.device(),
             self.path.parent,
             self.period,
             self.limits.torque,
+            axis=self.axis,
             joint_torque=self.limits.joint_torque,
             torque_rate=self.limits.torque_rate,
             motor_lag=self.motor_lag,
         )
+
+    def device(self) -> Device:
+        """Return the device that `scene` names.
+
+        Raises:
+            CableError: There is no such device, or it has several axes and `axis` names
+                none of them.
+        """
+        device = device_of(self.scene, self.path.parent)
+        names = device.axis_names
+        if self.axis is None and len(names) > 1:
+            raise CableError(f"{self.path} needs `axis`, one of {', '.join(names)}.")
+        if self.axis is not None and self.axis not in names:
+            raise CableError.unknown(f"axis in {self.path}", self.axis, names)
+        return device
+
+    def winding(self) -> MeasuredWinding | None:
+        """Return how far the joint winds its cables, see `winding_of`.
+
+        Raises:
+            CableError: There is no such device or axis.
+        """
+        return winding_of(axis_model(self.device(), self.axis))
 
     def firm(self, drive: Drive) -> Stiffness:
         """Return the stiffness with which the motor is held on the course of a trial.
@@ -195,7 +229,15 @@ def read_settings(path: str | Path) -> Settings:
         raise CableError(f"{path} is not a TOML file: {error}.") from None
     top = Table(str(path), content)
     top.only(
-        "scene", "period", "motor_lag", "rig", "limits", "watchdog", "task", "servo"
+        "scene",
+        "axis",
+        "period",
+        "motor_lag",
+        "rig",
+        "limits",
+        "watchdog",
+        "task",
+        "servo",
     )
     scene = _require_value(top, "scene", top.text("scene"))
     period = _require_value(top, "period", top.number("period"))
@@ -224,6 +266,7 @@ def read_settings(path: str | Path) -> Settings:
         _task(top.table("task")),
         _servo(top.table("servo")),
         lag,
+        top.text("axis"),
     )
 
 

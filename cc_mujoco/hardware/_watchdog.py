@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._moment_arm import MeasuredWinding
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings, Status
@@ -45,8 +46,13 @@ class Watchdog:
         require_parameter(self, "twist", 1e-6, 1e9, "rad")
 
 
-def tension_model(drive: Drive, limit: float) -> CableModel:
+def tension_model(drive: Drive, limit: float, known: bool) -> CableModel:
     """Return the model that predicts tensions, compiled before the first cycle.
+
+    Args:
+        drive: Of the rig.
+        limit: Of the tension [N].
+        known: True if the rig measures all joints that wind the cables.
 
     Raises:
         CableError: Other joints than the one that is measured wind the cable too, or
@@ -58,11 +64,11 @@ def tension_model(drive: Drive, limit: float) -> CableModel:
             f"[limits] tension must be above the scene's pretension of {most:g} N, not "
             f"{limit:g}."
         )
-    if drive.crossed:
+    if not known:
         raise CableError(
             "[limits] tension needs to know how joint "
-            f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of one "
-            "joint; leave it out."
+            f"{', '.join(drive.crossed)} winds the cable too, which the rig does not "
+            "measure; leave it out."
         )
     model = CableModel(drive)
     model.follow([0.0], [0.0])
@@ -73,21 +79,31 @@ def tension_model(drive: Drive, limit: float) -> CableModel:
 class Watch:
     """Watchdog of every cycle; it returns the reason to stop, in one sentence."""
 
-    def __init__(self, limits: Limits, watchdog: Watchdog, drive: Drive) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        watchdog: Watchdog,
+        drive: Drive,
+        winding: MeasuredWinding | None = None,
+    ) -> None:
         """Begin with the first cycle.
 
         Args:
             limits: Of what is measured.
             watchdog: How long something may be amiss.
             drive: Of the rig.
+            winding: How far its joint winds cables that pull no round pulley.
 
         Raises:
             CableError: Tension is limited, and the model cannot tell it, or the cables
                 have more to begin with.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
+        self._winding = winding
+        known = winding is not None or not drive.crossed
+        """Whether the rig tells of all joints that wind the cables."""
         limited = math.isfinite(limits.tension)
-        self._cables = tension_model(drive, limits.tension) if limited else None
+        self._cables = tension_model(drive, limits.tension, known) if limited else None
         self._twist: float | None = None
         self._late = 0
         self._without = 0
@@ -101,16 +117,17 @@ class Watch:
         self._times: tuple[float, float] | None = None
         self.has_stepped = False
         """True if the rig's clock has stepped: times of its readings are wrong."""
-        # Of other joints that wind the cables no rig tells.
         self._sensor = (
             TorqueSensor(
                 drive,
                 watchdog.frozen_readings,
                 watchdog.frozen_torque * limits.torque * abs(drive.ratio),
             )
-            if drive.cables and not drive.crossed
+            if drive.cables and known
             else None
         )
+        # One cable may be slack.
+        self._twists = known and not drive.one_way
 
     def deadline(self, missed: int) -> str | None:
         """Look at the time.
@@ -165,9 +182,20 @@ class Watch:
         """Return the fault of the torque sensor."""
         if self._sensor is None:
             return None
-        return self._sensor.reading(
-            found.motor_angle, found.joint_angle, found.joint_torque
-        )
+        angle, torque = self._on_pulley(found)
+        return self._sensor.reading(found.motor_angle, angle, torque)
+
+    def _on_pulley(self, found: Readings) -> tuple[float, float]:
+        """Return angle [rad] and torque [N m] of a joint with a round pulley.
+
+        Models of cables are of one, see `control.as_round_pulley`.
+        """
+        if self._winding is None:
+            return found.joint_angle, found.joint_torque
+        angle, _, leverage = self._winding.read(
+            [found.joint_angle], [found.joint_velocity]
+        ).values()
+        return angle, found.joint_torque / leverage
 
     def _check_rig_status(self, found: Readings) -> str | None:
         status = found.status
@@ -258,7 +286,8 @@ class Watch:
         model = self._cables
         if model is None:
             return None
-        model.follow([found.motor_angle], [found.joint_torque])
+        _, torque = self._on_pulley(found)
+        model.follow([found.motor_angle], [torque])
         for k in range(model.segments.size):
             most = float(model.tension(k).max())
             if most > self._limits.tension:
@@ -272,10 +301,10 @@ class Watch:
     def _twist_fault(self, found: Readings) -> str | None:
         """Return the fault if motor and joint twist more than cables let them."""
         drive = self._drive
-        # One cable may be slack; of other joints that wind cables no rig tells.
-        if drive.one_way or drive.crossed:
+        if not self._twists:
             return None
-        twist = found.motor_angle / drive.ratio - found.joint_angle
+        angle, _ = self._on_pulley(found)
+        twist = found.motor_angle / drive.ratio - angle
         if self._twist is None:
             self._twist = twist
         parted = abs(twist - self._twist)

@@ -25,13 +25,15 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import TERMS
 from cc_mujoco.cli._export import Export
 from cc_mujoco.control import Controller, as_round_pulley, controller
-from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive
+from cc_mujoco.device import TENSION_COLUMN, Drive
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, EXPORTED, TARGETS, ExportPlan, Target, write
 from cc_mujoco.export import _files as files
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
 
+DEVICES = ("wrist", "ankle", "finger", "exosuit")
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, ExportPlan]]
 
@@ -72,13 +74,33 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C comp
 @functools.cache
 def device(scene: str) -> Any:
     return gymnasium.make(
-        DEVICES[scene].environment, disable_env_checker=True, duration=3.0
+        "cc_mujoco/Device-v1", device=scene, disable_env_checker=True, duration=3.0
     ).unwrapped
 
 
 @functools.cache
 def plan_of(scene: str, name: str) -> ExportPlan:
-    return ExportPlan.of(name, drive_of(scene, name), device(scene).exo.device.driven)
+    return ExportPlan.of(name, drive_of(scene, name), driven(scene))
+
+
+def driven(scene: str) -> tuple[str, ...]:
+    """Return the names of the cables of the first axis of a device."""
+    names: tuple[str, ...] = device(scene).exo.device.driven[0]
+    return names
+
+
+def first_axis(scene: str, info: dict[str, Any]) -> Any:
+    """Return the columns of the first axis of a device."""
+    prefixes = device(scene).exo.device.prefixes
+    return axis_columns(info, prefixes[0], prefixes)
+
+
+def action_of(scene: str, torque: Any) -> Any:
+    """Return the action in which only the motor of the first axis has a torque."""
+    env = device(scene)
+    torques = np.zeros(len(env.drives))
+    torques[0] = torque
+    return env.action(torques)
 
 
 def drive_of(scene: str, name: str) -> Drive:
@@ -86,7 +108,7 @@ def drive_of(scene: str, name: str) -> Drive:
 
     Except for the wrist, these drives also have a motor lag and a rate limit.
     """
-    drive: Drive = device(scene).drive
+    drive: Drive = device(scene).drives[0]
     if name not in PLANNED:
         return drive
     if scene != "wrist":
@@ -115,7 +137,7 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
     ]
     readings, torques = [], []
     for _ in range(1_500):
-        columns = as_round_pulley(info, drive)
+        columns = as_round_pulley(first_axis(scene, info), drive)
         readings.append([columns[key] for key in plan.law.seen])
         readings[-1] += [
             info[f"tension_{cable}_nodes_n"][node]
@@ -123,7 +145,7 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
         ]
         readings[-1] += random.normal(size=len(noise)) * noise
         torques.append(law.torque(seen(plan, readings[-1])))
-        *_, info = env.step(env.action(torques[-1]))
+        *_, info = env.step(action_of(scene, torques[-1]))
     return np.array(readings), np.array(torques)
 
 
@@ -396,7 +418,7 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
     )
     drive = dataclasses.replace(drive, cable_drives=(row,))
     exported = Library(*made("wrist", "stiction"))
-    plan = ExportPlan.of("stiction", drive, device("wrist").exo.device.driven)
+    plan = ExportPlan.of("stiction", drive, driven("wrist"))
     assert exported.take(plan.values()) == 0
     found = exported.torques(readings[200:400])
     assert np.array_equal(
@@ -654,7 +676,7 @@ def test_every_scene_has_a_plan_whose_values_are_within_their_ranges(
 
 def test_what_cannot_be_exported_is_one_sentence() -> None:
     env = device("wrist")
-    cables = env.exo.device.driven
+    cables = driven("wrist")
     for name, says in (
         ("disturbance", "'disturbance' cannot be exported"),
         ("stction", "did you mean 'stiction'"),
@@ -692,7 +714,7 @@ def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> Non
     )
     drive = dataclasses.replace(device("wrist").drive, cable_drives=(row,))
     with pytest.raises(CableError, match="the slope of the logarithm of tension"):
-        ExportPlan.of("adaptive", drive, device("wrist").exo.device.driven)
+        ExportPlan.of("adaptive", drive, driven("wrist"))
 
 
 @needs_compiler

@@ -25,7 +25,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, RunLog, require_free, watch_for_stop
 from cc_mujoco.hardware._run_log import RUN_COLUMNS
 from cc_mujoco.hardware._stop_signals import SIGNALS
-from cc_mujoco.simulation._log_columns import DEVICE_COLUMNS
+from cc_mujoco.simulation._log_columns import AXIS_COLUMNS, TIME_COLUMN
 from hardware.ends import End, MulticastEnd, UdpEnd
 from hardware.peers import NOWHERE, Peer, toml
 
@@ -105,6 +105,9 @@ def test_a_model_is_refused_where_a_joint_is_not_told(
     rig = tmp_path / "rig.toml"
     rig.write_text(rig.read_text().replace('"bench"', '"exosuit"'))
     assert cli.main(given) == 2
+    assert "rig.toml needs `axis`, one of hip, ankle." in capsys.readouterr().err
+    rig.write_text('axis = "hip"\n' + rig.read_text())
+    assert cli.main(given) == 2
     assert "how joint knee winds the cable too" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -113,7 +116,7 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
     tmp_path: Path,
 ) -> None:
     assert {name for name in RUN_COLUMNS[:8]} <= {
-        column.name for column in DEVICE_COLUMNS
+        column.name for column in (TIME_COLUMN, *AXIS_COLUMNS)
     }
     log = RunLog(tmp_path / "out", {}, 50)
     for k in range(1000):

@@ -270,7 +270,7 @@ def find_trajectory(
         given: A text, the path of a table, or a trajectory.
         reach: Largest excursion of named trajectories from `centre` [rad].
         centre: Angle about which named trajectories move [rad].
-        joints: Range [rad] of the device's joints by name, that of the driven joint
+        joints: Range [rad] by name of the joints that the wearer moves, the driven one
             first.
 
     Raises:

@@ -52,7 +52,7 @@ from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, Trajectory, trajectory
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._parsing import is_package_object
+from cc_mujoco.human._parsing import user_classes
 from cc_mujoco.metrics import METRICS, Metric, find_metric, metric_key, user_metrics
 
 MAX_BATCH = 256
@@ -421,7 +421,7 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
     if isinstance(given, (str, Path)):
         return str(given)
     text = repr(given)
-    own = is_package_object(given)
+    own = not user_classes(given)
     if own and len(text) <= _LONGEST_TEXT:
         return text
     content = text.encode()

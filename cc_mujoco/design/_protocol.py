@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco.design._scenarios import Across
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human._motion import Motion, episode_fraction
-from cc_mujoco.human._parsing import is_package_object
+from cc_mujoco.human._parsing import user_classes
 from cc_mujoco.metrics import Metric, find_metric
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
 
@@ -89,8 +89,8 @@ class EpisodeProtocol:
         for given in (self.trajectory, self.task):
             if isinstance(given, str):
                 played.append(given)
-            elif not is_package_object(given):
-                played.append(f"{type(given).__module__}:{type(given).__qualname__}")
+            else:
+                played += user_classes(given)
         return (*self.controllers, *self.metric_files, *played)
 
     @property

@@ -59,7 +59,8 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
     to 0.03 rad where it stops short of them, such as a knee that cannot hyperextend.
 
     Args:
-        joints: Range [rad] by name of the device's joints, the driven joint first.
+        joints: Range [rad] by name of the joints that the wearer moves, the driven one
+            first.
     """
     found = []
     lead = ""

@@ -129,3 +129,19 @@ def user_object(
 def is_package_object(given: object) -> bool:
     """Return whether an object is of a class of this package."""
     return type(given).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def user_classes(given: object) -> tuple[str, ...]:
+    """Return the user's classes of an object and of its fields, as `MODULE:NAME`.
+
+    Args:
+        given: A trajectory or a task, which may hold others, as `Perturbed` does.
+    """
+    kind = type(given)
+    found = [] if is_package_object(given) else [f"{kind.__module__}:{kind.__name__}"]
+    if dataclasses.is_dataclass(given):
+        for field in dataclasses.fields(given):
+            value = getattr(given, field.name)
+            if type(value).__module__ != "builtins":
+                found += user_classes(value)
+    return tuple(found)

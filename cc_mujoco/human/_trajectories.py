@@ -107,7 +107,7 @@ def trajectory(
         limit: Largest excursion of named trajectories from `centre` [rad]; none by
             default.
         centre: Angle about which named trajectories move [rad].
-        joints: Range [rad] of the device's joints by name, that of the driven joint
+        joints: Range [rad] by name of the joints that the wearer moves, the driven one
             first; by default joints are not checked.
 
     Raises:

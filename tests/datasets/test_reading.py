@@ -111,6 +111,30 @@ def test_dialects(tmp_path: Path, separator: str, newline: str) -> None:
     same(path, SOME)
 
 
+def test_tsv_and_opensim_files_are_read_as_csv(tmp_path: Path) -> None:
+    rows = np.column_stack(list(SOME.values()))
+    lines = ["\t".join(f"{x:.9g}" for x in row) for row in rows]
+    put(tmp_path, "\n".join(["\t".join(SOME), *lines]), "run.tsv")
+    same(tmp_path / "run.tsv", SOME)
+    bare = {
+        "time_s": "time",
+        "motor_angle_rad": "motor_angle",
+        "joint_angle_rad": "joint_angle",
+        "motor_torque_nm": "motor_torque_moment",
+        "joint_torque_nm": "joint_torque_moment",
+    }
+    head = ["run", "version=1", "inDegrees=no", "endheader"]
+    names = "\t".join(bare.get(name, name) for name in SOME)
+    path = put(tmp_path, "\n".join([*head, names, *lines]), "run.sto")
+    columns = {
+        channel: Source(name=f"{channel[:-3]}_moment_nm", unit="Nm")
+        for channel in ("motor_torque_nm", "joint_torque_nm")
+    }
+    found = read(path, DatasetFile(columns=columns)).values
+    for name in bare:
+        assert found[name] == pytest.approx(SOME[name], rel=1e-6, abs=1e-7)
+
+
 def test_decimal_commas_byte_order_marks_and_other_encodings(tmp_path: Path) -> None:
     path = write(tmp_path / "run.csv", SOME)
     plain = path.read_text()

@@ -26,7 +26,7 @@ from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
 from cc_mujoco.device import DEVICES, VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Hold, Sine, read_motion
+from cc_mujoco.human import Hold, Sine, read_motion, task
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.simulation import BatchedController, EpisodeLog
 
@@ -155,7 +155,8 @@ def test_the_files_of_a_users_task_make_the_table(
     thing = make_plan(
         "wrist", vary, task=importlib.import_module("my_pull").Pull(), **given
     )
-    for plan in (named, thing):
+    wrapped = make_plan("wrist", vary, task=task("my_pull:Pull"), **given)
+    for plan in (named, thing, wrapped):
         assert list(plan.made_by()["files"]) == ["my_pull.py"]
     assert named.describe()["protocol"]["task"] == "my_pull:Pull"
     assert thing.describe()["protocol"]["task"].startswith("Pull ")

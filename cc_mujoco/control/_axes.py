@@ -152,8 +152,9 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
 
 def named_laws(given: str) -> list[str]:
     """Return the controllers of a name: several of `hip=model,ankle=pi`."""
-    laws = split_by_axis(given)
-    return [laws] if isinstance(laws, str) else list(laws.values())
+    # No controller's own name has an equals sign.
+    parts = (part.partition("=") for part in given.split(","))
+    return [value.strip() if equals else name for name, equals, value in parts]
 
 
 def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:

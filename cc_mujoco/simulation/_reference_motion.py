@@ -121,7 +121,7 @@ class Author:
         motions = []
         for axis, source in zip(device.axes, self._sources, strict=True):
             motion = sampled[id(source)]
-            moved |= motion.companions
+            moved.update(motion.companions)
             joint = axis.axis.limb
             if joint not in device.movers:  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
@@ -138,13 +138,13 @@ class Author:
         for axis in device.axes:  # a frame starts where its limb does
             angles[axis.axis.joint] = float(moved[axis.axis.limb].angle[0])
         for place, (joint, mover) in enumerate(device.movers.items()):
-            part = moved.get(joint)
-            if part is None:
+            if joint not in moved:
                 angles[joint] = device.neutral(joint)
                 commands[:, place] = mover.command(angles[joint], 0.0)
-            else:
-                angles[joint] = float(part.angle[0])
-                commands[:, place] = mover.command(part.angle, part.velocity)
+                continue
+            part = moved[joint]
+            angles[joint] = float(part.angle[0])
+            commands[:, place] = mover.command(part.angle, part.velocity)
         marks = []
         for motion, of_time in zip(motions, self._of_time, strict=True):
             phase = motion.phase[:: self.frame_skip]

@@ -181,7 +181,7 @@ def peaks(
         setup, plant.model(), setup.trajectory, setup.axes[0].task, duration
     )
     script = exo.author.write(seeding.np_random(0)[0])
-    plain = setup.sensing.equip(exo.device.drive(exo.period))
+    plain = exo.drive
     row = tuple(
         dataclasses.replace(
             one,

@@ -79,7 +79,7 @@ def test_a_video_lasts_as_long_as_the_episode(
         film.reset(seed=0)
         truncated = False
         while not truncated:
-            *_, truncated, _ = film.step(np.zeros(1, np.float32))
+            *_, truncated, _ = film.step(np.zeros(env.action_space.shape, np.float32))
     film.close()
     assert len(Clip.written) == 2
     rate = min(30.0, 1.0 / (0.0005 * frame_skip * hold))

@@ -190,17 +190,22 @@ def peaks(
                 static_friction=believed * plant.device.cables[name].static_friction,
             ),
         )
-        for one, name in zip(plain.cables, exo.device.driven, strict=True)
+        for one, name in zip(plain.cables, exo.device.driven[0], strict=True)
     )
     known = dataclasses.replace(plain, cable_drives=(row,))
     found = []
     for own in (known, dataclasses.replace(known, safe_torque=np.inf)):
         fleet = Fleet(exo, [exo.device], (script,))
-        measuring = Measuring(setup.sensing, own, exo.device.driven, [0], fleet.steps)
+        measuring = Measuring(
+            setup.sensing, own, exo.device.driven[0], [0], fleet.steps
+        )
         trace = Trace(("joint_torque_nm",), fleet.steps, fleet.going)
         run(fleet, controller(law, own), trace.keep, measure=measuring.measure)
         torque = trace.columns["joint_torque_nm"][:, 0]
-        unsafe = first_unsafe_sample(torque, setup.safe_torque, exo.period) is not None
+        unsafe = (
+            first_unsafe_sample(torque, setup.axes[0].safe_torque, exo.period)
+            is not None
+        )
         found.append((float(np.abs(torque).max()), unsafe))
     return found
 

@@ -53,7 +53,7 @@ def held(torque: Callable[[Array, Array], Array], limb: Limb) -> tuple[Array, ..
 
 
 def energy(series: tuple[Array, ...]) -> float:
-    return float(extracted_energy(*series, FRAME_SKIP * PHYSICS))
+    return float(extracted_energy(*series, FRAME_SKIP * PHYSICS, FRAME_SKIP))
 
 
 limbs = st.builds(

@@ -222,7 +222,8 @@ def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
         texts: of controllers or tasks.
         axes: names of the axes.
     """
-    names, found = tuple(axes), []
+    names = tuple(axes)
+    found: list[str] = []
     for text in texts:
         parts = split_by_axis(text, names)
         found += parts.values() if isinstance(parts, dict) else [parts]

@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 
 from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._study_metrics import is_stride_metric
@@ -223,19 +224,20 @@ def _with_profile(
 
 
 def _each_task(
-    task: TaskChoice, change: Callable[[str | Task], str | Task]
+    task: TaskChoice, change: Callable[[str | Path | Task], str | Path | Task]
 ) -> TaskChoice:
     if isinstance(task, Mapping):
         return {name: change(one) for name, one in task.items()}
     return None if task is None else change(task)
 
 
-def _task_of_wearer(task: str | Task, design: Mapping[str, Value]) -> str | Task:
+def _task_of_wearer(
+    task: str | Path | Task, design: Mapping[str, Value]
+) -> str | Path | Task:
     """Return a task for the wearer of a design, who may walk differently.
 
     Tasks that do not follow the gait are returned unchanged.
     """
     if not any(name in design for name in WALKER):
         return task
-    found = find_task(task) if isinstance(task, str) else task
-    return scale_task(found, pace_of(design), body_of(design).moment)
+    return scale_task(find_task(task), pace_of(design), body_of(design).moment)

@@ -24,7 +24,6 @@ from cc_mujoco.benchmark._runner import FIGURE_STEMS
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import COMMANDS
 from cc_mujoco.device import find_device
-from cc_mujoco.envs import IDS
 from cc_mujoco.export import EXPORT_FILES as EXPORTED_FILES
 from cc_mujoco.export import EXPORTED, TARGETS
 from cc_mujoco.export import _files as files

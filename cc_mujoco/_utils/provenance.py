@@ -4,9 +4,10 @@
     provenance_differences(then, code_provenance("law:make"))  # ["law.py"] if edited
 
 It is the library's own sources and scenes, the versions of what it computes with, and
-the user's files: the module of a controller, metric, trajectory or task, the modules
-that it imports from outside the standard library and the installed packages, a policy's
-file, a table of a motion or a torque, and the files that such a module declares:
+the user's files: the scene and description of a device, the module of a controller,
+metric, trajectory or task, the modules that it imports from outside the standard
+library and the installed packages, a policy's file, a table of a motion or a torque,
+and the files that such a module declares:
 
     CC_MUJOCO_FILES = ("gains.toml",)  # in law.py; relative to its folder
 
@@ -67,17 +68,20 @@ def sources() -> str:
     return digest.hexdigest()[:24]
 
 
-def code_provenance(*names: str) -> dict[str, Any]:
+def code_provenance(
+    *names: str, files: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Return the provenance of numbers from this process, as plain JSON.
 
     Args:
         names: controllers, metrics, trajectories and tasks that were made before:
             their names, `MODULE:NAME`, and paths of policies and tables.
+        files: digests of further files, see `file_digests`.
 
     Raises:
         CableError: a module declares files that cannot be read.
     """
-    files = {}
+    files = dict(files or {})
     for name in names:
         if is_table(name):
             files[name] = _digest(os.path.abspath(name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from dataclasses import dataclass, field, replace
@@ -54,7 +55,8 @@ class WhatIf:
             raise CableError(
                 f"--threads must be 0 or greater, not {self.execution.threads}."
             )
-        folder = self.out or Path("runs", f"whatif-{self.study.scene}")
+        name = Path(self.study.scene).name.partition(".")[0]
+        folder = self.out or Path("runs", f"whatif-{name}")
         plan = make_plan(self.study)
         objectives, limits = plan.objectives, plan.limits
         require_ours(folder, REPORT_FILES)
@@ -78,6 +80,7 @@ class WhatIf:
             else:
                 plan, table = search(plan, folder, self.execution, progress, tqdm.write)
         command = shlex.join(["cc-mujoco", *sys.argv[1:]])
+        command = f"cd {shlex.quote(os.getcwd())} && {command}"
         run = partial(carry_out, execution=replace(self.execution, again=False))
         nearby = None
         if self.around:

@@ -71,8 +71,8 @@ class WhatIfShow:
     def _show(self) -> None:
         from cc_mujoco.design._results_store import read_study
         from cc_mujoco.design._show import case_of, read_row, show
+        from cc_mujoco.design._study_metrics import metric_of
         from cc_mujoco.device._variables import describe
-        from cc_mujoco.metrics import METRICS
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import require_ours
 
@@ -112,7 +112,7 @@ class WhatIfShow:
             print(_line(f"case: {name}", value, describe(name).unit))
         # Those of the table: the episode's own have some names in common with them.
         for name in about["protocol"]["metrics"]:
-            print(_line(name, row[name], METRICS[name].unit))
+            print(_line(name, row[name], metric_of(name).unit))
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in messages:
             print(sentence)

@@ -21,10 +21,8 @@ import mujoco
 
 from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco.cable._parameters import PATHS
-from cc_mujoco.design._protocol import CONTROL_PERIOD
 from cc_mujoco.design._study_metrics import COST_METRIC
-from cc_mujoco.device import MATERIALS, MOTORS, Plant
-from cc_mujoco.device._device import Device
+from cc_mujoco.device import MATERIALS, MOTORS, DeviceModel, Plant
 from cc_mujoco.device._materials import WIRE_MODULUS, area
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
@@ -54,23 +52,27 @@ _ALLOWED = (
 _HEAD = ["part", "per", "cost"]
 
 
-def parts_of(
-    plant: Plant,
-    model: mujoco.MjModel,
-    costs: Mapping[str, float],
-) -> dict[str, float]:
-    """Return the metrics of the parts by name, as far as they are known.
+def inertias_of(plant: Plant, model: mujoco.MjModel) -> list[dict[str, float]]:
+    """Return the metrics of the parts of each axis by name.
 
     Args:
         plant: the design.
         model: of the plant.
+    """
+    drives = DeviceModel(plant.description, model).drives(plant.description.period)
+    return [{"reflected_inertia": one.inertia * one.ratio**2} for one in drives]
+
+
+def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
+    """Return the metrics of the parts of all axes by name, as far as they are known.
+
+    Args:
+        plant: the design.
         costs: see `read_costs`; empty where they are not asked for.
     """
-    drive = Device(plant.setup, None, model).drive(CONTROL_PERIOD)
-    inertia = {"reflected_inertia": drive.inertia * drive.ratio**2}
     cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):
-        return inertia
+        return {}
     diameters, material = plant.diameters, plant.material
     density = float(values.get("rope_density", math.nan))
     if material is not None:
@@ -96,25 +98,26 @@ def parts_of(
     }
     ratio = min(bends.values())
     wires = 0 if material is None else material.wires
-    motor, discs = plant.motor, plant.discs
-    return (
-        inertia
-        | {
-            "cable_mass": ropes,
-            "mass": ropes + motor.mass + sum(discs),
-            "bend_ratio": ratio,
-            "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
-        }
-        | _cost(
-            costs, values, motor.name, len(discs), [c.length for c in cables.values()]
-        )
+    motors = [plant.motor(axis) for axis in plant.description.axes]
+    discs = plant.discs
+    return {
+        "cable_mass": ropes,
+        "mass": ropes + sum(motor.mass for motor in motors) + sum(discs),
+        "bend_ratio": ratio,
+        "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
+    } | _cost(
+        costs,
+        values,
+        [motor.name for motor in motors],
+        len(discs),
+        [c.length for c in cables.values()],
     )
 
 
 def _cost(
     costs: Mapping[str, float],
     design: Mapping[str, Value],
-    motor: str,
+    motors: Sequence[str],
     pulleys: int,
     lengths: Sequence[float],
 ) -> dict[str, float]:
@@ -123,7 +126,7 @@ def _cost(
         return {}
     per_metre = costs.get(str(design.get("material", "")), costs["rope"])
     return {
-        COST_METRIC: costs.get(motor, costs["motor"])
+        COST_METRIC: sum(costs.get(motor, costs["motor"]) for motor in motors)
         + pulleys * costs["pulley"]
         + sum(lengths) * (per_metre + costs["conduit"])
         + len(lengths) * costs["fittings"]

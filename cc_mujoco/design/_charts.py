@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from cc_mujoco.design._pareto import Objective, column
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._study_metrics import metric_of
 from cc_mujoco.design._surface import DesignAxis
 from cc_mujoco.device._variables import describe
-from cc_mujoco.metrics import METRICS
 from cc_mujoco.report._figures import (
     BLUE,
     GREY,
@@ -78,7 +78,7 @@ def effects_plot(found: Sequence[Sensitivity]) -> Figure:
                            color=GREY, fontweight="normal", pad=2)  # fmt: skip
             if name in one.levels:
                 axes.set_xticks(x, one.levels[name], fontsize=6)
-        metric = METRICS[one.metric]
+        metric = metric_of(one.metric)
         row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
     for axes, name in zip(panels[-1], names, strict=True):
         axes.set_xlabel(_variable(name))
@@ -128,7 +128,7 @@ def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None
         shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
         axis.set_ticks(list(shown), [_format_short(ticks[name][i]) for i in shown])
     axes.set(xlabel=_variable(across), ylabel=_variable(up))
-    metric = METRICS[one.metric]
+    metric = metric_of(one.metric)
     axes.set_title(metric.name.replace("_", " "))
     bar = axes.figure.colorbar(image, ax=axes, pad=0.02)
     bar.set_label(f"[{metric.unit}]", fontsize=8)
@@ -188,7 +188,7 @@ def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
 
 def _label(name: str, high: bool) -> str:
     arrow = "more is better" if high else "less is better"
-    return f"{name.replace('_', ' ')} [{METRICS[name].unit}]  ({arrow})"
+    return f"{name.replace('_', ' ')} [{metric_of(name).unit}]  ({arrow})"
 
 
 def _wrapped_label(name: str, unit: str) -> str:

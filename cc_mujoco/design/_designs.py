@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.design._study_spec import Given
+from cc_mujoco.device import Nominal
 from cc_mujoco.device._variables import VARIABLES, Value, find
 from cc_mujoco.errors import CableError
 
@@ -53,23 +54,23 @@ class Range:
 def read_range(
     name: str,
     given: Given,
-    cables: Iterable[str],
+    device: Nominal,
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Range:
     """Parse the range of a variable.
 
     Args:
-        name: of the variable, perhaps of one cable.
+        name: of the variable, perhaps of one cable or one axis.
         given: range, values or text of them.
-        cables: the cables of the scene.
+        device: whose cables and axes there are.
         among: the variables that there are.
         kind: what an error calls them.
 
     Raises:
         CableError: an unknown name, or a range or value that cannot be.
     """
-    variable = find(name, cables, among, kind)
+    variable = find(name, device.cables, device.axis_names, among, kind)
     label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:
         found = _read_ends(name, given)

@@ -14,36 +14,41 @@ import numpy as np
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick
-from cc_mujoco.control import controller
+from cc_mujoco.control import axes_controller
 from cc_mujoco.design import _walking_designs as walking_designs
-from cc_mujoco.design._bill_of_materials import parts_of
+from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
 from cc_mujoco.design._protocol import (
     CHIRP_SHARE,
     CHIRP_TIME,
-    CONTROL_PERIOD,
     SWING_TIME,
     ChirpTorque,
     EpisodeProtocol,
     NoMotion,
     SineTorque,
+    device_digests,
 )
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, Case
 from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
+    by_axis,
     by_case,
     by_controller,
     is_stride_metric,
+    metric_of,
     number_columns,
+    over_axes,
     record_of,
+    split_metric,
     wants_high,
 )
-from cc_mujoco.device import Plant
+from cc_mujoco.device import Axis, Device, Plant
 from cc_mujoco.device._sensors import PERFECT_SENSING
-from cc_mujoco.device._variables import WEARER, Value
+from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import body_of, pace_of
-from cc_mujoco.human import Spring, Wearer
+from cc_mujoco.human import Spring, Task, Wearer
 from cc_mujoco.human import task as find_task
-from cc_mujoco.metrics import METRICS, ArrayLog, measure
+from cc_mujoco.human._gait_joints import GaitJoint
+from cc_mujoco.metrics import ArrayLog, Metric, measure
 from cc_mujoco.metrics._clamped import SWING_PERIODS
 from cc_mujoco.metrics._metric import GAIT_JOINT, MOMENT_RATIO, PACE, SPRING, Test
 from cc_mujoco.metrics._torque import first_unsafe_sample
@@ -88,7 +93,7 @@ def evaluate(
         of those that fail in none.
     """
     protocol.find_metrics()
-    builder = load_device(protocol.scene, protocol.timestep)
+    builder = protocol.device
     cases = protocol.across.cases
     tried = [
         _try_case(
@@ -123,38 +128,39 @@ def _try_case(
     """Try designs in one case."""
     plants = [Plant(builder, {**design, **case}) for design in designs]
     models = [attended(plant) for plant in plants]
-    wearer = plants[0].wearer if WEARER.name in case else None
-    tests = episodes(protocol, builder, wearer, plants[0].values)
+    tests = episodes(protocol, builder, plants[0].values)
     laws = protocol.controllers
     found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
     failed: list[dict[str, str]] = [{} for _ in designs]
-    if any(METRICS[name].test == "parts" for name in protocol.metrics):
+    if any(metric_of(name).test == "parts" for name in protocol.metrics):
         for each, plant, model in zip(found, plants, models, strict=True):
-            parts = parts_of(plant, model, dict(protocol.costs))
+            row = _measure_parts(plant, model, protocol)
             for law in laws:
-                each[law] |= _values("parts", ArrayLog({}, metadata=parts), protocol)
-    walking: dict[str, Any] = {}
+                each[law] |= row
+    strides: Mapping[str, GaitJoint] = {}
     if any(is_stride_metric(name) for name in protocol.metrics):
-        walking[GAIT_JOINT] = walking_designs.gait_joint(builder)
+        strides = walking_designs.joints_of_gait(builder)
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
         start, part = done / total, episode.duration / total
         if test == "episode":
             task = walking_designs.tasks_of(
-                [plant.values for plant in plants], episode.task
+                [plant.values for plant in plants],
+                episode.task,
+                builder.description,
             )
             episode = dataclasses.replace(episode, task=task)
         played = play(episode, models, tick=_partial_tick(tick, start, part))
         for index, why in enumerate(played.failed):
             if not why and test == "episode":
-                why = _unsafe_reason(played, index, builder.setup.safe_torque)
+                why = _unsafe_reason(played, index, builder.description.axes)
             of = (law,) if law else laws
             if why:
                 where = "" if test == "episode" else f"{test} test: "
                 failed[index] = dict.fromkeys(of, where + why) | failed[index]
                 continue
-            row = _measure(test, played, index, plants[index], protocol, walking)
+            row = _measure(test, played, index, plants[index], protocol, strides)
             for name in of:
                 found[index][name] |= row
         done += episode.duration
@@ -182,7 +188,8 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
     best = good[0]
     if len(protocol.controllers) > 1:
         best = min(good, key=lambda law: over(CONTROLLER_METRIC, law))
-    metrics = {name: over(name, best) for name in protocol.metrics}
+    columns = *protocol.metrics, *by_axis(protocol)
+    metrics = {name: over(name, best) for name in columns}
     for column, (name, law) in by_controller(protocol).items():
         metrics[column] = over(name, law) if law in good else math.nan
     if not across.several:
@@ -200,7 +207,6 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
 def episodes(
     protocol: EpisodeProtocol,
     builder: Device,
-    wearer: Wearer | None = None,
     design: Mapping[str, Value] | None = None,
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
@@ -208,7 +214,6 @@ def episodes(
     Args:
         protocol: how designs are tried.
         builder: of the scene.
-        wearer: who moves the joint; that of the scene by default.
         design: whose wearer walks; as fast as was measured by default.
 
     Returns:
@@ -218,10 +223,8 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = walking_designs.episode_of(
-        design or {}, _main_episode(protocol, builder, wearer)
-    )
-    needed = {METRICS[name].test for name in protocol.metrics}
+    main = walking_designs.episode_of(design or {}, _main_episode(protocol, builder))
+    needed = {metric_of(name).test for name in protocol.metrics}
     found: list[tuple[Test, str, Episode]] = []
     if "episode" in needed:
         found += [
@@ -231,20 +234,17 @@ def episodes(
     if "backdrive" in needed:
         found.append(("backdrive", "", dataclasses.replace(main, task="transparent")))
     if needed & {"backlash", "bandwidth"}:
-        held, most, one_way = _held_episode(main, Plant(builder).model())
-        # A cable that only pulls swings between nothing and its most.
-        share, bias = (0.5, 0.5) if one_way else (1.0, 0.0)
+        held, swings, chirps = _held_episode(main, Plant(builder).model())
         if "backlash" in needed:
             slow = dataclasses.replace(
                 held,
-                task=SineTorque(share * most, bias * most),
+                task=swings,
                 duration=SWING_PERIODS * SWING_TIME,
                 controller="none",
             )
             found.append(("backlash", "", slow))
         if "bandwidth" in needed:
-            chirp = ChirpTorque(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
-            fast = dataclasses.replace(held, task=chirp, duration=CHIRP_TIME)
+            fast = dataclasses.replace(held, task=chirps, duration=CHIRP_TIME)
             found += [
                 ("bandwidth", law, dataclasses.replace(fast, controller=law))
                 for law in protocol.controllers
@@ -263,9 +263,9 @@ def rehearse(protocol: EpisodeProtocol, builder: Device) -> None:
     for episode in played or [_main_episode(protocol, builder)]:
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(protocol.seed))
-    drive = PERFECT_SENSING.equip(exo.drive)
+    drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
     for law in protocol.controllers:
-        controller(law, drive)
+        axes_controller(law, drives, exo.device.prefixes)
 
 
 @dataclass(frozen=True)
@@ -276,14 +276,13 @@ class DesignJob:
 
     def rehearse(self) -> None:
         """See `Job.rehearse`."""
-        rehearse(
-            self.protocol, load_device(self.protocol.scene, self.protocol.timestep)
-        )
+        rehearse(self.protocol, self.protocol.device)
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`; what tables hold goes with the protocol."""
         self.protocol.find_metrics()
-        return code_provenance(*self.protocol.code_names)
+        files = device_digests(self.protocol.device)
+        return code_provenance(*self.protocol.code_names, files=files)
 
     def size(self, piece: Sequence[Design]) -> int:
         """Return the number of designs."""
@@ -294,37 +293,59 @@ class DesignJob:
         return evaluate(self.protocol, piece, tick)
 
 
-def _main_episode(
-    protocol: EpisodeProtocol, builder: Device, wearer: Wearer | None = None
-) -> Episode:
+def _main_episode(protocol: EpisodeProtocol, builder: Device) -> Episode:
     """Return the main episode of a study, without a controller."""
     return Episode(
-        builder.setup,
+        builder.description,
         protocol.trajectory,
         protocol.task,
         protocol.duration,
-        protocol.frame_skip,
+        builder.frame_skip,
         protocol.seed,
         None,
-        wearer,
     )
 
 
-def _held_episode(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
-    """Return the episode with the joint held at rest.
+def _held_episode(
+    main: Episode, model: mujoco.MjModel
+) -> tuple[Episode, dict[str, Task], dict[str, Task]]:
+    """Return the episode with the joints held at rest.
+
+    Torques are shares of the largest of each motor at its joint without friction, in
+    the direction in which it pulls, of the scene as it stands, which `model` is.
 
     Returns:
-        The episode; the largest torque of the motor at the joint without friction, in
-        the direction in which it pulls [N m]; whether it only pulls. Both are those of
-        the scene as it stands, which `model` is.
+        The episode; a slow swing of the torque of each axis; a chirp of it.
     """
-    device = main.device(model)
-    drive = device.drive(CONTROL_PERIOD)
-    joint = model.joint(main.setup.joint)
-    inertia = float(model.dof_M0[int(joint.dofadr[0])])
-    wearer = Wearer.ideal(inertia, float(model.opt.timestep))
-    held = dataclasses.replace(main, trajectory=NoMotion(), wearer=wearer)
-    return held, drive.high * drive.ratio, drive.one_way
+    device, step = main.device(model), float(model.opt.timestep)
+    drives = device.drives(main.frame_skip * step)
+    swings: dict[str, Task] = {}
+    chirps: dict[str, Task] = {}
+    wearers, angles = {}, {}
+    for axis, drive in zip(device.axes, drives, strict=True):
+        name, limb = axis.axis.name, axis.axis.limb
+        inertia = float(model.dof_M0[int(model.joint(limb).dofadr[0])])
+        wearers[limb] = Wearer.ideal(inertia, step)
+        angles[limb] = axis.axis.centre
+        # A cable that only pulls swings between nothing and its most.
+        share, bias = (0.5, 0.5) if drive.one_way else (1.0, 0.0)
+        most = drive.high * drive.ratio
+        swings[name] = SineTorque(share * most, bias * most)
+        chirps[name] = ChirpTorque(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
+    still = NoMotion(tuple(angles.items()))
+    held = dataclasses.replace(main, trajectory=still, wearer=wearers)
+    return held, swings, chirps
+
+
+def unheld_reason(builder: Device) -> str:
+    """Return why joints cannot be held for a test, as a part of a sentence, or ""."""
+    joints = [axis.limb for axis in builder.description.axes]
+    for joint in joints:
+        if joint not in builder.movers:
+            return f"joint {joint!r} has no wearer to hold it: write [wearer.{joint}]"
+        if joints.count(joint) > 1:
+            return f"two axes drive joint {joint!r}, whose torques are one"
+    return ""
 
 
 def _measure(
@@ -333,9 +354,9 @@ def _measure(
     index: int,
     plant: Plant,
     protocol: EpisodeProtocol,
-    walking: Mapping[str, Any],
+    strides: Mapping[str, GaitJoint],
 ) -> dict[str, float]:
-    """Return the metrics of one test of a design, by name.
+    """Return the metrics of one test of a design by column, also those of each axis.
 
     Args:
         test: that was played.
@@ -343,33 +364,72 @@ def _measure(
         index: of the design in the batch.
         plant: of the design.
         protocol: how designs are tried.
-        walking: metadata of strides, empty where none is measured.
+        strides: parts in a walk by axis, empty where no stride is measured.
     """
-    facts = plant.facts | {SPRING: isinstance(find_task(protocol.task), Spring)}
-    if walking:
-        facts |= {
-            **walking,
-            PACE: pace_of(plant.values),
-            MOMENT_RATIO: body_of(plant.values).moment,
-        }
-    log = record_of(played, index, tuple(plant.cables), facts)
-    return _values(test, log, protocol)
+    logs = {}
+    for place, axis in enumerate(plant.description.axes):
+        facts = plant.facts(axis)
+        task = protocol.task
+        if isinstance(task, Mapping):
+            task = task[axis.name]
+        facts[SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
+        if axis.name in strides:
+            facts |= {
+                GAIT_JOINT: strides[axis.name],
+                PACE: pace_of(plant.values),
+                MOMENT_RATIO: body_of(plant.values).moment,
+            }
+        logs[axis.name] = record_of(played, index, tuple(plant.cables), facts, place)
+    return _values(test, logs, protocol)
 
 
-def _values(test: Test, log: ArrayLog, protocol: EpisodeProtocol) -> dict[str, float]:
-    chosen = (METRICS[name] for name in protocol.metrics)
-    found = measure(log, (metric for metric in chosen if metric.test == test))
-    return {metric.name: value for metric, value in found.items()}
+def _measure_parts(
+    plant: Plant, model: mujoco.MjModel, protocol: EpisodeProtocol
+) -> dict[str, float]:
+    """Return the metrics of the parts of a design by column."""
+    whole, axes = parts_of(plant, dict(protocol.costs)), plant.description.axes
+    logs = {
+        axis.name: ArrayLog({}, metadata=whole | own)
+        for axis, own in zip(axes, inertias_of(plant, model), strict=True)
+    }
+    return _values("parts", logs, protocol)
 
 
-def _unsafe_reason(played: Rollout, index: int, safe: float) -> str:
+def _values(
+    test: Test, logs: Mapping[str, ArrayLog], protocol: EpisodeProtocol
+) -> dict[str, float]:
+    """Return the metrics of a test by column, from the log of each axis."""
+    first = next(iter(logs.values()))
+    chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
+    if not protocol.axes:
+        return _by_name(first, chosen)
+    found = _by_name(first, [metric for metric in chosen if not metric.of_axis])
+    owns = dict.fromkeys(split_metric(m.name)[1] for m in chosen if m.of_axis)
+    for axis, log in logs.items():
+        # A stride is that of one joint, which the others do not have.
+        there = [n for n in owns if PACE in log.metadata or not is_stride_metric(n)]
+        values = _by_name(log, [metric_of(name) for name in there])
+        found |= {f"{axis}.{name}": value for name, value in values.items()}
+    return found | over_axes(protocol, found)
+
+
+def _by_name(log: ArrayLog, metrics: Sequence[Metric]) -> dict[str, float]:
+    return {metric.name: value for metric, value in measure(log, metrics).items()}
+
+
+def _unsafe_reason(played: Rollout, index: int, axes: Sequence[Axis]) -> str:
     """Return why the torque of a design is a failure; empty where it is none."""
     time = played.columns["time_s"][index]
-    torque = played.columns["joint_torque_nm"][index]
-    first = first_unsafe_sample(torque, safe, float(time[1] - time[0]))
-    if first is None:
-        return ""
-    return f"the joint torque exceeds the safe {safe:g} N m at {time[first]:.3f} s"
+    for axis, prefix in zip(axes, played.prefixes, strict=True):
+        torque, safe = played.columns[f"{prefix}joint_torque_nm"], axis.safe_torque
+        first = first_unsafe_sample(torque[index], safe, float(time[1] - time[0]))
+        if first is not None:
+            where = f" of axis {axis.name}" if prefix else ""
+            return (
+                f"the joint torque{where} exceeds the safe {safe:g} N m at "
+                f"{time[first]:.3f} s"
+            )
+    return ""
 
 
 def _partial_tick(tick: Tick, start: float, part: float) -> Callable[[float], None]:

@@ -26,6 +26,7 @@ from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
 from cc_mujoco.design._plan import Plan, with_few_designs
 from cc_mujoco.design._scenarios import Across
+from cc_mujoco.device import Device
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 
@@ -128,7 +129,7 @@ def analyse_best_design(
     if np.isnan(cost[best]).any():
         return None
     base = plan.designs[best]
-    device = load_device(plan.protocol.scene, plan.protocol.timestep)
+    device = plan.protocol.device
     check = plan.protocol.across.check
     sides = {
         name: _neighbour_designs(

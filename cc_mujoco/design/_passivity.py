@@ -1,13 +1,14 @@
 """Energy that a controlled joint puts into the hands of a passive wearer.
 
-    found = play("wrist", "stiction", "spring", first_wearers("wrist"))
+    limbs = [limb_of(place, inertia_of("wrist")) for place in first_wearers("wrist")]
+    found = play("wrist", "stiction", "spring", limbs)
     float(found.held.max())      # [J]
 
 The wearer is a spring and a damper to a reference, with inertia added at the joint; he
 moves to one side and then holds still. From then on nobody does work but the device.
 What it puts into the joint, less what the virtual spring gives back, is energy that a
 passive device does not have. The sensors are those of the device, noise and delay
-included.
+included. Of a device with several axes one is looked at, while the others rest.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
@@ -25,14 +27,13 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from cc_mujoco.control import controller
-from cc_mujoco.device import UNPLUGGED, Plant
-from cc_mujoco.device._device import Device
-from cc_mujoco.device._registry import DEVICES, find_device
-from cc_mujoco.device._sensors import Measuring
+from cc_mujoco.control import AxesController, Controller, controller
+from cc_mujoco.device import UNPLUGGED, Axis, Device, DeviceModel, Plant, find_device
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import AxesMeasuring, Measuring
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
-from cc_mujoco.simulation._batch import FRAME_SKIP, Fleet
+from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._loop import Trace, run
 from cc_mujoco.simulation._worn_device import WornDevice
@@ -46,10 +47,11 @@ LIMB_RANGES = {
     "wrist": (0.2, 30.0, 0.04),
     "ankle": (5.0, 500.0, 0.06),
     "finger": (0.05, 5.0, 3e-4),
-    "exosuit": (10.0, 500.0, 1.6),
+    "exosuit.hip": (10.0, 500.0, 1.6),
+    "exosuit.ankle": (5.0, 500.0, 0.06),
 }
 """Least and greatest stiffness of the limb at the joint [N m/rad], and greatest inertia
-that is added there [kg m^2], by device.
+that is added there [kg m^2], by device, or `DEVICE.AXIS` of several axes.
 
 Stiffness: from a limb that hangs loose to one that is braced as hard as can be, meant
 to be wider than what was measured. Wrist: at rest, D. Formica et al., J. Neurophysiol.
@@ -64,6 +66,12 @@ Howe, J. Biomech. Eng. 119, 1997.
 Inertia: a hammer (1 kg at 0.2 m), a ski boot (2.5 kg at 0.15 m), 50 g at 80 mm of a
 finger, 2 kg at a foot 0.9 m from the hip (assumed).
 """
+
+LIMB_FREQUENCIES = 2.0, 60.0
+"""Natural frequencies of the softest and the stiffest limb of any other device, with
+the inertia of the joint [rad/s]: of a knee a few N m/rad to more than a thousand."""
+LIMB_LOAD = 3.0
+"""Inertia that is added at most, over that of the joint, of any other device [-]."""
 
 DAMPING_RATIO_RANGE = 0.1, 1.0
 """Damping, over what is critical for that stiffness with the limb's own inertia [-].
@@ -109,20 +117,41 @@ class Damped(Task):
 
 
 @dataclass(frozen=True)
+class _Centred(Task):
+    """A virtual environment about another angle than 0."""
+
+    task: Task
+    centre: float
+    """[rad]."""
+
+    def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
+        """Return the torque [N m]; see `Task.torque`."""
+        return self.task.torque(angle - self.centre, velocity, phase)
+
+
+@dataclass(frozen=True)
 class _Aside(Trajectory):
     """A minimum-jerk move from the middle to one side, and then rest."""
 
     angle: float
-    """[rad]."""
+    """From the middle [rad]."""
+    centre: float
+    """The middle [rad]."""
+    resting: tuple[tuple[str, float], ...]
+    """Other joints that are driven, and their angles [rad]."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        to, step = self.angle, minimum_jerk(time / MOVE_TIME)
+        to, step, still = self.angle, minimum_jerk(time / MOVE_TIME), 0.0 * time
         return Motion(
             time,
-            to * step.value,
+            to * step.value + self.centre,
             to * step.rate / MOVE_TIME,
             to * step.curvature / MOVE_TIME**2,
-            0.0 * time,
+            still,
+            {
+                joint: Motion(time, still + angle, still, still, still)
+                for joint, angle in self.resting
+            },
         )
 
 
@@ -144,7 +173,12 @@ class WearerEnergy(NamedTuple):
 
 
 def extracted_energy(
-    torque: Array, desired: Array, angle: Array, velocity: Array, step: float
+    torque: Array,
+    desired: Array,
+    angle: Array,
+    velocity: Array,
+    step: float,
+    skip: int,
 ) -> Array:
     """Return the largest energy that a port gave beyond that of a virtual spring.
 
@@ -166,12 +200,13 @@ def extracted_energy(
         desired: Of the virtual spring at these angles [N m].
         angle: Of the joint [rad].
         velocity: Of the joint [rad/s].
-        step: From sample to sample [s], of `FRAME_SKIP` physics steps.
+        step: From sample to sample [s].
+        skip: Physics steps from sample to sample.
 
     Returns:
         (...) [J], at least 0.
     """
-    share = 0.5 / FRAME_SKIP
+    share = 0.5 / skip
     acting = (1.0 - share) * velocity[1:] + share * velocity[:-1]
     given = np.cumsum(step * torque[1:] * acting, axis=0)
     spring = 0.5 * (desired[1:] + desired[:-1]) * np.diff(angle, axis=0)
@@ -180,8 +215,14 @@ def extracted_energy(
     return np.maximum(most, 0.0)
 
 
-def evaluate_ports(columns: dict[str, Array], step: float) -> WearerEnergy:
-    """Return energy and motion, from columns of episodes (samples, wearers)."""
+def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerEnergy:
+    """Return energy and motion, from columns of episodes (samples, wearers).
+
+    Args:
+        columns: `PORT_COLUMNS` by name.
+        step: From sample to sample [s].
+        skip: Physics steps from sample to sample.
+    """
     series = [columns[name] for name in PORT_COLUMNS]
     first = round((MOVE_TIME + SETTLE_TIME) / step)
     still = [values[first:] for values in series]
@@ -189,17 +230,32 @@ def evaluate_ports(columns: dict[str, Array], step: float) -> WearerEnergy:
     spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
     peak = np.argmax(spectrum, axis=0)
     return WearerEnergy(
-        extracted_energy(still[0], still[1], still[2], still[3], step),
-        extracted_energy(series[0], series[1], series[2], series[3], step),
+        extracted_energy(still[0], still[1], still[2], still[3], step, skip),
+        extracted_energy(series[0], series[1], series[2], series[3], step, skip),
         np.sqrt(np.mean(velocity**2, axis=0)),
         np.ptp(angle, axis=0),
         np.fft.rfftfreq(len(velocity), step)[peak],
     )
 
 
-def wearer_bounds(scene: str) -> Array:
-    """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`."""
-    soft, stiff, heavy = LIMB_RANGES[scene]
+def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array:
+    """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`.
+
+    Args:
+        device: Name, file or the device.
+        axis: Name of the axis; the only one by default.
+    """
+    found = find_device(device)
+    own = found.description.axis(axis)
+    name = (
+        found.name if len(found.description.axes) == 1 else f"{found.name}.{own.name}"
+    )
+    if name in LIMB_RANGES:
+        soft, stiff, heavy = LIMB_RANGES[name]
+    else:
+        inertia = inertia_of(found, axis)
+        soft, stiff = (inertia * frequency**2 for frequency in LIMB_FREQUENCIES)
+        heavy = LIMB_LOAD * inertia
     return np.log(
         [(soft, stiff), DAMPING_RATIO_RANGE, (MIN_INERTIA_SHARE * heavy, heavy)]
     )
@@ -217,31 +273,51 @@ def limb_of(place: Array, inertia: float) -> Limb:
     return Limb(stiffness, 2.0 * ratio * math.sqrt(stiffness * inertia), added)
 
 
-def inertia_of(scene: str) -> float:
-    """Return the inertia of a joint with the limb in the neutral pose [kg m^2]."""
-    model = Plant(scene).model()
-    return float(model.dof_M0[model.joint(DEVICES[scene].joint).dofadr[0]])
-
-
-def task_of(scene: str, name: str, damping: float = 0.0) -> Task:
-    """Return the virtual environment: a spring that suits the device, or nothing.
+def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
+    """Return the inertia of a joint with the limb in the neutral pose [kg m^2].
 
     Args:
-        scene: Name of the device's scene.
+        device: Name, file or the device.
+        axis: Name of the axis; the only one by default.
+    """
+    plant = Plant(device)
+    model = plant.model()
+    limb = plant.description.axis(axis).limb
+    return float(model.dof_M0[model.joint(limb).dofadr[0]])
+
+
+def task_of(device: Device, axis: Axis, name: str, damping: float = 0.0) -> Task:
+    """Return the virtual environment: a spring that suits the axis, or nothing.
+
+    Args:
+        device: Whose axis it is.
+        axis: The axis.
         name: Of `PASSIVITY_TASKS`.
         damping: Of a virtual damper besides, over what is critical for a spring that
             suits and the inertia of the joint [-].
     """
-    setup = DEVICES[scene]
-    stiffness = setup.torque_scale / setup.reach
-    task = Spring(stiffness) if name == "spring" else Transparent()
-    damper = 2.0 * damping * math.sqrt(stiffness * inertia_of(scene)) if damping else 0
-    return Damped(task, damper) if damper else task
+    task: Task = Transparent()
+    if name == "spring":
+        task = Spring(spring_stiffness(axis))
+        if axis.centre:
+            task = _Centred(task, axis.centre)
+    critical = 2.0 * math.sqrt(spring_stiffness(axis) * inertia_of(device, axis.name))
+    return Damped(task, damping * critical) if damping else task
 
 
-def first_wearers(scene: str, crowd: int = 24, seed: int = 0) -> Array:
+def spring_stiffness(axis: Axis) -> float:
+    """Return the stiffness of a virtual spring that suits an axis [N m/rad]."""
+    return axis.torque_scale / axis.reach
+
+
+def first_wearers(
+    device: str | Path | Device,
+    axis: str | None = None,
+    crowd: int = 24,
+    seed: int = 0,
+) -> Array:
     """Return places in the box: its corners, and a Latin hypercube (crowd, 3)."""
-    low, high = wearer_bounds(scene).T
+    low, high = wearer_bounds(device, axis).T
     places: Array = low + first_places(3, crowd, seed) * (high - low)
     return places
 
@@ -254,7 +330,7 @@ def first_places(width: int, crowd: int = 24, seed: int = 0) -> Array:
 
 
 def play(
-    scene: str,
+    device: str | Path | Device,
     law: str,
     task: str,
     limbs: Sequence[Limb],
@@ -262,11 +338,12 @@ def play(
     damping: float = 0.0,
     seed: int = 0,
     variant: mujoco.MjModel | None = None,
+    axis: str | None = None,
 ) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
 
     Args:
-        scene: Name of the device's scene.
+        device: Name, file or the device.
         law: Name of a controller, or of `PASSIVITY_REFERENCES`.
         task: Of `PASSIVITY_TASKS`.
         limbs: The wearers.
@@ -274,79 +351,123 @@ def play(
         damping: Of a virtual damper besides; see `task_of`.
         seed: Of the noise, the same for all.
         variant: Of the scene, to be played in its place.
+        axis: Name of the axis; the only one by default. Others are transparent, and
+            their joints rest.
 
     Returns:
         Energy and motion; infinite where the simulation diverged.
+
+    Raises:
+        CableError: nobody moves the joint of the axis.
     """
-    setup = DEVICES[scene]
+    device = find_device(device)
+    about = device.description
+    own = about.axis(axis)
+    place = about.axes.index(own)
     ideal = law == "ideal"
-    spring = Transparent() if law == "motor-off" else task_of(scene, task)
-    task_felt = spring if law in PASSIVITY_REFERENCES else task_of(scene, task, damping)
-    changes = UNPLUGGED if ideal else {}
-    model = variant or Plant(scene, changes).model()
-    joint = model.joint(setup.joint)
-    dof = int(joint.dofadr[0])
-    if ideal and isinstance(spring, Spring):
-        joint.stiffness[0] += spring.stiffness
+    spring = Transparent() if law == "motor-off" else task_of(device, own, task)
+    felt = (
+        spring if law in PASSIVITY_REFERENCES else task_of(device, own, task, damping)
+    )
+    model = variant or Plant(device, UNPLUGGED if ideal else {}).model()
+    if ideal and task == "spring":
+        _add_spring(model, own)
+    dof = int(model.joint(own.limb).dofadr[0])
     # He moves to where the virtual spring pulls back by the cable, if it is one.
-    side = 1.0 if Device(setup, None, model).drive(1.0).reach[0] < 0.0 else -1.0
-    aside = _Aside(0.5 * side * setup.reach)
+    drives = DeviceModel(about, model).drives(about.period)
+    side = 1.0 if drives[place].reach[0] < 0.0 else -1.0
+    others = [other for other in about.axes if other is not own]
+    resting = tuple((other.limb, other.centre) for other in others)
+    aside = _Aside(0.5 * side * own.reach, own.centre, resting)
+    tasks = {other.name: Transparent() for other in others} | {own.name: felt}
     exos = []
     for limb in limbs:
-        own = copy.copy(model)
-        own.dof_armature[dof] += limb.inertia
-        wearer = Wearer(limb.stiffness, limb.damping)
+        loaded = copy.copy(model)
+        loaded.dof_armature[dof] += limb.inertia
         exos.append(
             WornDevice(
-                setup,
+                about,
+                loaded,
                 aside,
-                task_felt,
+                tasks,
                 MOVE_TIME + SETTLE_TIME + HOLD_TIME,
-                FRAME_SKIP,
-                wearer,
-                own,
+                wearer={own.limb: Wearer(limb.stiffness, limb.damping)},
             )
         )
     exo = exos[0]
     scripts = [e.author.write(seeding.np_random(seed)[0]) for e in exos]
     fleet = Fleet(exo, [e.device for e in exos], scripts)
-    drive = setup.sensing.equip(exo.drive)
-    drive = dataclasses.replace(
-        drive,
-        cable_drives=tuple(
-            tuple(
-                dataclasses.replace(
-                    one,
-                    cable=one.cable.replace(
-                        friction=believed * one.cable.friction,
-                        static_friction=believed * one.cable.static_friction,
-                    ),
-                )
-                for one in row
-            )
-            for row in drive.cable_drives
-        ),
+    drives = tuple(_believing(about.sensing.equip(d), believed) for d in exo.drives)
+    seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
+    measuring = AxesMeasuring(
+        prefixes,
+        [
+            Measuring(about.sensing, drive, driven, seeds, fleet.steps)
+            for drive, driven in zip(drives, exo.device.driven, strict=True)
+        ],
     )
-    seeds = [seed] * len(limbs)
-    measuring = Measuring(setup.sensing, drive, exo.device.driven, seeds, fleet.steps)
-    trace = Trace(PORT_COLUMNS, fleet.steps, fleet.going)
-    control = (
-        Unpowered(drive) if law in PASSIVITY_REFERENCES else controller(law, drive)
-    )
+    columns = [prefixes[place] + name for name in PORT_COLUMNS]
+    trace = Trace(columns, fleet.steps, fleet.going)
+    control = _control(law, drives, place, prefixes)
     with np.errstate(all="ignore"):  # what diverged is not a number
         run(fleet, control, trace.keep, measure=measuring.measure, name=law)
-    kept = trace.columns
+    kept = {n: trace.columns[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
     angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]
     nothing = 0.0 * angle
     kept["desired_torque_nm"] = spring.torque(angle, nothing, nothing)
     if ideal:
-        before = angle - exo.period / FRAME_SKIP * velocity  # where the spring acted
+        before = angle - exo.period / exo.frame_skip * velocity  # where it acted
         kept["joint_torque_nm"] = spring.torque(before, nothing, nothing)
     else:
         # What a cable cannot give, as a push, is no part of the virtual spring.
-        kept["desired_torque_nm"] = np.clip(kept["desired_torque_nm"], *drive.reach)
-    found = evaluate_ports(kept, exo.period)
+        kept["desired_torque_nm"] = np.clip(
+            kept["desired_torque_nm"], *drives[place].reach
+        )
+    found = evaluate_ports(kept, exo.period, exo.frame_skip)
     return WearerEnergy(*(np.where(fleet.going, values, np.inf) for values in found))
+
+
+def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
+    """Put the spring that suits an axis at its joint, about its centre, in place."""
+    joint, added = model.joint(axis.joint), spring_stiffness(axis)
+    there = float(joint.stiffness[0])
+    if axis.centre:
+        rest = there * float(joint.qpos_spring[0]) + added * axis.centre
+        joint.qpos_spring[0] = rest / (there + added)
+    joint.stiffness[0] += added
+
+
+def _believing(drive: Drive, believed: float) -> Drive:
+    """Return a drive with other friction, over that of the cables."""
+    rows = tuple(
+        tuple(
+            dataclasses.replace(
+                one,
+                cable=one.cable.replace(
+                    friction=believed * one.cable.friction,
+                    static_friction=believed * one.cable.static_friction,
+                ),
+            )
+            for one in row
+        )
+        for row in drive.cable_drives
+    )
+    return dataclasses.replace(drive, cable_drives=rows)
+
+
+def _control(
+    law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
+) -> Controller:
+    """Return the controller of one axis; others command what they are asked for."""
+    if law in PASSIVITY_REFERENCES:
+        return Unpowered(drives[0], axes=len(drives))
+    if len(drives) == 1:
+        return controller(law, drives[0])
+    laws = [
+        controller(law if n == place else "none", drive)
+        for n, drive in enumerate(drives)
+    ]
+    return AxesController(laws, prefixes)
 
 
 MAX_ACTIVE_SHARE = 0.1
@@ -364,22 +485,28 @@ class Activity(NamedTuple):
     limb: Limb
 
 
-def activity(scene: str, law: str, variant: mujoco.MjModel | None = None) -> Activity:
+def activity(
+    device: str | Path | Device,
+    law: str,
+    variant: mujoco.MjModel | None = None,
+    axis: str | None = None,
+) -> Activity:
     """Return the energy that a controller puts into a passive wearer, by simulation.
 
     The wearers are those that the search of `check_passivity.py` begins with, in the
     hands of a spring; it finds more than that, and no search proves anything.
 
     Args:
-        scene: Name of the device's scene.
+        device: Name, file or the device.
         law: Name of a controller, which knows the cables.
         variant: Of the scene, to be played in its place.
+        axis: Name of the axis; the only one by default.
     """
-    setup = find_device(scene)
-    inertia = inertia_of(scene)
-    limbs = [limb_of(place, inertia) for place in first_wearers(scene)]
-    found = play(scene, law, "spring", limbs, variant=variant)
+    device = find_device(device)
+    own = device.description.axis(axis)
+    inertia = inertia_of(device, own.name)
+    limbs = [limb_of(place, inertia) for place in first_wearers(device, own.name)]
+    found = play(device, law, "spring", limbs, variant=variant, axis=own.name)
     worst = int(np.argmax(found.held))
-    stiffness = setup.torque_scale / setup.reach
-    held = 0.5 * stiffness * (0.5 * setup.reach) ** 2
+    held = 0.5 * spring_stiffness(own) * (0.5 * own.reach) ** 2
     return Activity(float(found.held[worst]), MAX_ACTIVE_SHARE * held, limbs[worst])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
+from cc_mujoco.design._study_metrics import known_metric
 from cc_mujoco.device._variables import VALUES, split
-from cc_mujoco.metrics import METRICS
 
 UNKNOWN_REASON = (
     "no variation, too few designs, or designs left out are not foretold by the others"
@@ -40,7 +40,7 @@ def unit_of(name: str) -> str:
     name, _, of = name.partition("@")
     if of == WORST_CASE_SUFFIX:
         return ""
-    thing = METRICS.get(name) or VALUES.get(split(name)[1])
+    thing = known_metric(name) or VALUES.get(split(name)[1])
     return "" if thing is None or thing.unit == "1" else thing.unit
 
 
@@ -58,8 +58,10 @@ def format_cell(value: object) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return a name as it is written in a sentence."""
-    return name.replace("_", " ")
+    """Return a name as it is written in a sentence, that of an axis as `hip: ...`."""
+    owner, own = split(name)
+    text = own.replace("_", " ")
+    return f"{owner}: {text}" if owner else text
 
 
 def format_quantity(name: str, value: object) -> str:

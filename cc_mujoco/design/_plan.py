@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import math
+import os
 import pickle
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,7 @@ from cc_mujoco._validation import (
     require_list,
     require_number,
 )
+from cc_mujoco.assets import SCENES
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._designs import (
@@ -34,26 +36,38 @@ from cc_mujoco.design._designs import (
     read_range,
     require_count,
 )
-from cc_mujoco.design._evaluation import Design, rehearse
+from cc_mujoco.design._evaluation import Design, rehearse, unheld_reason
 from cc_mujoco.design._pareto import Limit, Objective, read_limits, read_objectives
-from cc_mujoco.design._protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
+from cc_mujoco.design._protocol import (
+    CHIRP_TIME,
+    EpisodeProtocol,
+    device_digests,
+    task_text,
+    tasks_of_axes,
+)
 from cc_mujoco.design._scenarios import Across, read_across
 from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
     COST_METRIC,
     DEFAULT_METRICS,
+    HELD_TESTS,
     is_stride_metric,
+    metric_of,
     metric_of_designs,
+    missing_fact,
     missing_variables,
+    require_axes,
+    split_metric,
 )
 from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
+from cc_mujoco.device import Device, load_device
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, Trajectory, trajectory
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._parsing import user_classes
-from cc_mujoco.metrics import METRICS, Metric, find_metric, metric_key, user_metrics
+from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
 MAX_BATCH = 256
 """Most designs that are simulated together: enough that Python's share is small."""
@@ -114,6 +128,7 @@ class Plan:
         protocol = {
             field.name: getattr(self.protocol, field.name)
             for field in dataclasses.fields(self.protocol)
+            if field.name not in ("axes", "files")  # the scene has them
         }
         protocol |= {
             "trajectory": self.protocol.sources[0],
@@ -147,7 +162,10 @@ class Plan:
 
     def made_by(self) -> dict[str, Any]:
         """Return the provenance of the table besides its settings."""
-        return code_provenance(*self.protocol.code_names, *self.protocol.sources)
+        protocol = self.protocol
+        return code_provenance(
+            *protocol.code_names, *protocol.tables, files=dict(protocol.files)
+        )
 
 
 def _digest(listed: Sequence[object]) -> str:
@@ -192,8 +210,7 @@ def make_plan(
     ranges: dict[str, Range] = {}
     if spec.designs is None:
         ranges = {
-            name: read_range(name, given, builder.cables)
-            for name, given in vary.items()
+            name: read_range(name, given, builder) for name, given in vary.items()
         }
         if spec.samples is not None:
             rows = latin_hypercube(ranges, spec.samples, spec.seed)
@@ -247,7 +264,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     if not vary:
         raise CableError("a search needs something to vary.")
     protocol.across.require_apart(vary)
-    ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
+    ranges = {name: read_range(name, v, builder) for name, v in vary.items()}
     ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
             if n in WALKER}  # fmt: skip
     walking_designs.require_strides(
@@ -328,52 +345,73 @@ def _make_protocol(
         goals: objectives, which determine the worst case.
         named: names of the variables of designs.
     """
-    builder = load_device(spec.scene, spec.timestep)
-    step = float(builder.spec.option.timestep)
-    skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
-    if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
-        raise CableError(
-            f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
-            f"calls of the controller, which {1e3 * step:g} ms does not."
-        )
+    scene = _scene_of(spec.scene)
+    builder = load_device(scene, spec.timestep)
+    _ = builder.frame_skip  # of a time step that divides the control period
+    home = builder.description
+    axes = tuple(a.name for a in home.axes) if len(home.axes) > 1 else ()
     chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(spec.metrics)))
+    decisive = [goal.name for goal in goals]
+    decisive += [limit.name for limit in read_limits(spec.subject_to)]
+    require_axes([*chosen, *decisive], axes)
     laws = _read_controllers(spec.controllers)
     require_number("duration", spec.duration, 0.05, MAX_DURATION, "s")
     if not (isinstance(spec.seed, int) and spec.seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
-    turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
+    turned = [goal.name for goal in goals if goal.high != metric_of(goal.name).high]
     across = _assigned("across", "NAME", spec.across)
-    cases = read_across(across, spec.rank, builder.cables, turned)
-    home = builder.setup
+    cases = read_across(across, spec.rank, builder, turned)
     given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
-    given_task = home.task if spec.task is None else spec.task
-    sources = _source("trajectory", given_motion), _source("task", given_task)
+    given_tasks = tasks_of_axes(spec.task, home)
+    texts = {name: _source("task", one) for name, one in given_tasks.items()}
+    sources = _source("trajectory", given_motion), task_text(texts)
     motion: str | Trajectory = sources[0]
     if is_table(sources[0]) or not isinstance(given_motion, (str, Path)):
         motion = trajectory(given_motion)
-    task: str | Task = sources[1]
-    if is_table(sources[1]) or not isinstance(given_task, (str, Path)):
-        task = find_task(given_task, (home.joint,))
+    tasks: dict[str, str | Task] = {**texts}
+    for axis in home.axes:
+        given, text = given_tasks[axis.name], texts[axis.name]
+        if is_table(text) or not isinstance(given, (str, Path)):
+            tasks[axis.name] = find_task(given, (axis.limb,))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
-    walking_designs.require_played(home, variables_named, *sources)
+    walking_designs.require_played(home, variables_named, sources[0], texts)
+    unheld = unheld_reason(builder)
     for name in chosen:
+        metric = metric_of(name)
         if is_stride_metric(name) and not (
-            sources[0] == WALK and walking_designs.gait_joint(builder)
+            sources[0] == WALK and walking_designs.joints_of_gait(builder)
         ):
             raise CableError(
                 f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
                 f"it needs a device that drives one, as 'ankle' and 'exosuit' do, and "
                 f"the trajectory {WALK!r}."
             )
-        if variables := missing_variables(METRICS[name], variables_named):
+        if unheld and metric.test in HELD_TESTS:
+            raise CableError(f"metric {name!r} holds the joints, but {unheld}.")
+        if variables := missing_variables(metric, variables_named):
             ways = " or ".join(map(repr, variables))
             raise CableError(
                 f"metric {name!r} needs what no scene says: give every design "
                 f"{ways} (--vary, one value is enough)."
             )
+    for name in dict.fromkeys(decisive):
+        if fact := missing_fact(metric_of(name), variables_named, home):
+            raise CableError(
+                f"metric {name!r} needs {fact} of the description of {home.scene}."
+            )
     if chosen and len(laws) > 1 and CONTROLLER_METRIC not in chosen:
         chosen = (*chosen, CONTROLLER_METRIC)
-    measured = chosen or _default_metrics_of(variables_named, spec.costs is not None)
+    measured = chosen or tuple(
+        name
+        for name in _default_metrics_of(variables_named, spec.costs is not None)
+        if not (unheld and metric_of(name).test in HELD_TESTS)
+    )
+    # A number of one axis that decides is measured where that of all axes is.
+    measured += tuple(
+        name
+        for name in dict.fromkeys(decisive)
+        if name not in measured and split_metric(name)[1] in measured
+    )
     priced = read_costs(EXAMPLE if spec.costs is None else spec.costs)
     if spec.costs is not None and COST_METRIC not in measured:
         raise CableError(
@@ -381,21 +419,38 @@ def _make_protocol(
             "measured."
         )
     protocol = EpisodeProtocol(
-        spec.scene,
+        scene,
         motion,
-        task,
+        tasks if axes else next(iter(tasks.values())),
         laws,
         spec.duration,
         spec.seed,
-        step,
+        float(builder.spec.option.timestep),
         measured,
         cases,
         tuple(priced.items()) if COST_METRIC in measured else (),
         user_metrics(measured),
         sources,
+        axes,
+        tuple(device_digests(builder).items()),
     )
     rehearse(protocol, builder)
     return protocol, builder
+
+
+def _scene_of(given: str | Path) -> str:
+    """Return the name of a built-in device, or the absolute path of another.
+
+    Raises:
+        CableError: it is neither a name nor a path.
+    """
+    if not isinstance(given, (str, Path)):
+        raise CableError(
+            "a study needs the name or the file of a device, as its workers load it "
+            f"themselves, not {given!r}."
+        )
+    known = given in SCENES or Path(given).suffix not in (".xml", ".toml")
+    return str(given) if known else os.path.abspath(given)
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
@@ -419,7 +474,8 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
         CableError: An object of the user cannot be pickled.
     """
     if isinstance(given, (str, Path)):
-        return str(given)
+        text = str(given)
+        return os.path.abspath(text) if is_table(text) else text
     text = repr(given)
     own = not user_classes(given)
     if own and len(text) <= _LONGEST_TEXT:
@@ -441,7 +497,7 @@ def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
     return tuple(
         name
         for name in (*DEFAULT_METRICS, COST_METRIC)
-        if not missing_variables(METRICS[name], names)
+        if not missing_variables(metric_of(name), names)
         and (costs or name != COST_METRIC)
     )
 
@@ -503,7 +559,9 @@ def _batches(
 
     The batches do not depend on the machine, so that any other can resume the study.
     """
-    capacity = int(MAX_BATCH_BYTES / BYTES_PER_STEP * CONTROL_PERIOD / longest)
+    about = builder.description
+    steps = longest / about.period * len(about.axes)
+    capacity = int(MAX_BATCH_BYTES / BYTES_PER_STEP / steps)
     size = max(1, min(MAX_BATCH, capacity, math.ceil(len(designs) / 8)))
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
     return batches_of(layouts, size)

@@ -27,8 +27,8 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
+from cc_mujoco.design._study_metrics import metric_of
 from cc_mujoco.design._timestep_check import Halved
-from cc_mujoco.metrics import METRICS
 from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._html import (
     Html,
@@ -265,7 +265,7 @@ def markdown(
     parts.append(
         table_of(
             ("metric", "unit", "meaning"),
-            ((m, METRICS[m].unit, METRICS[m].meaning) for m in protocol.metrics),
+            ((m.name, m.unit, m.meaning) for m in map(metric_of, protocol.metrics)),
         )
     )
     return "\n\n".join(parts) + "\n"
@@ -367,7 +367,7 @@ def _sensitivity(one: Sensitivity) -> str:
                 f"{means[high]:.4g} at {text[high]}",
             )
         )
-    unit = METRICS[one.metric].unit
+    unit = metric_of(one.metric).unit
     head = ("variable", "first order", "total", f"least mean [{unit}]",
             f"greatest mean [{unit}]")  # fmt: skip
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]

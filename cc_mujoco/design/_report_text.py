@@ -43,12 +43,15 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity
-from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
+from cc_mujoco.design._study_metrics import (
+    DEFAULT_OBJECTIVES,
+    known_metric,
+    metric_of,
+)
 from cc_mujoco.design._timestep_check import Halved
+from cc_mujoco.device import Device
 from cc_mujoco.device._plant import RADII
-from cc_mujoco.device._registry import DEVICES
 from cc_mujoco.device._variables import SETS, describe
-from cc_mujoco.metrics import METRICS
 from cc_mujoco.report._html import (
     Html,
     bullet_list,
@@ -141,17 +144,17 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
     measured = plan.protocol.metrics
     had = [name for name in measured if table[name].null_count < len(table)]
     names = had or measured
-    directed = [name for name in names if METRICS[name].better] or names
+    directed = [name for name in names if metric_of(name).better] or names
     usual = [name for name in DEFAULT_OBJECTIVES if name in directed]
     chosen = usual if len(usual) > 1 else [*usual, *directed]
     chosen = list(dict.fromkeys(chosen))[: len(DEFAULT_OBJECTIVES)]
-    return tuple(Objective(name, METRICS[name].high) for name in chosen)
+    return tuple(Objective(name, metric_of(name).high) for name in chosen)
 
 
 def header(found: RankedStudy) -> Html:
     """State the question and the answer."""
-    device = DEVICES[found.plan.protocol.scene]
-    title = element("h1", f"What if? {device.meaning[:1].upper()}{device.meaning[1:]}")
+    meaning = found.plan.protocol.device.description.meaning
+    title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
                     for g in found.goals])  # fmt: skip
     if not found.chosen:
@@ -392,7 +395,7 @@ def _better_neighbour(found: RankedStudy, price: Price) -> str:
 def controllers(found: RankedStudy) -> Html | None:
     """State how far the findings depend on the controller; None where there is one."""
     laws = found.plan.protocol.controllers
-    goals = [goal for goal in found.goals if METRICS[goal.name].driven]
+    goals = [goal for goal in found.goals if metric_of(goal.name).driven]
     if len(laws) == 1 or not goals:
         return None
     from scipy.stats import spearmanr
@@ -484,7 +487,7 @@ def deciding_variables(
             rows.append(
                 [plain_name(name), join_pieces([share_text, share_bar(share)]), *ends]
             )
-        unit = METRICS[one.metric].unit
+        unit = metric_of(one.metric).unit
         head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
         how = paragraph(f"{one.how[:1].upper()}{one.how[1:]}.", kind="small")
         parts += [element("h3", plain_name(one.metric)), table(head, rows), how]
@@ -626,7 +629,7 @@ def failures(found: RankedStudy) -> Html | None:
 
 def common_values(found: RankedStudy) -> Html:
     """List the values that all designs have in common."""
-    plan, device = found.plan, load_device(found.plan.protocol.scene)
+    plan, device = found.plan, found.plan.protocol.device
     protocol = plan.protocol
     rows: list[Sequence[str]] = [
         ("motion of the wearer", protocol.sources[0]),
@@ -681,12 +684,19 @@ def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
         yield name, "conduit", cable.to_config()["conduit"]
         for key, radius in zip(RADII, device.radii[name], strict=True):
             yield name, key, radius
-    motor, joint = device.spec.actuator("motor"), device.spec.joint("motor")
-    yield "", "motor_torque", float(motor.ctrlrange[1] * motor.gear[0])
-    yield "", "rotor_inertia", float(joint.armature)
-    yield "", "motor_damping", float(np.ravel(joint.damping)[0])
-    yield "", "strength", device.setup.strength
-    yield "", "diameter", device.setup.diameter
+    axes = device.description.axes
+    for axis in axes:
+        joint = device.spec.joint(axis.drum)
+        name = axis.name if len(axes) > 1 else ""
+        yield name, "motor_torque", axis.torque
+        yield name, "rotor_inertia", float(joint.armature)
+        yield name, "motor_damping", float(np.ravel(joint.damping)[0])
+    yield "", "strength", _known(device.description.strength)
+    yield "", "diameter", _known(device.description.diameter)
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def variable_meanings(found: RankedStudy) -> Html:
@@ -695,7 +705,7 @@ def variable_meanings(found: RankedStudy) -> Html:
     names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
     rows = []
     for name in names:
-        thing = METRICS.get(name) or describe(name)
+        thing = known_metric(name) or describe(name)
         rows.append((name, thing.unit, thing.meaning))
     return table(("name", "unit", "meaning"), rows)
 

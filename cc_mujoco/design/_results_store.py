@@ -35,10 +35,14 @@ from cc_mujoco.design._scenarios import (
     RANK_NAMES,
     WORST_CASE_SUFFIX,
 )
-from cc_mujoco.design._study_metrics import by_controller, number_columns
+from cc_mujoco.design._study_metrics import (
+    by_controller,
+    known_metric,
+    metric_of,
+    number_columns,
+)
 from cc_mujoco.device._variables import describe
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS
 
 STUDY_FILE, PARTS_FOLDER, TABLE_FILE = "study.json", "parts", "table.parquet"
 _DESIGN_COLUMN = "design_json"
@@ -386,14 +390,17 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
         metadata = {"unit": "1", "meaning": f"why the simulation failed{by}, if it did"}
     elif law == WORST_CASE_SUFFIX:
         meaning = "case in which it is worst, or the first in which it has no number: "
-        metadata = {"unit": "1", "meaning": meaning + METRICS[name].meaning}
+        metadata = {"unit": "1", "meaning": meaning + metric_of(name).meaning}
     else:
-        thing = METRICS.get(name) or describe(name)
+        metric = known_metric(name)
+        thing = metric or describe(name)
         of = f"{RANK_NAMES[protocol.across.rank]} over the cases: "
         if law in (LEAST_SUFFIX, MOST_SUFFIX):
             of = f"{'least' if law == LEAST_SUFFIX else 'greatest'} over the cases: "
-        elif name not in METRICS or not protocol.across.several:
+        elif metric is None or not protocol.across.several:
             of = ""
         by = f"with controller {law}: " if law in protocol.controllers else ""
+        if metric is not None and protocol.axes and metric.of_axis and "." not in name:
+            of += "worst axis: "
         metadata = {"unit": thing.unit, "meaning": of + by + thing.meaning}
     return pa.field(column, kind, metadata=metadata)

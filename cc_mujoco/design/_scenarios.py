@@ -1,6 +1,6 @@
 """Cases over which a design is judged: a liner that ages, wearers that differ.
 
-    across = read_across({"wearer": "0.5,2", "friction": "0.08,0.16"}, "worst", cables)
+    across = read_across({"wearer": "0.5,2", "friction": "0.08,0.16"}, "worst", device)
     across.cases                        # 4 of them
     across.of([3.0, 5.0, 4.0, 1.0], high=False)  # 5.0
 
@@ -20,7 +20,7 @@ import numpy as np
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.design._designs import Range, grid, read_range, require_count
 from cc_mujoco.design._study_spec import Given
-from cc_mujoco.device import Plant
+from cc_mujoco.device import Device, Nominal, Plant
 from cc_mujoco.device._variables import CONFLICTS, VARIABLES, WEARER, Value, find, split
 from cc_mujoco.errors import CableError, look_up
 
@@ -101,7 +101,7 @@ class Across:
             CableError: it is impossible, in one of the cases at least.
         """
         for name in design:  # a plant has more that may change
-            find(name, device.cables)
+            find(name, device.cables, device.axis_names)
         for case in self.cases:
             try:
                 plant = Plant(device, {**design, **case})
@@ -139,7 +139,7 @@ class Across:
 def read_across(
     given: Mapping[str, Given] | None,
     rank: str | None,
-    cables: Iterable[str],
+    device: Nominal,
     turned: Iterable[str] = (),
 ) -> Across:
     """Parse the cases over which designs are judged.
@@ -147,7 +147,7 @@ def read_across(
     Args:
         given: values of each name, see `_designs.read_range`; `wearer` besides.
         rank: key of `RANK_NAMES`; the worst by default.
-        cables: the cables of the scene.
+        device: whose cables and axes there are.
         turned: see `Across`.
 
     Raises:
@@ -163,8 +163,7 @@ def read_across(
                 f"a rank, {rank!r}, needs cases to rank over, --across NAME=VALUES."
             )
         return Across()
-    cables = tuple(cables)
-    ranges = {name: _read_case(name, values, cables) for name, values in given.items()}
+    ranges = {name: _read_case(name, values, device) for name, values in given.items()}
     for name, values in ranges.items():
         if not values.levels:
             raise CableError(
@@ -184,9 +183,9 @@ def read_across(
     return Across(levels, rank or "worst", tuple(turned))
 
 
-def _read_case(name: str, values: Given, cables: Sequence[str]) -> Range:
+def _read_case(name: str, values: Given, device: Nominal) -> Range:
     variables = VARIABLES | {WEARER.name: WEARER}
-    return read_range(name, values, cables, variables, "case")
+    return read_range(name, values, device, variables, "case")
 
 
 def _set_same_parameter(name: str, other: str) -> bool:

@@ -33,6 +33,7 @@ from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._study_metrics import number_columns
 from cc_mujoco.design._study_spec import HERE, Execution
+from cc_mujoco.device import Device
 from cc_mujoco.errors import CableError
 
 MAX_REPEATED_TRIALS = 20
@@ -70,7 +71,7 @@ def search(
     if (all_of_them := _design_count(plan)) < evaluations:
         say(f"The ranges have {all_of_them} designs, so all of them are tried.")
         evaluations = int(all_of_them)
-    builder = load_device(plan.protocol.scene, plan.protocol.timestep)
+    builder = plan.protocol.device
     optuna = require_optuna()
     study = optuna.create_study(
         directions=["minimize"] * len(goals),

@@ -17,14 +17,14 @@ from cc_mujoco._utils.provenance import (
     read_provenance,
 )
 from cc_mujoco._utils.tables import is_table
-from cc_mujoco.control import controller
+from cc_mujoco.control import axes_controller
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._phrases import column_title, format_cell
-from cc_mujoco.design._protocol import CONTROL_PERIOD
+from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, read_study, read_table
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX, Across, Case
-from cc_mujoco.device import Plant
+from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._wearer_scaling import trajectory_of
 from cc_mujoco.errors import CableError
@@ -34,7 +34,7 @@ from cc_mujoco.metrics import find_metric
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.simulation._log_columns import MODEL_XML
+from cc_mujoco.simulation._log_columns import AXES, MODEL_XML
 from cc_mujoco.simulation._simulate import play
 
 TABLE, PICTURE, RECORDING = "comparison.md", "comparison.png", "comparison.rrd"
@@ -69,28 +69,41 @@ def show(
     about = read_study(folder)
     design = _design(folder, row, about["variables"])
     protocol = about["protocol"]
-    for kind, registry in (("trajectory", TRAJECTORIES), ("task", TASKS)):
-        _require_text(folder, kind, protocol[kind], registry)
-    find_user_metrics(folder)
     device = load_device(protocol["scene"], protocol["timestep"])
+    axes = [axis.name for axis in device.description.axes]
+    for kind, registry in (("trajectory", TRAJECTORIES), ("task", TASKS)):
+        for text in split_axes([protocol[kind]], axes):
+            _require_text(folder, kind, text, registry)
+    find_user_metrics(folder)
     played = case_of(folder, row, case)
     plant = Plant(device, {**design, **played})
     model = plant.model(whole=True)
+    task: Any = protocol["task"]
+    if len(axes) > 1:
+        task = tasks_of_axes(task, device.description)
     env: Any = gymnasium.make(
-        plant.setup.environment,
+        "cc_mujoco/Device-v1",
         disable_env_checker=True,
+        device=device,
         model=model,
         trajectory=trajectory_of(plant.values, protocol["trajectory"]),
-        task=walking_designs.task_of(plant.values, protocol["task"]),
+        task=walking_designs.task_of(plant.values, task, device.description),
         duration=protocol["duration"],
-        frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
+        frame_skip=device.frame_skip,
     )
-    drive = PERFECT_SENSING.equip(env.unwrapped.drive)
-    laws = {name: controller(name, drive) for name in protocol["controllers"]}
+    exo = env.unwrapped.exo
+    drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
+    laws = {
+        name: axes_controller(name, drives, exo.device.prefixes)
+        for name in protocol["controllers"]
+    }
     chosen = read_row(folder, row).get(CONTROLLER_COLUMN) or protocol["controllers"][0]
     law = laws[chosen]
     names = {key: protocol[key] for key in ("trajectory", "task")}
-    makers = code_provenance(*laws, *protocol["own"].values(), *names.values())
+    made = split_axes([*laws, *names.values()], axes)
+    makers = code_provenance(
+        *made, *protocol["own"].values(), files=device_digests(device)
+    )
     if changed := provenance_differences(read_provenance(read_table(folder)), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
@@ -110,9 +123,15 @@ def show(
         },
         progress=progress,
     )
-    facts = {**plant.facts, MODEL_XML: plant.xml()}
-    log = EpisodeLog(log.columns, {**log.metadata, **facts})
-    return log, model
+    facts = {axis.name: plant.facts(axis) for axis in device.description.axes}
+    known: dict[str, Any] = {}
+    if len(facts) == 1:
+        (known,) = facts.values()
+    else:
+        there = log.metadata[AXES]
+        known[AXES] = {name: {**there[name], **own} for name, own in facts.items()}
+    about_log = {**log.metadata, **known, MODEL_XML: plant.xml()}
+    return EpisodeLog(log.columns, about_log), model
 
 
 def _require_text(

@@ -1,14 +1,23 @@
-"""Metrics of a study: the possible ones, their columns and their records."""
+"""Metrics of a study: the possible ones, their columns and their records.
+
+Of a device with several axes, `NAME` is a metric of the worst axis: its largest number
+over the axes, or its least where more is better. `AXIS.NAME` is that of one axis. A
+design that has no number at one of them has none.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX
+from cc_mujoco.device import Description
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._variables import VARIABLES, WEARER
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric
@@ -17,6 +26,7 @@ from cc_mujoco.metrics._metric import (
     DRIVEN,
     PACE,
     RATIO,
+    STRENGTH,
     TORQUE_CONSTANT,
     WINDING_RESISTANCE,
 )
@@ -53,6 +63,10 @@ DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque"
 """Metrics that rank designs where no objective is given, of those that were measured:
 how well the task is done, how the device feels without power, how large its motor is.
 """
+HELD_TESTS = ("backlash", "bandwidth")
+"""Tests in which the joints are held."""
+ROPE_METRICS = ("cable_mass", "mass", "bend_ratio", "bending_stress")
+"""Metrics that the diameter of the rope decides."""
 COST_METRIC = "cost"
 """Metric that a table of costs is for."""
 CONTROLLER_METRIC = "rms_torque_error"
@@ -72,12 +86,41 @@ _RESERVED_COLUMNS = {"design", "failed", "controller", WEARER.name, *VARIABLES}
 """Columns of a table that are no metrics."""
 
 
+def split_metric(name: str) -> tuple[str, str]:
+    """Return axis and metric of a name; the axis is "" where it is of them all."""
+    axis, _, own = name.rpartition(".")
+    return axis, own
+
+
+def known_metric(name: str) -> Metric | None:
+    """Return the metric of a column, `NAME` or `AXIS.NAME`; None where it is none."""
+    axis, own = split_metric(name)
+    found = METRICS.get(own)
+    if found is None or not axis:
+        return found
+    return replace(found, name=name, meaning=f"{axis}: {found.meaning}")
+
+
+def metric_of(name: str) -> Metric:
+    """Return the metric of a name that was found before, `NAME` or `AXIS.NAME`."""
+    found = known_metric(name)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
 def metric_of_designs(given: str | Metric) -> Metric:
     """Return a metric that the designs of a study can have.
+
+    Args:
+        given: Name, `AXIS.NAME`, `MODULE:NAME` or the metric.
 
     Raises:
         CableError: There is no such metric, or it is of no design.
     """
+    axis = ""
+    if isinstance(given, str) and ":" not in given:
+        axis, given = split_metric(given)
     metric = find_metric(given)
     if metric.name in _RESERVED_COLUMNS:
         raise CableError(
@@ -89,7 +132,33 @@ def metric_of_designs(given: str | Metric) -> Metric:
             f"metric {metric.name!r} is of each cable; a what-if needs one that is of "
             "the design."
         )
-    return metric
+    if axis and not metric.of_axis:
+        raise CableError(
+            f"metric {metric.name!r} is of the device as a whole; write "
+            f"{metric.name!r}, not '{axis}.{metric.name}'."
+        )
+    return metric_of(f"{axis}.{metric.name}") if axis else metric
+
+
+def require_axes(names: Sequence[str], axes: Sequence[str]) -> None:
+    """Refuse metrics of axes that a device does not have.
+
+    Args:
+        names: Of metrics.
+        axes: Names of the axes where there are several.
+
+    Raises:
+        CableError: One is of an unknown axis, or names the only one.
+    """
+    for name in names:
+        axis, own = split_metric(name)
+        if axis and not axes:
+            raise CableError(
+                f"metric {name!r} names an axis, but the device has only one; write "
+                f"{own!r}."
+            )
+        if axis and axis not in axes:
+            raise CableError.unknown("axis", axis, axes)
 
 
 def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]:
@@ -101,9 +170,63 @@ def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]
     return ()
 
 
+def missing_fact(
+    metric: Metric, names: Collection[str], device: Description
+) -> str | None:
+    """Return what would have to be written for a metric of designs with these names.
+
+    Returns:
+        A part of a sentence: key and table of the description; None where nothing of
+        the device is missing.
+    """
+    rope = math.isnan(device.diameter) and "diameter" not in names
+    own = metric.name.rpartition(".")[2]
+    if own in ROPE_METRICS and rope:
+        return "the diameter of the rope: write `diameter` in [rope]"
+    if STRENGTH in metric.needs and math.isnan(device.strength):
+        if not {"strength", "material"} & set(names):
+            return "the breaking load of the rope: write `strength` in [rope]"
+    if own == "mass" and not all(axis.motor_pulley for axis in device.axes):
+        return "the inertia of the drum: write `motor_pulley` in [axis]"
+    return None
+
+
 def is_stride_metric(name: str) -> bool:
     """Return whether a metric is of the strides of a joint that walks."""
-    return PACE in METRICS[name].needs
+    return PACE in metric_of(name).needs
+
+
+def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Return the columns of the axes of each metric.
+
+    Returns:
+        Metric by name of the column, `AXIS.METRIC`; nothing where there is one axis.
+    """
+    return {
+        f"{axis}.{name}": name
+        for name in protocol.metrics
+        if "." not in name and METRICS[name].of_axis
+        for axis in protocol.axes
+        if f"{axis}.{name}" not in protocol.metrics
+    }
+
+
+def over_axes(
+    protocol: EpisodeProtocol, found: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the metrics of the worst axis, from those of every axis.
+
+    Args:
+        protocol: whose metrics they are.
+        found: by `AXIS.METRIC`; an axis may lack one that it cannot have.
+    """
+    worst = {}
+    for name in protocol.metrics:
+        each = [found[n] for a in protocol.axes if (n := f"{a}.{name}") in found]
+        if each:
+            end = min if wants_high(protocol, name) else max
+            worst[name] = math.nan if any(map(math.isnan, each)) else end(each)
+    return worst
 
 
 def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
@@ -119,7 +242,7 @@ def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
         f"{name}@{law}": (name, law)
         for law in protocol.controllers
         for name in protocol.metrics
-        if METRICS[name].driven
+        if metric_of(name).driven
     }
 
 
@@ -137,22 +260,35 @@ def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
 
 def number_columns(protocol: EpisodeProtocol) -> tuple[str, ...]:
     """Return the columns of all numbers that a design has."""
-    return (*protocol.metrics, *by_controller(protocol), *by_case(protocol))
+    return (
+        *protocol.metrics,
+        *by_axis(protocol),
+        *by_controller(protocol),
+        *by_case(protocol),
+    )
 
 
 def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
     """Return whether more of a metric is better in a study."""
-    return METRICS[name].high != (name in protocol.across.turned)
+    own = name.rpartition(".")[2]
+    turned = not {name, own}.isdisjoint(protocol.across.turned)
+    return METRICS[own].high != turned
 
 
 def record_of(
-    played: Rollout, index: int, cables: tuple[str, ...], facts: Mapping[str, Any]
+    played: Rollout,
+    index: int,
+    cables: tuple[str, ...],
+    facts: Mapping[str, Any],
+    axis: int = 0,
 ) -> ArrayLog:
-    """Return one design of a batch in the shape of an episode log.
+    """Return one axis of a design of a batch in the shape of an episode log.
 
     The tension of nodes is that of the node with least (T, 1).
     """
-    columns = {name: values[index] for name, values in played.columns.items()}
+    prefixes = played.prefixes
+    own = axis_columns(played.columns, prefixes[axis], prefixes)
+    columns = {name: values[index] for name, values in own.items()}
     lost, ends, least = (
         columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
     )
@@ -162,5 +298,6 @@ def record_of(
         columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
         nodes = np.maximum(least[place], 0.0)[:, None]
         columns[f"tension_{cable}_nodes_n"] = nodes
-    ratio = float(played.ratio[index])
-    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: played.driven, **facts})
+    ratio = float(played.ratio[index, axis])
+    driven = played.driven[axis]
+    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: driven, **facts})

@@ -117,7 +117,7 @@ def check_timestep(
     )
     again = with_few_designs(
         dataclasses.replace(plan, protocol=protocol),
-        load_device(protocol.scene, protocol.timestep),
+        protocol.device,
         [plan.designs[i] for i in tried],
     )
     rows = run(again).to_pylist()

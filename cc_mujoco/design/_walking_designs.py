@@ -11,12 +11,12 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 
-from cc_mujoco.design._protocol import CONTROL_PERIOD, EpisodeProtocol
+from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._study_metrics import is_stride_metric
-from cc_mujoco.device import Plant, Scene
-from cc_mujoco.device._registry import Setup
+from cc_mujoco.device import Description, Device, Plant
 from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import (
     ASSIST,
@@ -27,6 +27,7 @@ from cc_mujoco.device._wearer_scaling import (
     WALK,
     WALKER,
     body_of,
+    helped_axis,
     pace_of,
     profile_of,
     require_scene,
@@ -40,12 +41,22 @@ from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._profile import Profiles
 from cc_mujoco.simulation._reference_motion import joint_range
 from cc_mujoco.simulation._rollout import Episode
+from cc_mujoco.simulation._worn_device import TaskChoice
 
 
 def require_played(
-    device: Setup, names: Collection[str], trajectory: str, task: str
+    device: Description,
+    names: Collection[str],
+    trajectory: str,
+    tasks: Mapping[str, str],
 ) -> None:
     """Refuse to vary a walk or a profile that a study does not play.
+
+    Args:
+        device: of the study.
+        names: what is varied.
+        trajectory: that the study plays.
+        tasks: of every axis by its name.
 
     Raises:
         CableError: the variable, and what the study would have to play.
@@ -57,19 +68,22 @@ def require_played(
                 f"variable {name!r} is of trajectory {WALK!r}, but the study plays "
                 f"{trajectory!r}."
             )
+    helped = helped_axis(device)
     for name in PROFILE:
-        if name in names and task != ASSIST:
+        task = "" if helped is None else tasks[helped.name]
+        if name in names and task.partition(":")[0] != ASSIST:
             raise CableError(
                 f"variable {name!r} is of task {ASSIST!r}, but the study plays "
                 f"{task!r}."
             )
 
 
-def gait_joint(builder: Scene) -> GaitJoint | None:
-    """Return the part of a walk that a device's driven joint has, None without."""
-    joint = builder.setup.joint
-    found = gait_joints({joint: joint_range(Plant(builder).model(), joint)})
-    return found[0] if found else None
+def joints_of_gait(builder: Device) -> dict[str, GaitJoint]:
+    """Return the parts in a walk of the joints that a device drives, by axis."""
+    model, axes = Plant(builder).model(), builder.description.axes
+    found = gait_joints({axis.limb: joint_range(model, axis.limb) for axis in axes})
+    walking = {joint.name: joint for joint in found}
+    return {axis.name: walking[axis.limb] for axis in axes if axis.limb in walking}
 
 
 def require_strides(
@@ -89,11 +103,12 @@ def require_strides(
     if not stride_metrics:
         return
     walkers = {tuple((n, d[n]) for n in WALKER if n in d) for d in designs}
+    period = protocol.device.description.period
     for case in protocol.across.cases:
         ends = []
         for walker in walkers:
             with contextlib.suppress(CableError):  # impossible; reported elsewhere
-                ends.append(_whole_stride({**dict(walker), **case}))
+                ends.append(_whole_stride({**dict(walker), **case}, period))
         if ends and max(ends) > protocol.duration:
             slowest = " of who walks slowest" if len(set(ends)) > 1 else ""
             raise CableError(
@@ -103,11 +118,16 @@ def require_strides(
             )
 
 
-def _whole_stride(design: Mapping[str, Value]) -> float:
-    """Return the end of the first stride walked at full cadence all along [s]."""
+def _whole_stride(design: Mapping[str, Value], period: float) -> float:
+    """Return the end of the first stride walked at full cadence all along [s].
+
+    Args:
+        design: Whose wearer walks.
+        period: Time between two samples [s].
+    """
     walk = Walk.at(speed_of(design), body_of(design))
     # By the end of the start half of it has been walked; one sample tells the strike.
-    return 0.5 * walk.start + 2.0 * walk.period + CONTROL_PERIOD
+    return 0.5 * walk.start + 2.0 * walk.period + period
 
 
 def episode_of(design: Mapping[str, Value], episode: Episode) -> Episode:
@@ -115,7 +135,7 @@ def episode_of(design: Mapping[str, Value], episode: Episode) -> Episode:
     return dataclasses.replace(
         episode,
         trajectory=trajectory_of(design, episode.trajectory),
-        task=_task_of_wearer(episode.task, design),
+        task=_each_task(episode.task, lambda task: _task_of_wearer(task, design)),
     )
 
 
@@ -170,27 +190,54 @@ def _rescale(value: float, low: float, high: float, log: bool, most: float) -> f
     return min(low + (value - low) * (most - low) / (high - low), most)
 
 
-def tasks_of(designs: Sequence[Mapping[str, Value]], task: str | Task) -> str | Task:
-    """Return the task of designs simulated together: `task`, or their profiles."""
+def tasks_of(
+    designs: Sequence[Mapping[str, Value]], task: TaskChoice, device: Description
+) -> TaskChoice:
+    """Return the task of designs simulated together: `task`, or their profiles.
+
+    Args:
+        designs: those that are simulated.
+        task: of all axes, or by axis.
+        device: one of whose axes has the profiles.
+    """
     found = [profile_of(design) for design in designs]
     profiles = [profile for profile in found if profile is not None]
-    return Profiles(profiles) if profiles else task
+    return _with_profile(task, Profiles(profiles) if profiles else None, device)
 
 
-def task_of(design: Mapping[str, Value], task: str) -> str | Task:
-    """Return the task of one design."""
-    profile = profile_of(design)
-    if profile is not None:
-        return profile
-    return _task_of_wearer(task, design)
+def task_of(
+    design: Mapping[str, Value], task: TaskChoice, device: Description
+) -> TaskChoice:
+    """Return the task of one design; the arguments are those of `tasks_of`."""
+    own = _each_task(task, lambda one: _task_of_wearer(one, design))
+    return _with_profile(own, profile_of(design), device)
 
 
-def _task_of_wearer(task: str | Task, design: Mapping[str, Value]) -> str | Task:
+def _with_profile(
+    task: TaskChoice, profile: Task | None, device: Description
+) -> TaskChoice:
+    """Return a task with a profile, if there is one, at the axis that is helped."""
+    helped = helped_axis(device)
+    if profile is None or helped is None:
+        return task
+    return {**task, helped.name: profile} if isinstance(task, Mapping) else profile
+
+
+def _each_task(
+    task: TaskChoice, change: Callable[[str | Path | Task], str | Path | Task]
+) -> TaskChoice:
+    if isinstance(task, Mapping):
+        return {name: change(one) for name, one in task.items()}
+    return None if task is None else change(task)
+
+
+def _task_of_wearer(
+    task: str | Path | Task, design: Mapping[str, Value]
+) -> str | Path | Task:
     """Return a task for the wearer of a design, who may walk differently.
 
     Tasks that do not follow the gait are returned unchanged.
     """
     if not any(name in design for name in WALKER):
         return task
-    found = find_task(task) if isinstance(task, str) else task
-    return scale_task(found, pace_of(design), body_of(design).moment)
+    return scale_task(find_task(task), pace_of(design), body_of(design).moment)

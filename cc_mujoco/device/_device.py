@@ -146,10 +146,11 @@ class Device(Nominal):
         timestep: float | None,
         given: Mapping[str, Any],
     ) -> None:
-        if timestep is not None:
-            spec.option.timestep = timestep
         self._table = table = Table(table.where, _merged(table.content, given))
         description = describe(spec, name, table)
+        # After it, since the control period is that of the scene's own time step.
+        if timestep is not None:
+            spec.option.timestep = timestep
         self.name, self.timestep, self.spec = name, timestep, spec
         model = spec.copy().compile()
         self.movers = {

@@ -308,19 +308,19 @@ class DeviceModel:
         self,
         description: Description,
         model: mujoco.MjModel,
-        wearer: Wearer | None = None,
+        wearer: Wearer | Mapping[str, Wearer] | None = None,
     ) -> None:
         """Find the parts.
 
         Args:
             description: The device.
             model: Its scene, or a variant.
-            wearer: Impedance of the wearer at the driven joint; that of the model by
-                default.
+            wearer: Impedance of the wearer at the driven joint, or by joint; that of
+                the model by default.
 
         Raises:
-            CableError: Several joints are driven and `wearer` is given, or the model
-                lacks a part.
+            CableError: One wearer is given for several joints, nobody moves such a
+                joint, or the model lacks a part.
         """
         self.description, self.model = description, model
         _require_parts(description, model)
@@ -331,14 +331,15 @@ class DeviceModel:
             for joint, name in description.movers.items()
         }
         """Wearer at every joint that it moves."""
-        if wearer is not None:
-            axis = description.axis()
-            if axis.limb not in self.movers:
+        if isinstance(wearer, Wearer):
+            wearer = {description.axis().limb: wearer}
+        for joint, impedance in (wearer or {}).items():
+            if joint not in self.movers:
                 raise CableError(
-                    f"device {description.scene!r} has no wearer at joint "
-                    f"{axis.limb!r}, whose impedance could be set."
+                    f"device {description.scene!r} has no wearer at joint {joint!r}, "
+                    "whose impedance could be set."
                 )
-            self._write_wearer(axis.limb, wearer)
+            self._write_wearer(joint, impedance)
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
         self.axes = tuple(

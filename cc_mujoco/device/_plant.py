@@ -229,14 +229,17 @@ class Plant:
 
     @property
     def discs(self) -> list[float]:
-        """Mass of every pulley [kg], that of a solid disc of its inertia."""
+        """Mass of every pulley [kg], that of a solid disc of its inertia.
+
+        NaN where nobody knows that.
+        """
         return [
             sum(
-                2.0 * disc / len(radii) * radius**2 / nominal**4
+                2.0 * (disc or math.nan) / len(radii) * radius**2 / nominal**4
                 for nominal, radius in radii
             )
             for _, disc, radii in self._pulley_inertias()
-            if disc and radii
+            if radii
         ]
 
     @property
@@ -370,14 +373,11 @@ class Plant:
         diameter = float(own.get("diameter", self.description.diameter))
         nominal = self.description.diameter
         stiffness = cable.axial_stiffness
-        needed = [n for n in ("diameter", "material") if n in own]
-        if (
-            needed
-            and math.isnan(nominal)
-            and (needed[0] != "material" or math.isnan(diameter))
-        ):
+        # Of a material the diameter says all, else it scales the rope that is there.
+        varied = "material" if self.material is not None else "diameter"
+        if varied in own and math.isnan(diameter if varied == "material" else nominal):
             raise CableError(
-                f"variable {needed[0]!r} needs the diameter of the rope as it is: "
+                f"variable {varied!r} needs the diameter of the rope as it is: "
                 "write `diameter` in [rope] of the description of "
                 f"{self.description.scene}."
             )

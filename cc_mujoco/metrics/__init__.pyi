@@ -5,6 +5,7 @@ from ._registry import METRICS as METRICS
 from ._registry import expand_cable_metrics as expand_cable_metrics
 from ._registry import find_metric as find_metric
 from ._registry import measure as measure
+from ._registry import measure_axes as measure_axes
 from ._registry import metric_key as metric_key
 from ._registry import user_metrics as user_metrics
 from ._torque import first_unsafe_sample as first_unsafe_sample

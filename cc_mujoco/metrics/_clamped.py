@@ -45,7 +45,9 @@ def bandwidth(log: LogLike) -> float:
     the response stays above, and 0 if its lowest band is below `MIN_GAIN`.
     """
     centre, gain = torque_response(log)
-    if not gain[0] >= MIN_GAIN:
+    if np.isnan(gain[0]):
+        return math.nan
+    if gain[0] < MIN_GAIN:
         return 0.0
     below = np.flatnonzero(gain < gain[0] / math.sqrt(2.0))
     if below.size == 0:
@@ -60,7 +62,7 @@ def torque_response(log: LogLike) -> tuple[Array, Array]:
 
     The response is the cross spectrum of the two torques over the power spectrum of the
     desired one, each summed over bands of a sixth of an octave, of which the lowest is
-    an octave.
+    an octave; NaN where the samples are too rare for `CHIRP_HIGH`.
     """
     desired, actual = log["desired_torque_nm"], log["joint_torque_nm"]
     wanted = np.fft.rfft(desired - desired.mean())
@@ -70,6 +72,8 @@ def torque_response(log: LogLike) -> tuple[Array, Array]:
     # The lowest lines are few, so the lowest band is an octave.
     upper = np.arange(1.0, octaves + 1e-9, 1.0 / BANDS_PER_OCTAVE)
     edges = CHIRP_LOW * 2.0 ** np.concatenate([[0.0], upper])
+    if not frequency[-1] > edges[-1]:
+        return np.sqrt(edges[1:] * edges[:-1]), np.full(upper.size, np.nan)
     places = np.searchsorted(frequency, edges)
     cross = np.add.reduceat(found * wanted.conj(), places)[:-1]
     power = np.add.reduceat(np.abs(wanted) ** 2, places)[:-1]

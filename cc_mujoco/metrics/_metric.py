@@ -105,6 +105,8 @@ class Metric:
     needs: tuple[str, ...] = ()
     """Metadata keys without which there is no such number, and that not every device
     has."""
+    whole: bool = False
+    """True if it is of the device as a whole; otherwise each axis has one."""
 
     @property
     def high(self) -> bool:
@@ -121,6 +123,11 @@ class Metric:
         """Return whether every cable has one."""
         return "{cable}" in self.name
 
+    @property
+    def of_axis(self) -> bool:
+        """Return whether each axis of a device has one."""
+        return not (self.whole or self.per_cable)
+
     def of(self, cable: str) -> Metric:
         """Return this metric for the cable of that name."""
         return replace(
@@ -128,6 +135,7 @@ class Metric:
             name=self.name.format(cable=cable),
             meaning=self.meaning.format(cable=cable),
             compute=partial(self.compute, cable=cable),
+            whole=True,
         )
 
 

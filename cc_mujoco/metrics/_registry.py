@@ -13,7 +13,7 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import partial
 from numbers import Real
 
@@ -30,6 +30,7 @@ from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
     PACE,
     PULL_PULL,
+    STRENGTH,
     TORQUE_CONSTANT,
     WINDING_RESISTANCE,
     Better,
@@ -48,11 +49,16 @@ WINDING_KEYS = (WINDING_RESISTANCE, TORQUE_CONSTANT)
 
 
 def _constant(
-    name: str, unit: str, meaning: str, better: Better = "low", *needs: str
+    name: str,
+    unit: str,
+    meaning: str,
+    better: Better = "low",
+    *needs: str,
+    whole: bool = True,
 ) -> Metric:
     """Define a metric that is a constant of the design."""
     compute = partial(metadata_constant, key=name)
-    return Metric(name, unit, meaning, compute, better, "parts", needs)
+    return Metric(name, unit, meaning, compute, better, "parts", needs, whole)
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
@@ -151,7 +157,7 @@ METRICS: dict[str, Metric] = {
                lambda log: max(torque.peak_tension(log, c)
                                for c in driven_cables(log))),
         Metric("strength_used", "1", "peak tension per breaking load of the cable",
-               torque.strength_used),
+               torque.strength_used, needs=(STRENGTH,)),
         Metric("failed", "1", "episodes that diverged, or put more than the device's "
                f"`safe_torque` into the joint for {1e3 * MAX_UNSAFE_TIME:g} ms, or "
                "tore a "
@@ -164,7 +170,7 @@ METRICS: dict[str, Metric] = {
                lambda log: float(clamped.torque_response(log)[1][0]), "high",
                "bandwidth"),
         _constant("reflected_inertia", "kg m^2", "inertia of rotor and motor pulley "
-              "as the joint feels it; goes with the square of the ratio"),
+              "as the joint feels it; goes with the square of the ratio", whole=False),
         _constant("cable_mass", "kg", "mass of rope and conduit over the length of the "
               "conduits; goes with the square of the diameter", "low", "rope_density"),
         _constant("mass", "kg", "mass of motor, ropes, conduits and pulleys; gears, "
@@ -287,3 +293,31 @@ def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
             raise CableError(f"metric {metric.name!r} gave {value!r}, not a number.")
         found[metric] = float(value)
     return found
+
+
+def measure_axes(
+    log: LogLike, metrics: Iterable[Metric]
+) -> Iterator[tuple[str, Metric, float]]:
+    """Yield axis, metric and value for every number of an episode.
+
+    Metrics of one axis come first, axis by axis. The axis is "" where the device has
+    only one, and for metrics of a cable or of the device as a whole.
+
+    Args:
+        log: Of an episode; one of several axes is an `EpisodeLog`.
+        metrics: What to measure, those of cables as `expand_cable_metrics` gives them.
+
+    Raises:
+        CableError: See `measure`.
+    """
+    metrics = tuple(metrics)
+    axes: tuple[str, ...] = getattr(log, "axes", ())
+    if not axes:
+        yield from (("", *pair) for pair in measure(log, metrics).items())
+        return
+    each = [metric for metric in metrics if metric.of_axis]
+    for axis in axes:
+        own: LogLike = log.axis(axis)  # type: ignore[attr-defined]
+        yield from ((axis, *pair) for pair in measure(own, each).items())
+    rest = [metric for metric in metrics if not metric.of_axis]
+    yield from (("", *pair) for pair in measure(log, rest).items())

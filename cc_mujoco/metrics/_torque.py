@@ -163,16 +163,23 @@ def peak_tension(log: LogLike, cable: str) -> float:
 
 
 def strength_used(log: LogLike, *cables: str) -> float:
-    """Return peak tension per breaking load of some cables, by default the wound."""
+    """Return peak tension per breaking load of some cables, by default the wound.
+
+    NaN where the breaking load of one is unknown.
+    """
     strength: Mapping[str, float] = log.metadata.get(STRENGTH, {})
-    return max(
+    shares = [
         peak_tension(log, cable) / strength.get(cable, math.nan)
         for cable in cables or driven_cables(log)
-    )
+    ]
+    return float(np.max(shares))
 
 
 def failed(log: LogLike) -> float:
-    """Return 1 for an episode that diverged, was unsafe or tore a cable, else 0."""
+    """Return 1 for an episode that diverged, was unsafe or tore a cable, else 0.
+
+    NaN where it did not diverge and nobody knows what is safe.
+    """
     torque = log["joint_torque_nm"]
     if not np.all(np.isfinite(torque)):
         return 1.0

@@ -56,7 +56,8 @@ class Episode:
     seed: int
     controller: str | Mapping[str, str] | None
     """Name, for all axes or by axis; without one the motors give no torque."""
-    wearer: Wearer | None = None
+    wearer: Wearer | Mapping[str, Wearer] | None = None
+    """At the only driven joint, or by joint; that of the models by default."""
 
     def device(self, model: mujoco.MjModel) -> DeviceModel:
         """Return the device on a model."""

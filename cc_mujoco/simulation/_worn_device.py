@@ -84,7 +84,7 @@ class WornDevice:
         task: TaskChoice = None,
         duration: float = 10.0,
         frame_skip: int | None = None,
-        wearer: Wearer | None = None,
+        wearer: Wearer | Mapping[str, Wearer] | None = None,
         hold: int = 1,
         history: int = 0,
         memory: bool = False,
@@ -106,8 +106,8 @@ class WornDevice:
             duration: Length of an episode [s], rounded to whole control steps.
             frame_skip: Physics steps from one sample of the sensors to the next; those
                 of the period of the device by default.
-            wearer: Impedance of the wearer at the only axis; that of the model by
-                default.
+            wearer: Impedance of the wearer at the only axis, or by joint; that of the
+                model by default.
             hold: Samples in a control step.
             history: Earlier frames in an observation; see `Observed`.
             memory: Whether plays are observed; see `Observed`.
@@ -117,7 +117,7 @@ class WornDevice:
         Raises:
             CableError: If an argument cannot be used.
         """
-        if not (wearer is None or isinstance(wearer, Wearer)):
+        if not (wearer is None or isinstance(wearer, (Wearer, Mapping))):
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
         require_number("smoothness", smoothness, 0.0, 1e3, "")
         self.smoothness = float(smoothness)

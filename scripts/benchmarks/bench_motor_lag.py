@@ -30,9 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
 
 from driven import Bench, Lockstep
 
-from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller, controller
-from cc_mujoco.device import DEVICES, Drive, Measuring
+from cc_mujoco.device import Drive, Measuring, load_device
 from cc_mujoco.hardware import Loop, Readings, RunOutcome, Settings, read_settings
 from cc_mujoco.report import table
 from cc_mujoco.simulation import Single, Trace, run
@@ -138,23 +137,27 @@ def bench(
 
 def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
     """Return the RMS error of a device in its own task [N m]."""
-    setup = DEVICES[scene]
-    spec = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
+    made = load_device(scene)
+    spec = made.spec.copy()
     if lag:
-        motor = spec.actuator("motor")
+        motor = spec.actuator(made.description.axis().motor)
         motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
         motor.dynprm[0] = lag
         motor.actearly = True
     env = gymnasium.make(
-        setup.environment, disable_env_checker=True, model=spec.compile(), duration=2.0
+        "cc_mujoco/Device-v1",
+        disable_env_checker=True,
+        device=made,
+        model=spec.compile(),
+        duration=2.0,
     )
     inner: Any = env.unwrapped
-    drive = inner.drive
+    drive = inner.exo.drive
     if not known:
         drive = dataclasses.replace(drive, motor_lag=0.0)
     plant = Single(env, seed)
     measuring = Measuring(
-        setup.sensing, drive, inner.exo.device.driven, seed, plant.steps
+        made.description.sensing, drive, *inner.exo.device.driven, seed, plant.steps
     )
     trace = Trace(("joint_torque_nm", "desired_torque_nm"), plant.steps)
     run(plant, law_of(law, drive), trace.keep, measure=measuring.measure)

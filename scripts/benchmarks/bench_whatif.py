@@ -25,7 +25,7 @@ from mujoco.batch import Batch
 
 from cc_mujoco.control import controller
 from cc_mujoco.design import Execution, Plan, carry_out, episodes, make_plan
-from cc_mujoco.device import PERFECT_SENSING, Measuring, Plant, Scene
+from cc_mujoco.device import PERFECT_SENSING, Measuring, Plant
 from cc_mujoco.plugin import untimed
 from cc_mujoco.simulation import Single, attended, run
 from cc_mujoco.simulation._rollout import play
@@ -115,7 +115,7 @@ def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
 def physics(plan: Plan, count: int) -> Callable[[], object]:
     """Return what steps a plan's first designs, as they were driven, and no more."""
     protocol = plan.protocol
-    device = Scene(protocol.scene, protocol.timestep)
+    device = protocol.device
     models = [attended(Plant(device, design)) for design in plan.designs[:count]]
     _, _, episode = episodes(protocol, device)[0]
     exo = episode.exo(models[0])
@@ -130,8 +130,9 @@ def physics(plan: Plan, count: int) -> Callable[[], object]:
         mujoco.mj_getState(model, data, batch.state[row], integration)
     start, steps = batch.state.copy(), exo.steps * exo.frame_skip
     control = np.zeros((count, steps, models[0].nu))
-    driven = np.repeat(torque / exo.device.motor_gear, exo.frame_skip, axis=1)
-    control[:, :, exo.device.motor_control] = driven
+    (axis,) = exo.device.axes
+    driven = np.repeat(torque / axis.motor_gear, exo.frame_skip, axis=1)
+    control[:, :, axis.motor_control] = driven
     control[:, :, exo.device.script_controls] = script.commands[:steps]
 
     def step() -> None:
@@ -153,20 +154,21 @@ def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
 def loop(plan: Plan) -> None:
     """Play designs in single environments, one after another."""
     protocol = plan.protocol
-    device = Scene(protocol.scene, protocol.timestep)
+    device = protocol.device
     for design in plan.designs[:LOOPED]:
         model = Plant(device, design).model(whole=True)
         env: Any = gymnasium.make(
-            device.setup.environment,
+            "cc_mujoco/Device-v1",
             disable_env_checker=True,
+            device=device,
             model=model,
             trajectory=protocol.trajectory,
             task=protocol.task,
             duration=protocol.duration,
             frame_skip=protocol.frame_skip,
         ).unwrapped
-        law = controller(protocol.controllers[0], env.drive)
-        driven = env.exo.device.driven
+        law = controller(protocol.controllers[0], env.exo.drive)
+        (driven,) = env.exo.device.driven
         measuring = Measuring(
             PERFECT_SENSING, law.drive, driven, protocol.seed, env.exo.steps
         )

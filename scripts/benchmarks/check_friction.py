@@ -1,6 +1,6 @@
 """Does any friction make a controller pull a joint harder than it should?
 
-    python scripts/benchmarks/check_friction.py --scenes ankle exosuit --out runs/f.csv
+    python scripts/benchmarks/check_friction.py --scenes ankle finger --out runs/f.csv
 
 Every friction term of the library is switched on at every device, small and large, and
 every controller drives the device once with a model that knows the term and once with
@@ -26,12 +26,11 @@ from gymnasium.utils import seeding
 from cc_mujoco.benchmark import WARM_UP
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.control import CONTROLLERS, controller
-from cc_mujoco.device import DEVICES, Drive, Measuring, Plant, Scene
+from cc_mujoco.device import Drive, Measuring, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.report import table
 from cc_mujoco.simulation import (
-    FRAME_SKIP,
     BatchedController,
     Fleet,
     Trace,
@@ -63,6 +62,8 @@ LARGE: dict[str, Term] = {
 
 _ABOVE = {"static_friction"}
 """Terms whose size counts from the friction of the cable on."""
+SCENES = "wrist", "ankle", "finger"
+"""Devices, of one axis each."""
 SHARES = 0.02, 1.0
 """Sizes that are tried, over the large one."""
 MARGIN = 1.1
@@ -112,16 +113,16 @@ def sized(term: Term, share: float) -> dict[str, float]:
 
 def designs(scene: str, terms: Sequence[str], shares: Sequence[float]) -> list[Any]:
     """Return name, share and design of every device that can be built."""
-    device, found = Scene(scene), []
+    device, found = load_device(scene), []
     for name in terms:
         for share in shares if LARGE[name] else (1.0,):
             design = sized(LARGE[name], share)
-            if scene in ("finger", "exosuit"):  # open paths have no seals
+            if scene == "finger":  # an open path has no seals
                 design = {k: v for k, v in design.items() if "seal" not in k}
                 if not design and LARGE[name]:
                     continue
             if "friction_heating" in design:
-                design["friction_heating"] /= DEVICES[scene].torque_scale
+                design["friction_heating"] /= device.description.axis().torque_scale
             design = {
                 f"{cable}.{key}": value + (own.friction if key in _ABOVE else 0.0)
                 for cable, own in device.cables.items()
@@ -150,13 +151,13 @@ def play(
         duration: Of an episode [s].
         seed: Of motion and noise.
     """
-    setup, device = DEVICES[scene], Scene(scene)
+    device = load_device(scene)
+    setup = device.description
+    axis = setup.axis()
 
     def exo(design: Term) -> WornDevice:
         model = Plant(device, design).model()
-        return WornDevice(
-            setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model
-        )
+        return WornDevice(setup, model, duration=duration)
 
     exos = [exo(design) for _, _, design in cases]
     first, count = exos[0], len(exos)
@@ -174,7 +175,7 @@ def play(
     for name in (law, None):
         fleet = Fleet(first, [one.device for one in exos], (script,), 1, name or "")
         measuring = Measuring(
-            setup.sensing, drives[0], first.device.driven, [seed] * count, fleet.steps
+            setup.sensing, drives[0], *first.device.driven, [seed] * count, fleet.steps
         )
         trace = Trace(kept, fleet.steps, fleet.going)
         control = (
@@ -200,8 +201,8 @@ def play(
                 float(np.max(np.abs(torque[:, k]))),
                 float(np.max(np.abs(desired[:, k]))),
                 float(np.max(np.abs(free[:, k]))),
-                setup.safe_torque,
-                first_unsafe_sample(torque[:, k], setup.safe_torque, first.period)
+                axis.safe_torque,
+                first_unsafe_sample(torque[:, k], axis.safe_torque, first.period)
                 is not None,
             )
         )
@@ -219,7 +220,7 @@ def _refuses(law: str, drive: Drive) -> bool:
 def main(argv: Sequence[str] | None = None) -> None:
     """Play all rows; print those that do not pass, and how many do."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=list(DEVICES))
+    parser.add_argument("--scenes", nargs="+", default=SCENES)
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS))
     parser.add_argument("--terms", nargs="+", default=list(LARGE), choices=LARGE)
     parser.add_argument("--shares", nargs="+", type=float, default=list(SHARES))

@@ -99,7 +99,10 @@ def search(
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the table as a `_workers.Job`; a piece is a device, a task and a law."""
+    """Rows of the table as a `_workers.Job`; a piece is a device, a task and a law.
+
+    A device with several axes is given as `DEVICE.AXIS`.
+    """
 
     generations: int
     believed: float
@@ -118,24 +121,32 @@ class Rows:
 
     def do(self, piece: tuple[str, str, str], tick: Tick) -> list[dict[str, Any]]:
         """Search the worst wearer, and tell of all that were tried."""
-        scene, task, law = piece
-        inertia = inertia_of(scene)
+        name, task, law = piece
+        scene, _, own = name.partition(".")
+        axis = own or None
+        inertia = inertia_of(scene, axis)
 
         def limbs(places: Array) -> list[Limb]:
             return [limb_of(place, inertia) for place in places]
 
         tried, found = search(
             lambda places: play(
-                scene, law, task, limbs(places), self.believed, self.damping
+                scene,
+                law,
+                task,
+                limbs(places),
+                self.believed,
+                self.damping,
+                axis=axis,
             ),
-            wearer_bounds(scene),
+            wearer_bounds(scene, axis),
             self.generations,
         )
         # A wearer of little damping swings on by himself.
-        swings = play(scene, "ideal", task, limbs(tried)).velocity
+        swings = play(scene, "ideal", task, limbs(tried), axis=axis).velocity
         return [
             {
-                "scene": scene,
+                "scene": name,
                 "task": task,
                 "controller": law,
                 "believed": self.believed,

@@ -130,7 +130,7 @@ def test_a_wearer_of_factor_one_is_that_of_the_scene_and_others_are_not() -> Non
     )
     assert one["peak_tension"].equals(plain["peak_tension"])
     assert not soft["peak_tension"].equals(plain["peak_tension"])
-    assert Plant("wrist", {"wearer": 2.0}).wearer == Wearer(100.0, 1.6)
+    assert Plant("wrist", {"wearer": 2.0}).wearers == {"wrist": Wearer(100.0, 1.6)}
 
 
 def test_a_design_is_shown_in_its_worst_case_unless_another_is_asked_for(

@@ -16,16 +16,17 @@ from cc_mujoco.design._designs import (
     latin_hypercube,
     read_range,
 )
+from cc_mujoco.device import load_device
 from cc_mujoco.errors import CableError
 
-CABLES = ("flexor", "extensor")
+DEVICE = load_device("wrist")
 
 
 def test_a_grid_has_every_combination_once() -> None:
     ranges = {
-        "friction": read_range("friction", "0.1:0.3:3", CABLES),
-        "loops": read_range("loops", "1,2", CABLES),
-        "conduit": read_range("conduit", "2:0.28, 1:0.1 1:inf", CABLES),
+        "friction": read_range("friction", "0.1:0.3:3", DEVICE),
+        "loops": read_range("loops", "1,2", DEVICE),
+        "conduit": read_range("conduit", "2:0.28, 1:0.1 1:inf", DEVICE),
     }
     designs = grid(ranges)
     assert len(designs) == 12 == len({tuple(d.values()) for d in designs})
@@ -37,9 +38,9 @@ def test_a_grid_has_every_combination_once() -> None:
 
 def test_a_hypercube_visits_every_part_of_every_range_once() -> None:
     ranges = {
-        "pretension": read_range("pretension", "1:100:2:log", CABLES),
-        "friction": read_range("friction", "0:0.5", CABLES),
-        "segments": read_range("segments", "5:8:4", CABLES),
+        "pretension": read_range("pretension", "1:100:2:log", DEVICE),
+        "friction": read_range("friction", "0:0.5", DEVICE),
+        "segments": read_range("segments", "5:8:4", DEVICE),
     }
     count = 40
     designs = latin_hypercube(ranges, count, seed=3)
@@ -117,7 +118,7 @@ def test_a_toml_with_a_slip_says_which(text: str, wrong: str, tmp_path: Path) ->
 
 def test_a_truth_is_no_number() -> None:
     with pytest.raises(CableError, match="not True"):
-        read_range("friction", [True], CABLES)
+        read_range("friction", [True], DEVICE)
 
 
 def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:
@@ -144,18 +145,18 @@ def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:
         ("motor_radius", "0", "(0, 10] m"),
         ("frictoin", "1", "did you mean 'friction'"),
         ("flexer.friction", "0.1", "did you mean 'flexor'"),
-        ("flexor.motor_torque", "1", "belongs to no cable"),
+        ("flexor.motor_torque", "1", "unknown axis 'flexor'"),
     ],
 )
 def test_what_is_no_range_is_one_sentence(name: str, text: str, wrong: str) -> None:
     with pytest.raises(CableError, match=re.escape(wrong)) as error:
-        read_range(name, text, CABLES)
+        read_range(name, text, DEVICE)
     assert "\n" not in str(error.value)
 
 
 def test_a_range_without_a_count_is_for_a_hypercube_only() -> None:
     with pytest.raises(CableError, match="low:high:count"):
-        grid({"friction": read_range("friction", "0.1:0.3", CABLES)})
+        grid({"friction": read_range("friction", "0.1:0.3", DEVICE)})
 
 
 def test_designs_are_counted_before_they_are_made(tmp_path: Path) -> None:

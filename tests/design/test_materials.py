@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cc_mujoco.design import make_plan, study
-from cc_mujoco.device import MATERIALS, Plant, Scene
+from cc_mujoco.device import MATERIALS, Plant, load_device
 from cc_mujoco.device._materials import ENDS, SOURCES, area
 from cc_mujoco.errors import CableError
 
@@ -59,7 +59,7 @@ def test_a_material_is_what_its_numbers_set_by_hand_are(end: str) -> None:
 
 
 def test_static_friction_stays_as_far_above_kinetic_as_in_the_scene() -> None:
-    device = Scene("wrist")
+    device = load_device("wrist")
     scene = device.cables["flexor"]
     for name, cable in Plant(device, {"material": "steel_ptfe"}).cables.items():
         assert cable.friction == 0.06

@@ -14,7 +14,7 @@ from cc_mujoco import cli
 from cc_mujoco.design import make_plan, optimise, study
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._study_metrics import DEFAULT_METRICS
-from cc_mujoco.device import DEVICES, MATERIALS, MOTORS, Plant
+from cc_mujoco.device import MATERIALS, MOTORS, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, ArrayLog
 
@@ -93,19 +93,19 @@ def test_a_motor_of_which_nothing_is_known_has_no_heat_but_an_rms() -> None:
 def test_parts_of_the_ankle_are_what_pencil_and_paper_say() -> None:
     design = {"material": "steel_ptfe", "motor": MOTOR, "diameter": 0.002}
     found = parts("ankle", design)
-    row, setup = MATERIALS["steel_ptfe"], DEVICES["ankle"]
+    row, axis = MATERIALS["steel_ptfe"], load_device("ankle").description.axis()
     length = 0.06 + 1.475 + 0.698
     circle = math.pi / 4.0 * 0.002**2
     rope = row.density.typical * circle
     coil = 7850.0 * circle * (2.6**2 - 1.75**2)
     assert found["cable_mass"] == pytest.approx(length * (rope + coil))
-    drum = 2.0 * setup.motor_pulley / 0.025**2
+    drum = 2.0 * axis.motor_pulley / 0.025**2
     assert found["mass"] == pytest.approx(found["cable_mass"] + 2.1 + drum)
     assert found["bend_ratio"] == pytest.approx(2.0 * 0.025 / 0.002)
     wire = 0.002 / 15  # three strands of five wires across
     assert found["bending_stress"] == pytest.approx(207e9 * wire / 0.05)
     assert found["cost"] == pytest.approx(300 + 20 + length * (5 + 10) + 10)
-    rotor = 1.34e-4 * 5.0**2 + setup.motor_pulley
+    rotor = 1.34e-4 * 5.0**2 + axis.motor_pulley
     assert found["reflected_inertia"] == pytest.approx(
         rotor * (0.12 / 0.025) ** 2, rel=1e-3
     )

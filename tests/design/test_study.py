@@ -23,7 +23,7 @@ from cc_mujoco.design._report_text import controllers_out
 from cc_mujoco.design._results_store import read_study, read_table
 from cc_mujoco.design._show import show
 from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
-from cc_mujoco.device import DEVICES, VARIABLES, Drive
+from cc_mujoco.device import VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Sine, read_motion, task
@@ -467,7 +467,7 @@ def test_controllers_that_need_a_drive_each_get_one(
 def test_a_saved_policy_drives_designs_as_their_environments(
     scene: str, tmp_path: Path
 ) -> None:
-    drive = gymnasium.make(DEVICES[scene].environment).unwrapped.drive  # type: ignore[attr-defined]
+    drive = gymnasium.make("cc_mujoco/Device-v1", device=scene).unwrapped.exo.drive  # type: ignore[attr-defined]
     observed = drive.observed
     size = observed.frame
     weights = np.array([[0.3, -0.5, 0.2, -0.1, 0.8, 0.4, 0.1, -0.1]])[:, :size]
@@ -547,7 +547,7 @@ def test_a_task_of_the_phase_alone_is_asked_of_every_design(
         ({"vary": None, "designs": ["friction"]}, "design 0 must be a dictionary"),
         ({"sampling": "lhs", "samples": 2.5}, "must be whole, not 2.5"),
         ({"metrics": ["efficency"]}, "did you mean 'efficiency'"),
-        ({"timestep": 0.0003}, "must divide the 1 ms"),
+        ({"timestep": 0.0003}, "must be a whole number of time steps of 0.3 ms"),
         ({"duration": 0.0}, "duration"),
         ({"seed": -1}, "seed"),
         ({"sampling": "random"}, "sampling"),

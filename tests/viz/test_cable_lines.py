@@ -13,7 +13,8 @@ from cc_mujoco.viz._cable_lines import CONDUIT, JOINT_END, cable_lines, line_not
 SCENE = """<mujoco>
   <extension><plugin plugin="cc_mujoco.cable"><instance name="flexor">
     <config key="conduit" value="0.5:0.2"/><config key="axial_stiffness" value="4000"/>
-    <config key="pretension" value="10"/><config key="segments" value="8"/>{route}
+    <config key="pretension" value="10"/><config key="friction" value="0.1"/>
+    <config key="segments" value="8"/>{route}
   </instance></plugin></extension>
   <worldbody>
     <site name="out" pos="0 0 0.1"/><site name="clamp" pos="0.8 0 0.1"/>

@@ -168,7 +168,7 @@ def _cables(
         if not conduit:  # one tension for all of a rope
             tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
         about = {
-            "name": line.cable,
+            "name" if conduit else "rope": line.cable,
             "width": CABLE_WIDTH if conduit else ROPE_WIDTH,
             "tension": encode_array(tension),
             "nodes": encode_array(line.nodes(tension.shape[1])),

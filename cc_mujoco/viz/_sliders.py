@@ -31,7 +31,7 @@ class Sliders:
             own: Whether the actuators of the scene have sliders, too.
         """
         self.controls: NDArray[np.float64] | None = None
-        """Positions of the sliders of the scene's own actuators, once they were seen."""
+        """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs
         self._wanted: tuple[float, ...] | None = None
         self._seen = np.empty(0)

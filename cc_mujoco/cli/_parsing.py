@@ -18,6 +18,7 @@ from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._play import Play
 from cc_mujoco.cli._reproduce import Reproduce
 from cc_mujoco.cli._run import RunRig
+from cc_mujoco.cli._view import View
 from cc_mujoco.cli._whatif import WhatIf
 from cc_mujoco.cli._whatif_show import WhatIfShow
 from cc_mujoco.errors import CableError, look_up
@@ -32,6 +33,7 @@ COMMANDS = {
     "benchmark": Benchmark,
     "export": Export,
     "run": RunRig,
+    "view": View,
     "list": Listing,
 }
 
@@ -48,6 +50,7 @@ Command = (
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[RunRig, tyro.conf.subcommand("run")]
+    | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 

@@ -45,7 +45,7 @@ from cc_mujoco.plugin._spec import (
 Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[float]]
 """A site or its name, or a body or its name and a position in its frame [m]."""
 
-ROTOR_INERTIA = 1e-3
+ROTOR_INERTIA = 5e-3
 """Inertia of a new motor about its drum [kg m^2]."""
 ROTOR_DAMPING = 1e-2
 """Damping of a new motor [N m s/rad]."""

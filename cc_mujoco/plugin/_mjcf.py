@@ -32,6 +32,10 @@ End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
 
 
+SPARE_BYTES = 1000
+"""Bytes in a model for longer configurations of a cable than that of the scene."""
+
+
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
     """Return the cables of a model, by instance name, in the order of the model.
 
@@ -135,6 +139,46 @@ def instances(model: mujoco.MjModel) -> dict[str, int]:
 def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
     """Return the cable of a plugin instance of a compiled model."""
     return _parse(tuple(_config(model, instance).items()), name)
+
+
+def make_room(spec: mujoco.MjSpec) -> None:
+    """Leave room in a model for other configurations of its cables; see `write_cable`.
+
+    Args:
+        spec: Of the scene, before it is compiled.
+    """
+    for instance in spec.plugins:
+        config = dict(instance.config)
+        if instance.plugin_name == PLUGIN and "conduit" in config:
+            # Of the keys, `conduit` is one whose text may end in blanks.
+            spare = config["conduit"] + SPARE_BYTES * " "
+            instance.config = {**config, "conduit": spare}
+
+
+def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
+    """Give a cable of a compiled model another configuration, from the next step on.
+
+    Args:
+        model: Compiled model, changed in place.
+        name: Of the cable.
+        cable: What it shall be.
+
+    Raises:
+        CableError: The model has no room for it; see `make_room`.
+    """
+    instance = instances(model)[name]
+    ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
+    config = cable.to_config()
+    text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
+    start, end = int(model.plugin_attradr[instance]), ends[instance]
+    if len(text) > end - start:
+        raise CableError(
+            f"cable {name!r} cannot be varied: the model has no room for its "
+            f"configuration; put {SPARE_BYTES} blanks at the end of its `conduit`."
+        )
+    attributes = model.plugin_attr[start:end]
+    attributes[:] = 0
+    attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
 
 
 def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:

@@ -13,14 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import plugin
-from cc_mujoco.viz._conduit3d import (
-    conduit_shares,
-    fine_shares,
-    part_tensions,
-    resample,
-    tension_colors,
-)
+from cc_mujoco.viz._cable_lines import cable_lines
+from cc_mujoco.viz._conduit3d import tension_colors
 from cc_mujoco.viz._tendon3d import ROPE_COLOR, is_uncolored
 
 Array = NDArray[np.float64]
@@ -35,7 +29,7 @@ HIDDEN_TENDON_GROUP = mujoco.mjNGROUP - 1
 
 
 class Capsules:
-    """The cables of a model that have a route."""
+    """The cables of a model."""
 
     def __init__(
         self, model: mujoco.MjModel, cables: Iterable[str], highest: float
@@ -44,21 +38,17 @@ class Capsules:
 
         Args:
             model: Compiled model, changed in place.
-            cables: Names of cables; those without a route are left out.
+            cables: Names of cables; see `cable_lines`.
             highest: Tension of the brightest colour [N].
         """
         self.highest = highest
         """Tension of the brightest colour [N]."""
         self._model = model
-        described = plugin.from_mjcf(model)
-        drawn = [c for c in cables if c in described and described[c].route]
-        self._shares = {cable: conduit_shares(model, cable) for cable in drawn}
-        self._radius = {}
-        for cable in drawn:
-            tendon = plugin.route_tendon(model, cable)
-            self._radius[cable] = RADIUS_FACTOR * float(model.tendon_width[tendon])
-            # MuJoCo draws what is transparent, but this group only on request.
-            model.tendon_group[tendon] = HIDDEN_TENDON_GROUP
+        self._lines = cable_lines(model, cables)
+        for line in self._lines:
+            if isinstance(line.source, int):
+                # MuJoCo draws what is transparent, but this group only on request.
+                model.tendon_group[line.source] = HIDDEN_TENDON_GROUP
         for tendon in range(model.ntendon):
             if is_uncolored(model, tendon):
                 model.tendon_rgba[tendon] = ROPE_COLOR
@@ -76,16 +66,15 @@ class Capsules:
             data: Pose of the model, up to date as by `mj_fwdPosition`.
             tensions: Tension at the nodes of each cable (n,) [N]; grey without.
         """
-        for cable, shares in self._shares.items():
-            fine = fine_shares(shares)
-            points = resample(plugin.route(self._model, data, cable), fine)
+        for line in self._lines:
+            points = line.points(self._model, data)
             shown = np.zeros(len(points) - 1)
             if tensions is not None:
-                shown = part_tensions(shares, fine, tensions[cable])
+                shown = line.tensions(tensions[line.cable])
             colors = tension_colors(shown, self.highest).astype(np.float32)
             colors *= SHADE / 255.0
             colors[:, 3] = 1.0
-            _add(scene, points, colors, self._radius[cable])
+            _add(scene, points, colors, RADIUS_FACTOR * line.radius)
 
 
 def _add(

@@ -34,22 +34,58 @@ def state_rows(
         factor: Simulated over real time; NaN before it is known.
         highest: Tension of the brightest colour [N].
     """
-    laid = _factor_text(pretension)
-    if knobs.pretension != pretension:
-        laid += f"; {_factor_text(knobs.pretension)} at the next start"
-    speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
-    if knobs.paused:
-        speed = ", paused"
     torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
     return (
-        ("time", f"{columns['time_s']:.1f} s{speed}"),
+        ("time", f"{columns['time_s']:.1f} s{_speed_text(knobs, factor)}"),
         ("controller", controller),
-        ("friction", _factor_text(knobs.friction)),
-        ("pretension", laid),
+        *_cable_rows(knobs, pretension),
         ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
         *((cable, _tension_text(columns, cable)) for cable in cables),
         ("brightest", f"{highest:g} N; grey is slack"),
     )
+
+
+def view_rows(
+    knobs: Knobs,
+    scene: str,
+    time: float,
+    ends: Mapping[str, tuple[float, float]],
+    *,
+    pretension: float,
+    factor: float,
+    highest: float,
+) -> tuple[tuple[str, str], ...]:
+    """Name and value of all that changes in a scene that nobody controls.
+
+    Args:
+        knobs: What is wanted.
+        scene: Its name.
+        time: Simulated time [s].
+        ends: Tension at the motor and at the joint, by cable [N].
+        pretension: That the cables were laid with, over that of the scene.
+        factor: Simulated over real time; NaN before it is known.
+        highest: Tension of the brightest colour [N].
+    """
+    return (
+        ("scene", scene),
+        ("time", f"{time:.1f} s{_speed_text(knobs, factor)}"),
+        *_cable_rows(knobs, pretension),
+        *((cable, _ends_text(*both)) for cable, both in ends.items()),
+        ("brightest", f"{highest:g} N; grey is slack"),
+    )
+
+
+def _cable_rows(knobs: Knobs, pretension: float) -> tuple[tuple[str, str], ...]:
+    laid = _factor_text(pretension)
+    if knobs.pretension != pretension:
+        laid += f"; {_factor_text(knobs.pretension)} at the next start"
+    return ("friction", _factor_text(knobs.friction)), ("pretension", laid)
+
+
+def _speed_text(knobs: Knobs, factor: float) -> str:
+    if knobs.paused:
+        return ", paused"
+    return "" if math.isnan(factor) else f", {factor:.2f} of real time"
 
 
 def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
@@ -63,4 +99,8 @@ def _factor_text(factor: float) -> str:
 
 def _tension_text(columns: Mapping[str, Any], cable: str) -> str:
     near, far = (columns[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
+    return _ends_text(near, far)
+
+
+def _ends_text(near: float, far: float) -> str:
     return f"{near:.1f} N at the motor, {far:.1f} N at the joint"

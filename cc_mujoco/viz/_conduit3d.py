@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import rerun as rr
@@ -128,7 +130,7 @@ def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
 
 def log_conduit(
     rec: Branch,
-    cable: str,
+    place: Sequence[str],
     time: Array,
     points: Array,
     tension: Array,
@@ -139,14 +141,14 @@ def log_conduit(
 
     Args:
         rec: Where to, in an open recording.
-        cable: Name of the cable.
+        place: Name of the cable, and of the rope at an end.
         time: Times of the frames (T,), s.
         points: Ends of the parts of the line (T, P, 3), m.
         tension: Tensions of its parts (T, P-1), N.
         highest: Tension of the brightest colour, N.
         radius: Radius of the line, m.
     """
-    path = rr.new_entity_path([WORLD, "conduit", cable])
+    path = rr.new_entity_path([WORLD, "conduit", *place])
     count = points.shape[1] - 1
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
     still = np.allclose(points, points[0], rtol=0.0, atol=1e-6)

@@ -85,7 +85,8 @@ def write_episode(
         video: Whether to write `VIDEO_FILE`, too.
         html: Whether to write `PAGE_FILE`, too.
         progress: Called with the simulated time [s] that the video has reached.
-        say: Called with a sentence where a video or page of an earlier episode goes.
+        say: Called with a sentence where a video or page of an earlier episode goes,
+            and where a cable is not drawn along a route of its own.
 
     Returns:
         The value of every metric that was written.
@@ -95,6 +96,7 @@ def write_episode(
             cannot be written; if a video cannot be made, see `_video.require_video`; if
             a page cannot, see `require_page`.
     """
+    from cc_mujoco.viz._cable_lines import line_notes
     from cc_mujoco.viz._rerun_file import write_recording
 
     require_ours(folder)
@@ -121,6 +123,8 @@ def write_episode(
             from cc_mujoco.viz._web_page import write_page
 
             write_page(partial / PAGE_FILE, log, model, found)
+        for note in line_notes(model, log.cables):
+            say(note)
         atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])
     for name, written in ((VIDEO_FILE, video), (PAGE_FILE, html)):
         old = Path(folder, name)

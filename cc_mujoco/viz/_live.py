@@ -24,7 +24,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._loop import Columns, Single, run
 from cc_mujoco.viz._caption import state_rows, wrap_sentence
-from cc_mujoco.viz._live_controls import KEY_HELP, Knobs
+from cc_mujoco.viz._live_controls import Knobs
 from cc_mujoco.viz._pace import RealTimePacer
 from cc_mujoco.viz._sliders import Sliders
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
@@ -241,5 +241,5 @@ class Show:
             highest=self._window.highest,
         )
         tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
-        texts = (*rows, *wrap_sentence(self._note)), KEY_HELP
+        texts = (*rows, *wrap_sentence(self._note)), self._knobs.help
         self._window.show(Frame(columns["qpos"], tensions, texts))

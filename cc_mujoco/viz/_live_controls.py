@@ -27,16 +27,15 @@ STEP_FACTOR = 1.25
 MAX_STEPS = 10
 """Steps from the scene's value, either way."""
 
-KEY_HELP = (
+_KEY_HELP = (
     ("up, down", "friction"),
     ("home, end", "pretension, from the next start on"),
     ("right, left", "controller"),
     ("space", "pause"),
     ("enter", "restart"),
     ("escape", "quit"),
-    ("panel Control", "sliders of the first three"),
+    ("panel Control", "sliders of these"),
 )
-"""Keys and what they do, for the screen."""
 
 
 class Slider(NamedTuple):
@@ -53,17 +52,17 @@ class Knobs:
     Keys are pressed in the thread of the window and read in that of the simulation.
     """
 
-    def __init__(self, cables: Mapping[str, Cable], controller: str) -> None:
+    def __init__(self, cables: Mapping[str, Cable], controller: str = "") -> None:
         """Begin with the scene as it is.
 
         Args:
             cables: Those of the scene, by name.
-            controller: Name of the one to begin with; any.
+            controller: Name of the one to begin with; any. None drives by default.
         """
         self._cables = cables
         own = () if controller in CONTROLLERS else (controller,)
-        self._laws: tuple[str, ...] = (*own, *CONTROLLERS)
-        self._law = self._laws.index(controller)
+        self._laws: tuple[str, ...] = (*own, *CONTROLLERS) if controller else ()
+        self._law = self._laws.index(controller) if controller else 0
         self._friction = self._pretension = 0.0
         self.paused = False
         """True while the episode stands still."""
@@ -80,7 +79,7 @@ class Knobs:
             self._pretension = _clamp_steps(
                 self._pretension + (1 if key == HOME else -1)
             )
-        elif key in (RIGHT, LEFT):
+        elif key in (RIGHT, LEFT) and self._laws:
             turn = 1 if key == RIGHT else -1
             self._law = (self._law + turn) % len(self._laws)
         elif key == SPACE:
@@ -94,16 +93,23 @@ class Knobs:
     def sliders(self) -> tuple[Slider, ...]:
         """Friction and pretension over those of the scene, and a controller's place."""
         ends = STEP_FACTOR**-MAX_STEPS, STEP_FACTOR**MAX_STEPS
-        return (
-            Slider("friction", *ends),
-            Slider("pretension", *ends),
-            Slider("controller", 0.0, len(self._laws) - 1.0),
-        )
+        factors = Slider("friction", *ends), Slider("pretension", *ends)
+        if not self._laws:
+            return factors
+        return (*factors, Slider("controller", 0.0, len(self._laws) - 1.0))
 
     @property
     def slides(self) -> tuple[float, ...]:
         """Positions of the sliders."""
-        return self.friction, self.pretension, float(self._law)
+        places = self.friction, self.pretension, float(self._law)
+        return places[: len(self.sliders)]
+
+    @property
+    def help(self) -> tuple[tuple[str, str], ...]:
+        """Keys and what they do, for the screen."""
+        return tuple(
+            row for row in _KEY_HELP if self._laws or "controller" not in row[1]
+        )
 
     def slide(self, which: int, value: float) -> None:
         """Take a slider's place; beyond its ends it stays there.

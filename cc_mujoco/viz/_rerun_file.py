@@ -22,19 +22,13 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rerun.error_utils import strict_mode
 
-from cc_mujoco import plugin
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.metrics import Metric
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
-from cc_mujoco.viz._conduit3d import (
-    conduit_points,
-    conduit_shares,
-    fine_shares,
-    log_conduit,
-    part_tensions,
-)
+from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines
+from cc_mujoco.viz._conduit3d import log_conduit
 from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._frame_times import MAX_SAMPLES, frame_rate
 from cc_mujoco.viz._panels import highest_tension
@@ -160,18 +154,14 @@ def _log_scene(
     log_static(rec, model)
     log_motion(rec, model, time, qpos)
     tensions = {c: log.rows(f"tension_{c}_nodes_n", frames) for c in log.cables}
-    cables = plugin.from_mjcf(model)
-    drawn = [cable for cable in tensions if cable in cables and cables[cable].route]
-    routes = {cable: plugin.route_tendon(model, cable) for cable in drawn}
-    log_tendons(rec, model, time, qpos, routes.values())
-    for cable, tendon in routes.items():
-        tension = tensions[cable]
-        shares = conduit_shares(model, cable)
-        fine = fine_shares(shares)
-        points = conduit_points(model, cable, qpos, fine)
-        parts = part_tensions(shares, fine, tension)
-        radius = float(model.tendon_width[tendon])
-        log_conduit(rec, cable, time, points, parts, highest, radius)
+    lines = cable_lines(model, tensions)
+    followed = [line.source for line in lines if isinstance(line.source, int)]
+    log_tendons(rec, model, time, qpos, followed)
+    for line in lines:
+        points = line.all_points(model, qpos)
+        parts = line.tensions(tensions[line.cable])
+        path = [line.cable] if line.part == CONDUIT else [line.cable, line.part]
+        log_conduit(rec, path, time, points, parts, highest, line.radius)
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
@@ -209,8 +199,8 @@ def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
         "# Results",
         markdown.table(("", "", "", ""), results, numbers=[1]),
         *_thinning(log),
-        "Conduits are coloured by tension, grey where the cable is slack; other "
-        "tendons have their own colour, or are brown.",
+        "Conduits and the ropes at their ends are coloured by tension, grey where the "
+        "cable is slack; other tendons have their own colour, or are brown.",
     )
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.viz._live_controls import Knobs
 
@@ -21,22 +22,29 @@ HIDDEN_ACTUATOR_GROUP = 5
 class Sliders:
     """Knobs as the last controls of a model that is shown."""
 
-    def __init__(self, knobs: Knobs, spec: mujoco.MjSpec) -> None:
+    def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:
         """Add them to a scene.
 
         Args:
             knobs: What is turned.
             spec: Of the scene, which needs a joint; it is changed.
+            own: Whether the actuators of the scene have sliders, too.
         """
+        self.controls: NDArray[np.float64] | None = None
+        """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs
         self._wanted: tuple[float, ...] | None = None
         self._seen = np.empty(0)
         for actuator in spec.actuators:
-            actuator.group = HIDDEN_ACTUATOR_GROUP
+            if not own or actuator.plugin.active:
+                actuator.group = HIDDEN_ACTUATOR_GROUP
+        target = spec.joints[0]
+        target.name = target.name or "cc_mujoco_slider"
+        taken = {actuator.name for actuator in spec.actuators}
         for slider in knobs.sliders:
-            added = spec.add_actuator(name=slider.name, ctrllimited=True)
+            added = spec.add_actuator(name=_free(slider.name, taken), ctrllimited=True)
             added.trntype = mujoco.mjtTrn.mjTRN_JOINT
-            added.target = spec.joints[0].name
+            added.target = target.name
             added.ctrlrange = slider.low, slider.high
             added.gainprm[0] = 0.0
         self.model: mujoco.MjModel = spec.compile()
@@ -52,9 +60,15 @@ class Sliders:
     def read(self, data: mujoco.MjData) -> None:
         """Turn the knobs to where the sliders are, where those were moved."""
         now = np.array(data.ctrl[-self._seen.size :])
+        self.controls = np.array(data.ctrl[: -self._seen.size])
         moved = np.flatnonzero(now != self._seen)
         for which in moved:
             self._knobs.slide(int(which), float(now[which]))
         if moved.size:
             # The sliders stay under the mouse, also between two controllers.
             self._seen, self._wanted = now, self._knobs.slides
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return a name that no actuator of the scene has."""
+    return _free(f"{name} of cables", taken) if name in taken else name

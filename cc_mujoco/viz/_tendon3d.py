@@ -1,4 +1,4 @@
-"""Spatial tendons as plain lines: the free cable between a conduit and a pulley."""
+"""Spatial tendons as plain lines: those that no cable colours by its tension."""
 
 from __future__ import annotations
 
@@ -51,11 +51,15 @@ def visible_tendons(
 ) -> Iterator[tuple[int, Array]]:
     """Yield every drawn spatial tendon that is not skipped, and its colour (4,)."""
     for tendon in range(model.ntendon):
-        kind = model.wrap_type[model.tendon_adr[tendon]]
         rgba = tendon_color(model, tendon)
-        spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
-        if tendon not in skipped and spatial and rgba[3] > 0:
+        if tendon not in skipped and is_spatial(model, tendon) and rgba[3] > 0:
             yield tendon, rgba
+
+
+def is_spatial(model: mujoco.MjModel, tendon: int) -> bool:
+    """Return whether a tendon is spatial."""
+    kind = model.wrap_type[model.tendon_adr[tendon]]
+    return bool(kind != mujoco.mjtWrap.mjWRAP_JOINT)
 
 
 def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
@@ -86,8 +90,19 @@ def tendon_paths(
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
-        start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
-        part = slice(start, start + count)
-        real = data.wrap_obj.reshape(-1)[part] != PULLEY_POINT
-        paths.append(data.wrap_xpos.reshape(-1, 3)[part][real].astype(np.float32))
+        paths.append(tendon_points(model, data, tendon).astype(np.float32))
     return paths
+
+
+def tendon_points(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
+    """Return the points of a tendon (P, 3) [m].
+
+    Args:
+        model: Compiled model.
+        data: Pose, up to date as by `mj_tendon`.
+        tendon: Which.
+    """
+    start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
+    part = slice(start, start + count)
+    real = data.wrap_obj.reshape(-1)[part] != PULLEY_POINT
+    return np.array(data.wrap_xpos.reshape(-1, 3)[part][real])

@@ -55,8 +55,11 @@ class Frame(NamedTuple):
     """Texts at the top left and at the bottom left."""
 
 
-def require_screen() -> None:
+def require_screen(what: str = "--live") -> None:
     """Find out, before long work, whether a `Screen` can be opened.
+
+    Args:
+        what: Command or option that needs it, for the message.
 
     Raises:
         CableError: If there is no display, no GLFW or no OpenGL on it; on macOS, if
@@ -64,38 +67,39 @@ def require_screen() -> None:
     """
     if sys.platform == "linux" and not any(map(os.environ.get, DISPLAY_VARIABLES)):
         raise CableError(
-            "--live needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
-            "--video and --html need none."
+            f"{what} needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
+            "--video and --html of `cc-mujoco play` need none."
         )
-    viewer = _viewer()
+    viewer = _viewer(what)
     if sys.platform == "darwin":
         if viewer._MJPYTHON is None:
             raise CableError(
-                "on macOS --live needs mjpython, which comes with MuJoCo: "
-                "`mjpython -m cc_mujoco.cli play SCENE --live`."
+                f"on macOS {what} needs mjpython, which comes with MuJoCo: "
+                "`mjpython -m cc_mujoco.cli` in place of `cc-mujoco`."
             )
         return
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         works = _opens_window()
     if not works:
-        raise _no_screen_error(" ".join(str(warning.message) for warning in caught))
+        said = " ".join(str(warning.message) for warning in caught)
+        raise _no_screen_error(said, what)
 
 
-def _viewer() -> Any:
+def _viewer(what: str = "--live") -> Any:
     try:
         import mujoco.viewer as viewer
     except Exception as error:  # without GLFW or its library; the type varies
-        raise _no_screen_error(str(error)) from None
+        raise _no_screen_error(str(error), what) from None
     return viewer
 
 
-def _no_screen_error(reason: str) -> CableError:
+def _no_screen_error(reason: str, what: str) -> CableError:
     plain = re.sub(r"\(\d+\) b['\"](.*?)['\"]", r"\1", reason)  # GLFW's wording
     text = " ".join(plain.split()).rstrip(".") or "no reason given"
     return CableError(
-        "--live needs a screen with OpenGL by GLFW, and what is here does not work "
-        f"({text}); --video and --html need none."
+        f"{what} needs a screen with OpenGL by GLFW, and what is here does not work "
+        f"({text}); --video and --html of `cc-mujoco play` need none."
     )
 
 

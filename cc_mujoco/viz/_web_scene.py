@@ -9,23 +9,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import plugin
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.viz._conduit3d import (
-    conduit_points,
-    conduit_shares,
-    fine_shares,
-    node_shares,
-    resample,
-)
+from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines
+from cc_mujoco.viz._conduit3d import resample
 from cc_mujoco.viz._meshes import TriangleMesh, geom_mesh, join_meshes
 from cc_mujoco.viz._scene3d import body_poses, viewpoint, visible_geoms
 from cc_mujoco.viz._tendon3d import tendon_paths, visible_tendons
 
 Array = NDArray[np.float64]
 
-CABLE_WIDTH, TENDON_WIDTH = 9, 3
-"""Widths of a cable coloured by tension and of any other tendon [pixels]."""
+CABLE_WIDTH, ROPE_WIDTH, TENDON_WIDTH = 9, 5, 3
+"""Widths of a conduit and of a rope coloured by tension, and of any other tendon
+[pixels]."""
 TENDON_POINTS = 40
 """Points of a tendon that has no tension of its own."""
 FLOOR_OPACITY = 0.35
@@ -164,38 +159,32 @@ def _corners(model: mujoco.MjModel, body: int) -> Array:
 def _cables(
     log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
 ) -> list[tuple[Array, dict[str, Any]]]:
-    described = plugin.from_mjcf(model)
     found = []
-    for cable in log.cables:
-        if cable not in described or not described[cable].route:
-            continue
-        tension = log.rows(f"tension_{cable}_nodes_n", samples)
-        shares = conduit_shares(model, cable)
-        fine = fine_shares(shares)
-        nodes = node_shares(shares, tension.shape[1])
+    qpos = log.rows("qpos", samples)
+    tensions = {c: log.rows(f"tension_{c}_nodes_n", samples) for c in log.cables}
+    for line in cable_lines(model, log.cables):
+        tension = tensions[line.cable]
+        conduit = line.part == CONDUIT
+        if not conduit:  # one tension for all of a rope
+            tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
         about = {
-            "name": cable,
-            "width": CABLE_WIDTH,
+            "name" if conduit else "rope": line.cable,
+            "width": CABLE_WIDTH if conduit else ROPE_WIDTH,
             "tension": encode_array(tension),
-            "nodes": encode_array(np.interp(fine, nodes, np.arange(len(nodes)))),
+            "nodes": encode_array(line.nodes(tension.shape[1])),
         }
-        points = conduit_points(model, cable, log.rows("qpos", samples), fine)
-        found.append((_without_repeats(points), about))
+        found.append((_without_repeats(line.all_points(model, qpos)), about))
     return found
 
 
 def _tendons(
     model: mujoco.MjModel, qpos: Array, cables: tuple[str, ...]
 ) -> list[tuple[Array, dict[str, Any]]]:
-    described = plugin.from_mjcf(model)
-    routes = [
-        plugin.route_tendon(model, cable)
-        for cable in cables
-        if cable in described and described[cable].route
-    ]
-    shares = np.linspace(0.0, 1.0, TENDON_POINTS)
+    lines = cable_lines(model, cables)
+    followed = [line.source for line in lines if isinstance(line.source, int)]
     found = []
-    for tendon, rgba in visible_tendons(model, routes):
+    for tendon, rgba in visible_tendons(model, followed):
+        shares = np.linspace(0.0, 1.0, TENDON_POINTS)
         paths = tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
         color = "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()

@@ -137,7 +137,7 @@ def test_the_screen_says_what_was_changed_and_what_is_to_come(knobs: Knobs) -> N
 
 
 def test_the_font_of_the_screen_has_all_letters(knobs: Knobs) -> None:
-    rows = (*keys.KEY_HELP, *told(knobs).items())
+    rows = (*knobs.help, *told(knobs).items())
     assert all(word.isascii() for row in rows for word in row)
 
 

@@ -96,7 +96,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[Viewer]:
         return found[-1]
 
     fake = types.SimpleNamespace(launch_passive=launch)
-    monkeypatch.setattr(screen, "_viewer", lambda: fake)
+    monkeypatch.setattr(screen, "_viewer", lambda *_: fake)
     return found
 
 
@@ -260,7 +260,7 @@ def test_a_display_that_is_none_is_told_with_the_reason(
 
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":9")
-    monkeypatch.setattr(screen, "_viewer", lambda: None)
+    monkeypatch.setattr(screen, "_viewer", lambda *_: None)
     monkeypatch.setattr(screen, "_opens_window", opens)
     reason = r"does not work \(X11: Failed to open display :9\);"
     with pytest.raises(CableError, match=reason):
@@ -282,11 +282,11 @@ def test_on_macos_it_takes_mjpython(
 ) -> None:
     fake = types.SimpleNamespace(_MJPYTHON=object() if inside else None)
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(screen, "_viewer", lambda: fake)
+    monkeypatch.setattr(screen, "_viewer", lambda *_: fake)
     if inside:
         require_screen()
         return
-    with pytest.raises(CableError, match=r"`mjpython -m cc_mujoco\.cli play SCENE"):
+    with pytest.raises(CableError, match=r"`mjpython -m cc_mujoco\.cli` in place"):
         require_screen()
 
 

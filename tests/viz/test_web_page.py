@@ -187,6 +187,12 @@ def test_bodies_and_cables_are_where_the_simulation_has_them(
         nodes = unpacked(line["nodes"])
         assert (nodes[0], nodes[-1]) == (0.0, 20.0)
         assert (np.diff(nodes) > 0).all()
+    ropes = [line for line in scene["lines"] if "rope" in line]
+    assert [line["rope"] for line in ropes] == ["flexor", "extensor"]
+    for line in ropes:
+        distal = log[f"tension_{line['rope']}_distal_n"][last]
+        tension = unpacked(line["tension"]).reshape(line["tension"]["shape"])
+        assert tension[-1] == pytest.approx(distal, rel=1e-6)
 
 
 @pytest.mark.parametrize("width", [1.2, 2.0])

@@ -1,0 +1,27 @@
+"""`cc-mujoco view`: a scene in MuJoCo's viewer, with sliders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import tyro
+
+
+@dataclass(frozen=True)
+class View:
+    """Simulate a scene of your own in MuJoCo's viewer, in real time, with sliders."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """An MJCF file with cables, or the name of a scene."""
+
+    def run(self) -> None:
+        """Open the window until it is closed."""
+        from cc_mujoco.viz._view import scene_file, view
+        from cc_mujoco.viz._viewer import require_screen
+
+        scene_file(self.scene)
+        require_screen("view")
+        view(self.scene)

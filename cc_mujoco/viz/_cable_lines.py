@@ -1,0 +1,279 @@
+"""Lines that are drawn for the cables of a model: conduits, and ropes at their ends.
+
+    for line in cable_lines(model, ("flexor", "extensor")):
+        points = line.points(model, data)              # (P, 3) [m]
+        tension = line.tensions(nodes)                 # (P-1,) [N]
+
+A conduit lies along the tendon that the key `route` names. Without that key it lies
+along the only tendon that ends where the rope of an end begins, or else straight from
+the pulley or rope of one end to that of the other. The rope at an end is the tendon
+that holds the end, or one that begins where the conduit ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import plugin
+from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.viz._conduit3d import (
+    conduit_shares,
+    fine_shares,
+    node_shares,
+    part_tensions,
+    resample,
+)
+from cc_mujoco.viz._tendon3d import is_spatial, tendon_color, tendon_points
+
+Array = NDArray[np.float64]
+
+CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
+"""Parts of a cable that are drawn."""
+ROPE_POINTS = 40
+"""Points of a rope."""
+STRAIGHT_WIDTH = 0.004
+"""Radius of a line that no tendon gives, over the extent of the model."""
+MIN_LENGTH = 1e-3
+"""Least length of a straight line, over the extent of the model; below it, it is not
+drawn."""
+
+
+@dataclass(frozen=True)
+class _Straight:
+    """Line from one end of a cable to the other."""
+
+    ends: tuple[int, int]
+    """Actuators of the ends, proximal and distal."""
+    first: tuple[bool, bool]
+    """True where a tendon that holds an end is met at its first point."""
+
+    def path(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Return its ends (2, 3) [m]."""
+        places = [
+            _place(model, data, end, first)
+            for end, first in zip(self.ends, self.first, strict=True)
+        ]
+        along = places[1] - places[0]
+        along /= max(float(np.linalg.norm(along)), 1e-12)
+        for number, end in enumerate(self.ends):
+            joint = int(model.actuator_trnid[end, 0])
+            kind = model.actuator_trntype[end]
+            hinge = mujoco.mjtJoint.mjJNT_HINGE
+            if kind == mujoco.mjtTrn.mjTRN_JOINT and model.jnt_type[joint] == hinge:
+                # Where a pulley of this radius, which turns forward, pays out to joint.
+                radius = float(model.actuator_gear[end, 0])
+                places[number] += radius * np.cross(along, data.xaxis[joint])
+        return np.stack(places)
+
+
+@dataclass(frozen=True)
+class CableLine:
+    """Line that is coloured by the tension in a part of a cable."""
+
+    cable: str
+    part: str
+    """`CONDUIT`, `MOTOR_END` or `JOINT_END`."""
+    source: int | _Straight
+    """Spatial tendon that it follows, or a straight line."""
+    radius: float
+    """Radius [m]."""
+    shares: Array
+    """Places of the nodes, see `conduit_shares`; unused for a rope."""
+    fine: Array
+    """Places of its points, as shares of its length (P,)."""
+
+    def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Return its points (P, 3) [m].
+
+        Args:
+            model: Compiled model.
+            data: Pose, up to date as by `mj_tendon`.
+        """
+        if isinstance(self.source, _Straight):
+            return resample(self.source.path(model, data), self.fine)
+        return resample(tendon_points(model, data, self.source), self.fine)
+
+    def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
+        """Return its points in some poses (T, nq): (T, P, 3) [m]."""
+        points = np.empty((len(qpos), len(self.fine), 3))
+        data = mujoco.MjData(model)
+        for frame, coordinates in enumerate(qpos):
+            _pose(model, data, coordinates)
+            points[frame] = self.points(model, data)
+        return points
+
+    def nodes(self, count: int) -> Array:
+        """Return the node, with fractions, at each point (P,), of `count` nodes."""
+        if self.part != CONDUIT:
+            return np.full(
+                len(self.fine), 0.0 if self.part == MOTOR_END else count - 1.0
+            )
+        places = node_shares(self.shares, count)
+        return np.interp(self.fine, places, np.arange(len(places)))
+
+    def tensions(self, nodes: Array) -> Array:
+        """Return the tensions of its parts (..., P-1) from those at nodes (..., n)."""
+        if self.part == CONDUIT:
+            return part_tensions(self.shares, self.fine, nodes)
+        end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
+        return np.repeat(end, len(self.fine) - 1, axis=-1)
+
+
+def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]:
+    """Return the lines to draw, those of a cable one after another.
+
+    Args:
+        model: Compiled model.
+        cables: Names of cables; those that the model lacks are left out.
+    """
+    described = plugin.from_mjcf(model)
+    wanted = [cable for cable in cables if cable in described]
+    found, taken = [], _routes(model)
+    for cable in wanted:
+        source = _conduit(model, cable)
+        if source is None:
+            continue
+        tendon = -1 if isinstance(source, _Straight) else source
+        radius = STRAIGHT_WIDTH * float(model.stat.extent)
+        if tendon >= 0:
+            radius = float(model.tendon_width[tendon])
+        shares = conduit_shares(model, cable)
+        fine = fine_shares(shares)
+        found.append(CableLine(cable, CONDUIT, source, radius, shares, fine))
+        for part, rope in _ropes(model, cable, tendon):
+            if rope in taken:
+                continue
+            taken.add(rope)
+            radius = float(model.tendon_width[rope])
+            fine = np.linspace(0.0, 1.0, ROPE_POINTS)
+            found.append(CableLine(cable, part, rope, radius, shares, fine))
+    return found
+
+
+def line_notes(model: mujoco.MjModel, cables: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each cable that is not drawn along a route of its own."""
+    described = plugin.from_mjcf(model)
+    for cable in cables:
+        if cable not in described or described[cable].route:
+            continue
+        source = _conduit(model, cable)
+        start = f"cable {cable!r} has no `route`: it is"
+        if source is None:
+            yield f"{start} not drawn, as both of its ends are at one place."
+        elif isinstance(source, _Straight):
+            yield f"{start} drawn straight from one end to the other."
+        else:
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, source)
+            yield (
+                f"{start} drawn along tendon {name or source!r}, which ends where its "
+                "rope begins."
+            )
+
+
+def _routes(model: mujoco.MjModel) -> set[int]:
+    """Return the tendons along which cables lie."""
+    found = {_conduit(model, cable) for cable in instances(model)}
+    return {source for source in found if isinstance(source, int)}
+
+
+def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
+    """Return what the conduit of a cable follows; None where it has no length."""
+    if plugin.from_mjcf(model)[cable].route:
+        return plugin.route_tendon(model, cable)
+    ends = _actuators(model, cable)
+    held = {int(model.actuator_trnid[end, 0]) for end in ends if _on_tendon(model, end)}
+    sites = {site for tendon in held for site in _end_sites(model, tendon)} - {-1}
+    users = {
+        int(model.actuator_trnid[actuator, 0])
+        for actuator in range(model.nu)
+        if _on_tendon(model, actuator)
+    }
+    near = [
+        tendon
+        for tendon in range(model.ntendon)
+        if is_spatial(model, tendon)
+        and tendon not in users
+        and sites & {*_end_sites(model, tendon)}
+        and tendon_color(model, tendon)[3] > 0
+    ]
+    if len(near) == 1:
+        return near[0]
+    data = mujoco.MjData(model)
+    _pose(model, data, model.qpos0)
+    choices = [
+        (
+            (one, other),
+            _place(model, data, ends[0], one),
+            _place(model, data, ends[1], other),
+        )
+        for one in _sides(model, ends[0])
+        for other in _sides(model, ends[1])
+    ]
+    lengths = [float(np.linalg.norm(end - start)) for _, start, end in choices]
+    straight = _Straight(ends, choices[int(np.argmin(lengths))][0])
+    path = straight.path(model, data)
+    short = MIN_LENGTH * float(model.stat.extent)
+    return straight if np.linalg.norm(path[1] - path[0]) > short else None
+
+
+def _ropes(
+    model: mujoco.MjModel, cable: str, conduit: int
+) -> Iterator[tuple[str, int]]:
+    """Yield the tendons that are ropes at the ends of a cable, with their part."""
+    ends = _actuators(model, cable)
+    sites = (-1, -1) if conduit < 0 else _end_sites(model, conduit)
+    for part, end, site in zip((MOTOR_END, JOINT_END), ends, sites, strict=True):
+        for tendon in range(model.ntendon):
+            holds = _on_tendon(model, end) and model.actuator_trnid[end, 0] == tendon
+            begins = site >= 0 and site in _end_sites(model, tendon)
+            visible = is_spatial(model, tendon) and tendon_color(model, tendon)[3] > 0
+            if tendon != conduit and visible and (holds or begins):
+                yield part, tendon
+
+
+def _actuators(model: mujoco.MjModel, cable: str) -> tuple[int, int]:
+    """Return the actuators of the ends of a cable, proximal and distal."""
+    first, second = np.flatnonzero(model.actuator_plugin == instances(model)[cable])
+    return int(first), int(second)
+
+
+def _on_tendon(model: mujoco.MjModel, actuator: int) -> bool:
+    return bool(model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON)
+
+
+def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
+    """Return the sites at which a tendon begins and ends; -1 for none."""
+    start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    first, last = (
+        int(model.wrap_objid[place])
+        if model.wrap_type[place] == mujoco.mjtWrap.mjWRAP_SITE
+        else -1
+        for place in (start, start + count - 1)
+    )
+    return first, last
+
+
+def _sides(model: mujoco.MjModel, actuator: int) -> tuple[bool, ...]:
+    return (True, False) if _on_tendon(model, actuator) else (True,)
+
+
+def _place(
+    model: mujoco.MjModel, data: mujoco.MjData, actuator: int, first: bool
+) -> Array:
+    """Return where an end is [m]: the axis of its joint, or an end of its tendon."""
+    target = int(model.actuator_trnid[actuator, 0])
+    if _on_tendon(model, actuator):
+        return np.array(tendon_points(model, data, target)[0 if first else -1])
+    return np.array(data.xanchor[target])
+
+
+def _pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array) -> None:
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)

@@ -1,0 +1,161 @@
+"""A scene of the user's in MuJoCo's viewer, simulated in real time, with sliders.
+
+    view("knee.xml")
+
+The viewer's panel *Control* has the actuators of the scene, and friction and pretension
+of the cables as factors of what the scene has; cables are coloured by tension.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco import plugin
+from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.plugin._mjcf import make_room, write_cable
+from cc_mujoco.viz._caption import view_rows, wrap_sentence
+from cc_mujoco.viz._live_controls import Knobs
+from cc_mujoco.viz._pace import RealTimePacer
+from cc_mujoco.viz._sliders import Sliders
+from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
+
+
+def scene_file(scene: str) -> Path:
+    """Return the file of a scene.
+
+    Args:
+        scene: Path of an MJCF file, or a name of the package's scenes.
+
+    Raises:
+        CableError: There is neither.
+    """
+    if Path(scene).suffix.lower() in (".xml", ".mjcf"):
+        if not Path(scene).is_file():
+            raise CableError(f"there is no file {scene}.")
+        return Path(scene)
+    return scene_path(look_up("scene", scene, SCENES))
+
+
+def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:
+    """Simulate a scene in a window until it is closed.
+
+    Args:
+        scene: Path of an MJCF file, or a name of the package's scenes.
+        screen: What opens the window; called as `Screen` is.
+
+    Raises:
+        CableError: The scene cannot be loaded or has no joint, or there is no screen.
+    """
+    path = scene_file(scene)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        make_room(spec)
+        model = spec.compile()
+    except ValueError as error:
+        raise CableError(f"{path}: {' '.join(str(error).split())}") from None
+    if not model.njnt:
+        raise CableError(f"{path} has no joint; there is nothing to simulate.")
+    Viewing(path, spec, model).run(screen)
+
+
+class Viewing:
+    """A scene that is simulated as keys and sliders demand."""
+
+    def __init__(self, path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+        """Prepare.
+
+        Args:
+            path: File of the scene.
+            spec: Of the scene; it is changed.
+            model: The scene.
+        """
+        self._name, self._model = path.name, model
+        self._data = mujoco.MjData(model)
+        self._cables = plugin.from_mjcf(model)
+        self._readers = {name: plugin.Reader(model, name) for name in self._cables}
+        self._knobs = Knobs(self._cables)
+        self._sliders = Sliders(self._knobs, spec, own=True)
+        self._pace = RealTimePacer()
+        self._friction, self._laid = 1.0, 1.0
+
+    def run(self, screen: Callable[..., Any]) -> None:
+        """Simulate until the window is closed."""
+        pretensions = [cable.pretension for cable in self._cables.values()]
+        highest = round_up_tension(max(pretensions, default=1.0))
+        knobs, names = self._knobs, tuple(self._cables)
+        shown = -MIN_FRAME_TIME
+        with screen(self._model, names, highest, knobs.press, self._sliders) as window:
+            self._start()
+            while window.open and not knobs.quit:
+                if knobs.restart:
+                    self._start()
+                if knobs.friction != self._friction:
+                    self._write_cables()
+                if knobs.paused:
+                    time.sleep(MIN_FRAME_TIME)
+                    self._pace.begin(self._data.time)
+                else:
+                    self._step(window)
+                if time.perf_counter() - shown >= MIN_FRAME_TIME:
+                    shown = time.perf_counter()
+                    self._show(window)
+
+    def _start(self) -> None:
+        knobs = self._knobs
+        knobs.restart = False
+        self._laid = knobs.pretension
+        self._write_cables()
+        mujoco.mj_resetData(self._model, self._data)
+        plugin.settle(self._model, self._data)
+        self._pace.begin(self._data.time)
+        self._note = ""
+
+    def _write_cables(self) -> None:
+        """Give the cables the friction and the pretension of the moment."""
+        self._friction = self._knobs.friction
+        options = self._knobs.options(self._laid)
+        for name, cable in self._cables.items():
+            values = {
+                key: options[f"{name}.{key}"]
+                for key in ("friction", "static_friction", "pretension")
+                if f"{name}.{key}" in options
+            }
+            write_cable(self._model, name, cable.replace(**values))
+
+    def _step(self, window: Any) -> None:
+        controls = self._sliders.controls
+        if controls is not None:
+            self._data.ctrl[:] = controls
+        window.push(self._data)
+        mujoco.mj_step(self._model, self._data)
+        if not np.isfinite(self._data.qpos).all() or self._data.time == 0.0:
+            self._note = "the simulation diverged, and begins anew"
+            self._knobs.restart = True
+        self._pace.keep(self._data.time)
+
+    def _show(self, window: Any) -> None:
+        state = self._data.plugin_state
+        readings = {name: reader.read(state) for name, reader in self._readers.items()}
+        ends = {
+            name: (float(now.tension_proximal), float(now.tension_distal))
+            for name, now in readings.items()
+        }
+        rows = view_rows(
+            self._knobs,
+            self._name,
+            self._data.time,
+            ends,
+            pretension=self._laid,
+            factor=self._pace.factor,
+            highest=window.highest,
+        )
+        texts = (*rows, *wrap_sentence(self._note)), self._knobs.help
+        tensions = {name: now.tension for name, now in readings.items()}
+        window.show(Frame(self._data.qpos.copy(), tensions, texts))

@@ -2,7 +2,7 @@
 
     cc-mujoco benchmark --suite v1 --controllers pi stiction my_module:my_function
 
-Every controller meets every condition of a suite (`_conditions`) with every seed: a
+Every controller meets every condition of a suite (`_suites`) with every seed: a
 sampled plant (`_plant`), sensors with noise, bias and delay, and, if it has a model, a
 wrong one. A condition and a seed are the same plant, noise and motion for every
 controller, so that controllers are compared in pairs (`rank_controllers`).

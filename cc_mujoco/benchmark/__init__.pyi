@@ -4,9 +4,7 @@ from ._cell import CellResult as CellResult
 from ._cell import batch_groups as batch_groups
 from ._cell import play as play
 from ._cell import play_group as play_group
-from ._conditions import SUITES as SUITES
 from ._conditions import Condition as Condition
-from ._conditions import Suite as Suite
 from ._plant import Belief as Belief
 from ._ranking import normalise_errors as normalise_errors
 from ._ranking import rank_controllers as rank_controllers
@@ -29,3 +27,5 @@ from ._results import rms_errors as rms_errors
 from ._runner import BenchmarkPlan as BenchmarkPlan
 from ._runner import run as run
 from ._scores import SCORES as SCORES
+from ._suites import SUITES as SUITES
+from ._suites import Suite as Suite

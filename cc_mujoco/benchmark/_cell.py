@@ -10,6 +10,7 @@ nothing but the cell.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -24,8 +25,9 @@ from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Conditio
 from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
 from cc_mujoco.benchmark._references import REFERENCES, Reference
 from cc_mujoco.benchmark._scores import device_scores, episode_scores
+from cc_mujoco.benchmark._structure import LAG_NAME, model_of
 from cc_mujoco.control import Controller
-from cc_mujoco.device import Description, Plant, find_device
+from cc_mujoco.device import Description, DeviceModel, Plant, find_device
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._plant import facts_of
@@ -33,7 +35,7 @@ from cc_mujoco.device._sensors import AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import ArrayLog
-from cc_mujoco.metrics._metric import DRIVEN, SPRING
+from cc_mujoco.metrics._metric import DRIVEN, SAFE_TORQUE, SPRING
 from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._loop import Trace, run
@@ -123,7 +125,7 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
     found: dict[object, list[Cell]] = {}
     for cell in cells:
         at = cell.condition
-        about = at.scene, at.task, at.moving_route, at.duration
+        about = at.scene, at.task, at.moving_route, at.structure, at.duration
         key = cell.controller, cell.seeds, cell.sensing, *about
         found.setdefault(key, []).append(cell)
     return list(found.values())
@@ -150,6 +152,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     one = cells[0]
     at, reference = one.condition, _reference(one)
     description = find_device(at.scene).description
+    lags = at.structure == LAG_NAME
     draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
@@ -159,7 +162,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     exos = [
         WornDevice(
             description,
-            changed(drawn.plant, reference).model(),
+            model_of(changed(drawn.plant, reference), lags),
             drawn.trajectory,
             at.tasks(description),
             at.duration,
@@ -174,7 +177,10 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     fleet = Fleet(exo, [e.device for e in exos], scripts)
     driven, prefixes = exo.device.driven, exo.device.prefixes
     sensing = one.sensing or description.sensing
-    equipped = [sensing.equip(drive) for drive in exo.drives]
+    known = exo.drives
+    if lags:
+        known = DeviceModel(description, draws[0].known.model()).drives(exo.period)
+    equipped = [sensing.equip(drive) for drive in known]
     drives = believed_drives(equipped, driven, draws, beliefs)
     name = reference.controller if reference else one.controller
     law: Controller = (
@@ -282,6 +288,7 @@ def _scores(
     strength = dict.fromkeys(cables, description.strength)
     facts = [
         {
+            SAFE_TORQUE: math.inf,  # where it is unknown, no torque is a failure
             **facts_of(axis, strength),
             DRIVEN: driven,
             SPRING: isinstance(tasks[axis.name], Spring),

@@ -10,29 +10,27 @@ levels here would be some thousand conditions for each device.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cc_mujoco.assets import SCENES
 from cc_mujoco.device import find_device
-from cc_mujoco.device._description import ENDING, Axis, Description
+from cc_mujoco.device._description import ENDING, Description
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
-    TASKS,
-    TRAJECTORIES,
-    Hold,
+    Motion,
     Perturbed,
-    Spring,
     Task,
     Trajectory,
     Walk,
-    trajectory,
 )
 
 
-class _Liner(NamedTuple):
+class Liner(NamedTuple):
     """Friction coefficients of a cable in what leads it."""
 
     friction: float
@@ -42,17 +40,46 @@ class _Liner(NamedTuple):
 
 
 TRANSMISSIONS = {
-    "good": _Liner(0.05, 0.06),
-    "ordinary": _Liner(0.10, 0.15),
-    "table22": _Liner(0.21, 0.63),
+    "good": Liner(0.05, 0.06),
+    "ordinary": Liner(0.10, 0.15),
+    "table22": Liner(0.21, 0.63),
 }
 """A good liner and an ordinary one (assumed), and that of Table 2.2 of the thesis."""
+
+OWN_LINER = "own"
+"""Transmission with the friction of the scene."""
 
 MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
 """Standard deviations of the relative errors of what a controller believes."""
 
 DEFAULT_CONDITION = "ordinary", "rough"
 """Transmission and error of the condition that all others differ from."""
+
+
+MIN_DURATION = 1.0
+"""Length that an episode must exceed, whose first half is not scored [s]."""
+
+
+@dataclass(frozen=True)
+class Together(Trajectory):
+    """Motion of several joints, each by a trajectory of its own."""
+
+    parts: tuple[tuple[str, Trajectory], ...]
+    """Joints and how they are moved."""
+
+    def _motion(
+        self, time: NDArray[np.float64], duration: float, rng: np.random.Generator
+    ) -> Motion:
+        step = float(time[1] - time[0])
+        others: dict[str, Motion] = {}
+        own: dict[str, Motion] = {}
+        for joint, source in self.parts:
+            motion = source.sample(duration, step, rng)
+            others |= motion.companions
+            moved = motion.companions.get(joint, motion)
+            own[joint] = dataclasses.replace(moved, companions={})
+        first = next(iter(own.values()))
+        return dataclasses.replace(first, companions=others | own)
 
 
 @dataclass(frozen=True)
@@ -67,7 +94,7 @@ class Condition:
     task: Task | tuple[Task, ...]
     """Task of all axes, or of each."""
     transmission: str = DEFAULT_CONDITION[0]
-    """A key of `TRANSMISSIONS`."""
+    """A key of `TRANSMISSIONS`, or `OWN_LINER`."""
     error: str = DEFAULT_CONDITION[1]
     """A key of `MODEL_ERRORS`."""
     impedance: float = 1.0
@@ -78,6 +105,8 @@ class Condition:
     """Noise of all sensors and their biases, as a multiple of the device's."""
     moving_route: bool = False
     """True if the conduit bends as the leg moves."""
+    structure: str = ""
+    """Effect that the plant has and the controller does not know; see `_structure`."""
     duration: float = 4.0
     """Length of an episode [s]."""
 
@@ -89,7 +118,7 @@ class Condition:
                 f"{self.scene} has {len(axes)} axes; a condition needs one task, or "
                 f"one for each, not {len(self.task)}."
             )
-        look_up("transmission", self.transmission, TRANSMISSIONS)
+        look_up("transmission", self.transmission, {**TRANSMISSIONS, OWN_LINER: None})
         look_up("error", self.error, MODEL_ERRORS)
         if not self.duration > MIN_DURATION:
             raise CableError(
@@ -129,10 +158,17 @@ def device_label(scene: str) -> str:
     return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
 
 
+def is_device_file(scene: str) -> bool:
+    """Return whether a device is one of the user's, given by a file."""
+    return scene not in SCENES and Path(scene).suffix in (".xml", ".toml")
+
+
 def is_walk(source: Trajectory) -> bool:
     """Return whether a trajectory is a walk, jolted or not."""
     while isinstance(source, Perturbed):
         source = source.base
+    if isinstance(source, Together):
+        return all(is_walk(part) for _, part in source.parts)
     return isinstance(source, Walk)
 
 
@@ -145,104 +181,15 @@ def plant_key(name: str) -> str:
     return liner if liner in TRANSMISSIONS and error in MODEL_ERRORS else name
 
 
-MIN_DURATION = 1.0
-"""Length that an episode must exceed, whose first half is not scored [s]."""
-
-
-def _wrist() -> list[Condition]:
-    plain = Condition("wrist", "", TRAJECTORIES["multisine"], Spring(2.5))
-    return [*_single_changes(plain), *_crossed_conditions(plain)]
-
-
-def _ankle() -> list[Condition]:
-    plain = Condition("ankle", "", TRAJECTORIES["walk"], TASKS["assist"])
-    reversing = trajectory("reversals", _axis("ankle").reach)
-    still = _named_condition(plain, "reversals", trajectory=reversing, task=Hold(-15.0))
-    common = [still if c.name == "reversals" else c for c in _single_changes(plain)]
-    route = _named_condition(plain, "moving-route", moving_route=True)
-    return [*common, route, *_crossed_conditions(plain)]
-
-
-def _finger() -> list[Condition]:
-    reach = trajectory("reach", _axis("finger").reach)
-    return _liner_conditions(Condition("finger", "", reach, TASKS["hold"]))
-
-
-def _axis(scene: str) -> Axis:
-    return find_device(scene).description.axis()
-
-
-def _single_changes(plain: Condition) -> list[Condition]:
-    """Return the conditions that change one thing at a time."""
-    joint = _axis(plain.scene).joint
+def crossed_conditions(plain: Condition) -> list[Condition]:
+    """Return the conditions of every transmission and every error of the model."""
     return [
-        _named_condition(plain, "delay-none", delay=(0, 0)),
-        _named_condition(plain, "delay-long", delay=(3, 5)),
-        _named_condition(plain, "noise-none", noise=0.0),
-        _named_condition(plain, "noise-loud", noise=5.0),
-        _named_condition(plain, "wearer-soft", impedance=0.3),
-        _named_condition(plain, "wearer-stiff", impedance=3.0),
-        _named_condition(plain, "reversals", trajectory=TRAJECTORIES["reversals"]),
-        _named_condition(
-            plain, "jolted", trajectory=Perturbed(plain.trajectory, joint)
-        ),
-        _named_condition(plain, "zero-torque", task=TASKS["transparent"]),
-    ]
-
-
-def _crossed_conditions(plain: Condition) -> list[Condition]:
-    return [
-        _named_condition(plain, f"{liner}-{error}", transmission=liner, error=error)
+        named_condition(plain, f"{liner}-{error}", transmission=liner, error=error)
         for liner in TRANSMISSIONS
         for error in MODEL_ERRORS
     ]
 
 
-def _liner_conditions(plain: Condition) -> list[Condition]:
-    return [
-        _named_condition(plain, f"{liner}-{DEFAULT_CONDITION[1]}", transmission=liner)
-        for liner in TRANSMISSIONS
-    ]
-
-
-def _named_condition(plain: Condition, name: str, **changes: object) -> Condition:
+def named_condition(plain: Condition, name: str, **changes: object) -> Condition:
+    """Return a condition under a name, with changes."""
     return dataclasses.replace(plain, name=name, **changes)  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class Suite:
-    """Conditions that are played, and the number of seeds."""
-
-    meaning: str
-    makers: dict[str, Callable[[], list[Condition]]]
-    """Devices and their conditions."""
-    seeds: int
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    """Devices that the suite cannot have any more, and the reason."""
-
-    def conditions(self, scene: str) -> list[Condition]:
-        """Return all conditions of a device.
-
-        Raises:
-            CableError: If the suite has no such device.
-        """
-        if scene in self.left_out:
-            raise CableError(
-                f"the suite has {scene!r} no more: {self.left_out[scene]}; "
-                "`--suite generic` plays it."
-            )
-        return look_up("scene", scene, self.makers)()
-
-
-SUITES = {
-    "v1": Suite(
-        "wrist and ankle in 18 and 19 conditions, finger in three",
-        {"wrist": _wrist, "ankle": _ankle, "finger": _finger},
-        10,
-        {
-            "exosuit": "the motor at its heel followed the gait by itself, and is an "
-            "axis with a controller now"
-        },
-    ),
-}
-"""A suite that has been published is never changed: a new one gets a new name."""

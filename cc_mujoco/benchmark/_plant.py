@@ -19,7 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco._validation import require_parameter
-from cc_mujoco.benchmark._conditions import TRANSMISSIONS, Condition, plant_key
+from cc_mujoco.benchmark._conditions import (
+    TRANSMISSIONS,
+    Condition,
+    Liner,
+    Together,
+    plant_key,
+)
+from cc_mujoco.benchmark._structure import effect_values
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameters import BENDS, PATHS
 from cc_mujoco.device import Device, Plant, find_device
@@ -52,6 +59,8 @@ class Draw:
 
     plant: Plant
     """The device with its cables, wearer, delay and noise."""
+    known: Plant
+    """The same without the effect that the controller does not know."""
     seed: int
     """Seed of its motion and noise; that of the episode and its condition make it."""
     trajectory: Trajectory
@@ -103,7 +112,8 @@ def _sample_plant(condition: Condition, seed: int, device: Device) -> Draw:
         factors = {
             n: 1.0 + s * _clipped_normal(random) for n, s in CABLE_SPREAD.items()
         }
-        liner = TRANSMISSIONS[condition.transmission]
+        unchanged = Liner(cable.friction, cable.static_friction)
+        liner = TRANSMISSIONS.get(condition.transmission, unchanged)
         drawn: dict[str, Value] = {
             "friction": factors["friction"] * liner.friction,
             "static_friction": factors["friction"] * liner.static_friction,
@@ -127,8 +137,12 @@ def _sample_plant(condition: Condition, seed: int, device: Device) -> Draw:
     sensors = [
         1 + SENSORS_PER_CABLE * len(axis.cables) for axis in device.description.axes
     ]
+    known = plant = Plant(device, values)
+    if effect := effect_values(device, condition.structure):
+        plant = Plant(device, values | effect)
     return Draw(
-        plant=Plant(device, values),
+        plant=plant,
+        known=known,
         seed=own,
         trajectory=_with_period_factor(source, cadence),
         bias=tuple(
@@ -155,7 +169,7 @@ def believed_drives(
     rows: list[list[tuple[CableDrive, ...]]] = [[] for _ in drives]
     for drawn, belief in zip(draws, beliefs, strict=True):
         random = np.random.default_rng([drawn.seed, 3])
-        cables = drawn.plant.cables
+        cables = drawn.known.cables
         for own, drive, names in zip(rows, drives, driven, strict=True):
             own.append(
                 tuple(
@@ -173,6 +187,11 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
     """Return a gait with its period scaled, also inside another trajectory."""
     if isinstance(source, Walk):
         return dataclasses.replace(source, period=factor * source.period)
+    if isinstance(source, Together):
+        parts = tuple(
+            (joint, _with_period_factor(part, factor)) for joint, part in source.parts
+        )
+        return Together(parts)
     if isinstance(source, Perturbed):
         return dataclasses.replace(
             source, base=_with_period_factor(source.base, factor)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import plant_key
+from cc_mujoco.benchmark._conditions import device_label, plant_key
 from cc_mujoco.benchmark._ranking import (
     Place,
     bootstrap_means,
@@ -21,6 +21,7 @@ from cc_mujoco.benchmark._ranking import (
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
 from cc_mujoco.benchmark._scores import SCORES
+from cc_mujoco.device import find_device
 from cc_mujoco.report._markdown import table
 
 Array = NDArray[np.float64]
@@ -92,6 +93,7 @@ def all_tables(
     ]
     parts += divergence_sentences(results)
     parts += [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
+    parts += unknown_limits(results)
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
@@ -126,6 +128,21 @@ def divergence_sentences(results: Results) -> list[str]:
         for law, values in episodes.items()
         if values.any()
     ]
+
+
+def unknown_limits(results: Results) -> list[str]:
+    """Return a sentence for each device with joints of unknown `safe_torque`."""
+    found = []
+    for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
+        axes = find_device(scene).description.axes
+        joints = [axis.joint for axis in axes if math.isinf(axis.safe_torque)]
+        if joints:
+            found.append(
+                f"Nobody knows what torque is safe at {', '.join(joints)} of "
+                f"{device_label(scene)} (`safe_torque` in its description), so none "
+                "counts as a failure there."
+            )
+    return found
 
 
 def definitions() -> str:

@@ -35,13 +35,14 @@ from cc_mujoco.benchmark._cell import (
     play_group,
     prepare_episodes,
 )
-from cc_mujoco.benchmark._conditions import SUITES, Condition
+from cc_mujoco.benchmark._conditions import Condition, device_label
 from cc_mujoco.benchmark._references import (
     REFERENCES,
     SCALE_CONTROLLER,
     require_unused_name,
 )
 from cc_mujoco.benchmark._scores import score_columns
+from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.benchmark._timing import StepTimes, time_steps
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError, look_up
@@ -84,11 +85,16 @@ class BenchmarkPlan:
             CableError: If a name is unknown.
         """
         suite = look_up("suite", self.suite, SUITES)
-        found = [
-            condition
-            for scene in self.scenes or tuple(suite.makers)
-            for condition in suite.conditions(scene)
-        ]
+        scenes = tuple(dict.fromkeys(self.scenes or suite.scenes))
+        labels: dict[str, str] = {}
+        for scene in scenes:
+            other = labels.setdefault(device_label(scene), scene)
+            if other != scene:
+                raise CableError(
+                    f"devices {other!r} and {scene!r} would have the same name, "
+                    f"{device_label(scene)!r}, in tables and files; rename one."
+                )
+        found = [one for scene in scenes for one in suite.conditions(scene)]
         names = {condition.name: None for condition in found}
         for name in self.conditions:
             look_up("condition", name, names)

@@ -17,11 +17,12 @@ import pyarrow as pa
 
 from cc_mujoco._utils.provenance import provenance_differences
 from cc_mujoco.benchmark._cell import Cell, play
-from cc_mujoco.benchmark._conditions import SUITES, Condition
+from cc_mujoco.benchmark._conditions import Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import read_results, read_rows
 from cc_mujoco.benchmark._runner import BenchmarkPlan, Playing
+from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.errors import CableError, look_up
 
 

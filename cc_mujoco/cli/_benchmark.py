@@ -22,12 +22,14 @@ class Benchmark:
         "cells that were finished, if any, are kept; the same command goes on"
     )
 
-    suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"
-    """Suite to play; a suite never changes."""
+    suite: Annotated[str | None, option_help("NAME")] = None
+    """Suite to play: v1, which never changes, or generic, which any device can play;
+    v1 unless given, and generic for a device of your own."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     scene: Names = ()
-    """Devices; all of the suite unless given."""
+    """Devices: names, or files of your own such as knee.xml; all of the suite unless
+    given."""
     conditions: Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
     seeds: int = 0
@@ -81,11 +83,12 @@ class Benchmark:
         from cc_mujoco.benchmark._references import SCALE_CONTROLLER
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._results_files import write
+        from cc_mujoco.benchmark._suites import default_suite
         from cc_mujoco.control import CONTROLLERS
 
         plan = BenchmarkPlan(
             self.controllers or tuple(CONTROLLERS),
-            self.suite,
+            self.suite or default_suite(self.scene),
             self.scene,
             self.conditions,
             self.seeds,

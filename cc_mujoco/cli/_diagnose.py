@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -13,6 +14,9 @@ import tyro
 from cc_mujoco.cli._options import Flag, option_help, progress_options
 from cc_mujoco.errors import CableError
 
+SCENE_ENDINGS = (".xml", ".toml")
+"""Endings of files that describe a rig."""
+
 
 @dataclass(frozen=True)
 class Diagnose:
@@ -20,12 +24,15 @@ class Diagnose:
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    data: Annotated[tuple[Path, ...], tyro.conf.Positional, option_help("[DATA ...]")]
-    """Trials: files (CSV, Parquet, MATLAB, HDF5) or folders; none with --plan."""
+    words: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, option_help("[SCENE] [DATA ...]")
+    ]
+    """Scene of the rig: an MJCF file, a description or a built-in name; then trials:
+    files (CSV, Parquet, MATLAB, HDF5) or folders, none with --plan."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
-    scene: Annotated[Path | None, option_help("SCENE.xml")] = None
-    """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
+    axis: Annotated[str | None, option_help("NAME")] = None
+    """Axis that was recorded, of a device with several."""
     dataset: Annotated[Path | None, option_help("FILE.toml")] = None
     """Meaning of the columns and facts of the rig; DATA/dataset.toml if any."""
     earlier: Annotated[
@@ -56,14 +63,16 @@ class Diagnose:
         for name, value in (("--reach", self.reach), ("--speed", self.speed)):
             if value is not None:
                 raise CableError(f"{name} belongs to --plan, which is not given.")
-        if not self.data:
+        scene, data = _scene_and_data(self.words)
+        if not data:
             raise CableError("no data given; name files of trials, or folders.")
-        scene, dataset, data = self.scene, self.dataset, self.data
+        dataset, axis = self.dataset, self.axis
         if self.earlier is not None:
             from cc_mujoco.diagnosis._resume import Earlier
 
             earlier = Earlier.of(self.earlier)
             scene = earlier.scene if scene is None else scene
+            axis = earlier.axis if axis is None else axis
             dataset = earlier.with_more(data) if dataset is None else dataset
             data = (*earlier.data, *data)
 
@@ -84,8 +93,9 @@ class Diagnose:
 
             found = diagnose(
                 data,
-                _scene_file(scene),
+                _require_scene(scene),
                 self.out,
+                axis=axis,
                 dataset_toml=dataset,
                 command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
                 seed=self.seed,
@@ -113,15 +123,17 @@ class Diagnose:
 
     def _plan(self) -> None:
         """Write what to record, and print what stays doubtful."""
-        if self.data:
+        scene, data = _scene_and_data(self.words)
+        if data:
             raise CableError("--plan is for before there are data; give none with it.")
 
         from cc_mujoco.diagnosis._inference.identifiability import MIN_CLARITY
         from cc_mujoco.diagnosis._next_experiment import DEFAULT_SPEED, PLAN_PAGE, plan
 
         found = plan(
-            _scene_file(self.scene),
+            _require_scene(scene),
             self.out,
+            axis=self.axis,
             reach=self.reach,
             speed=DEFAULT_SPEED if self.speed is None else self.speed,
             dataset_toml=self.dataset,
@@ -134,16 +146,25 @@ class Diagnose:
         print(f"plan:     {self.out / PLAN_PAGE}")
 
 
-def _scene_file(scene: Path | None) -> Path:
-    """Return the file, or that of a scene of the package.
+def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...]]:
+    """Return the scene, which is the first word if there is any, and the data."""
+    from cc_mujoco.assets import SCENES
+
+    first, rest = (words[0], words[1:]) if words else (None, ())
+    named = first is not None and not first.exists() and str(first) in SCENES
+    if first is not None and (named or first.suffix in SCENE_ENDINGS):
+        return first, tuple(rest)
+    return None, tuple(words)
+
+
+def _require_scene(scene: Path | None) -> Path:
+    """Return the scene.
 
     Raises:
         CableError: none was given.
     """
-    from cc_mujoco.assets import SCENES, scene_path
-
     if scene is None:
-        raise CableError("no scene given; name one by --scene.")
-    if not scene.exists() and str(scene) in SCENES:
-        return scene_path(str(scene))
+        raise CableError(
+            "no scene given; name it first, an MJCF file such as knee.xml or a name."
+        )
     return scene

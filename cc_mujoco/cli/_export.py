@@ -47,8 +47,6 @@ class Export:
         device = find_device(self.scene)
 
         target = look_up("target", self.target, TARGETS)
-        require_ours(self.out)
-
         if self.model is not None:
             try:
                 device = device.variant(self.model)
@@ -58,13 +56,16 @@ class Export:
                 ) from None
         description = device.description
         place = description.axes.index(description.axis(self.axis))
+        axis = description.axes[place].name if len(description.axes) > 1 else ""
+        require_ours(self.out, axis)
         model = bare_model(device).compile()
         made = DeviceModel(description, model)
         drive = made.drives(description.period)[place]
-        plan = ExportPlan.of(self.controller, drive, made.driven[place])
+        plan = ExportPlan.of(self.controller, drive, made.driven[place], axis)
         if not self.allow_active:
             self._require_passive(model if self.model is not None else None)
-        what = f"{self.controller} for the scene {self.scene}, on {self.target}"
+        scene = f"axis {axis} of the scene" if axis else "the scene"
+        what = f"{self.controller} for {scene} {self.scene}, on {self.target}"
         write(self.out, plan, target, what)
         print(
             f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"

@@ -116,8 +116,9 @@ class RunRig:
         wanted = self._wanted(read_plan(folder))
         for trial in wanted:
             require_free(self.out, trial.name)
-            trial.require_within(limits)
         drive = settings.drive()
+        for trial in wanted:
+            trial.require_within(limits, drive)
         firm = settings.firm(drive)
         for trial in wanted:
             print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
@@ -188,6 +189,7 @@ class RunRig:
                 about,
                 max(1, round(BLOCK_TIME / period)),
                 name or DEFAULT_LOG_NAME,
+                settings.prefix,
             )
             loop = Loop(
                 rig,

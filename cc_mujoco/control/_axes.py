@@ -11,6 +11,7 @@ controller sees all columns and returns the torques of all motors.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -152,9 +153,8 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
 
 def named_laws(given: str) -> list[str]:
     """Return the controllers of a name: several of `hip=model,ankle=pi`."""
-    # No controller's own name has an equals sign.
-    parts = (part.partition("=") for part in given.split(","))
-    return [value.strip() if equals else name for name, equals, value in parts]
+    pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
+    return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]
 
 
 def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:

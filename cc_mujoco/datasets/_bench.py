@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.assets import SCENES
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets._coupled_route import (
@@ -31,6 +32,9 @@ from cc_mujoco.datasets._coupled_route import (
 )
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
 from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.device import Axis, load_device
+from cc_mujoco.device._derivation import excursion
+from cc_mujoco.device._device import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._config import PLUGIN
@@ -53,6 +57,10 @@ class Bench:
         led: what the joint moves of the cables besides their ends.
         span: angles of the joint between which the scene is known [rad].
         drawn_radius: `joint_radius` as the scene has it [m].
+        axis: name of the axis of a device with several; empty else.
+        centre: joint angle about which a planned motion goes [rad].
+        reach: excursion of the joint from there in a plan [rad]; infinite where it has
+            no stops.
         exit_angle: around the motor's pulley, from where the agonist leaves it to where
             the antagonist does [rad].
     """
@@ -70,6 +78,9 @@ class Bench:
     led: Leading = ""
     span: tuple[float, float] = (-math.inf, math.inf)
     drawn_radius: float = math.nan
+    axis: str = ""
+    centre: float = 0.0
+    reach: float = math.inf
 
     @property
     def transmission(self) -> Transmission:
@@ -172,26 +183,44 @@ class Bench:
         )
 
     @classmethod
-    def of(cls, scene: str | Path) -> Bench:
+    def of(
+        cls,
+        scene: str | Path,
+        axis: str | None = None,
+        cables: Collection[str] | None = None,
+    ) -> Bench:
         """Read a scene.
 
+        Args:
+            scene: MJCF file, file of a description, or name of a built-in scene.
+            axis: name of the axis, of a device with several.
+            cables: names of the cables, in place of an axis.
+
         Raises:
-            CableError: the scene cannot be read, has no cable or more than two, or its
-                cables do not connect the same two hinge joints.
+            CableError: the scene cannot be read, has several axes of which none is
+                named, has no cable or more than two of the axis, or these do not
+                connect the same two hinge joints.
         """
-        path = Path(scene)
-        if not path.is_file():
-            raise CableError(f"scene {path} is no file; give an MJCF file")
+        source: str | Path = str(scene) if str(scene) in SCENES else Path(scene)
+        _, path, table = locate(source)
         try:
             spec = mujoco.MjSpec.from_file(str(path))
             model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise CableError(f"scene {path} does not load: {reason}") from None
-        cables = from_mjcf(spec)
+        present = from_mjcf(spec)
+        described = None
+        if cables is None and (axis or table or len(present) > 2):
+            device = load_device(source).description
+            described = device.axis(axis)
+            axis = described.name if len(device.axes) > 1 else ""
+            cables = described.cables
+        cables = {n: c for n, c in present.items() if cables is None or n in cables}
         if len(cables) not in (1, 2):
+            where = f"axis {axis!r} of scene {path}" if axis else f"scene {path}"
             raise CableError(
-                f"scene {path} has {len(cables)} cables; a diagnosis takes one cable "
+                f"{where} has {len(cables)} cables; a diagnosis takes one cable "
                 f"or a pull-pull pair (plugin `{PLUGIN}`)"
             )
         found = {
@@ -234,6 +263,7 @@ class Bench:
             )
         for name in order[1:]:
             if (found[name][0], found[name][2]) != (motor, joint):
+                _require_axis(source)
                 raise CableError(
                     f"scene {path}: cables {order[0]} and {name} connect different "
                     "joints; a pull-pull pair has both in common"
@@ -256,7 +286,36 @@ class Bench:
             led=led,
             span=_span(model, joint, lever),
             drawn_radius=abs(distal),
+            axis=axis or "",
+            **_excursion(model, joint, lever, described),
         )
+
+
+def _require_axis(source: str | Path) -> None:
+    """Require that a scene whose cables connect different joints has a single axis.
+
+    Raises:
+        CableError: it has several, which are named.
+    """
+    try:
+        device = load_device(source).description
+    except CableError:
+        return
+    device.axis()
+
+
+def _excursion(
+    model: mujoco.MjModel, joint: str, lever: Lever | None, axis: Axis | None
+) -> dict[str, float]:
+    """Return `centre` and `reach` of a bench."""
+    index = model.joint(joint).id
+    centre, reach = excursion(model, index)
+    if not model.jnt_limited[index]:
+        reach = math.inf
+    elif axis is not None:
+        centre, reach = axis.centre, axis.reach
+    sign = 1.0 if lever is None else lever.sign
+    return {"centre": sign * centre + 0.0, "reach": reach}
 
 
 class _Ends(NamedTuple):
@@ -296,7 +355,7 @@ def _cable_connections(
                 "end on another or on a lever"
             )
         ends.append(
-            (_driven_joint(model, str(actuator.target)), float(actuator.gear[0]))
+            (driven_joint(model, str(actuator.target)), float(actuator.gear[0]))
         )
     (motor, proximal), (output, distal) = ends
     return _Ends(motor, proximal, output, distal, lever)
@@ -310,7 +369,7 @@ def _span(
     return float(known[0]), float(known[-1])
 
 
-def _driven_joint(model: mujoco.MjModel, joint: str) -> str:
+def driven_joint(model: mujoco.MjModel, joint: str) -> str:
     """Return the joint that a pulley with play drives, else the joint itself.
 
     Play is a limited fixed tendon whose length is the pulley angle less the joint's.

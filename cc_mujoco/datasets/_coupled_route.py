@@ -79,7 +79,8 @@ def require_single_mover(
     if others:
         raise CableError(
             f"{where} lies along a route that moves with {list_words(others)}; a "
-            f"diagnosis takes a route that only the joint it turns moves, {joint!r}"
+            f"diagnosis takes a route that only the joint it turns moves, {joint!r}: "
+            "lock the others on the rig, and take their <joint> out of the scene"
         )
 
 

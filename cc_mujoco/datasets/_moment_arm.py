@@ -101,7 +101,8 @@ def single_hinge(model: mujoco.MjModel, moved: Sequence[str], what: str) -> str:
         )
         raise CableError(
             f"{what} {movement}; a diagnosis takes a cable that turns one hinge joint, "
-            "by a pulley or a lever, and that no other joint moves"
+            "by a pulley or a lever, and that no other joint moves: lock the others on "
+            "the rig, and take their <joint> out of the scene"
         )
     if model.joint(moved[0]).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
         raise CableError(f"{what} moves with joint {moved[0]!r}, which is no hinge")

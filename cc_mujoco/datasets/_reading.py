@@ -67,27 +67,34 @@ class Recording:
         return f"{path}, column {self.labels.get(channel, channel)}"
 
 
-def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
+def read(
+    path: Path, file: DatasetFile, name: str | None = None, axis: str = ""
+) -> Recording:
     """Read the channels of one file.
 
     Args:
         path: the file.
         file: what its columns mean.
         name: of the trial; None is the file's name without ending.
+        axis: with whose name columns may begin, as in logs of several axes.
 
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
-    return read_parts((TrialFile("", path, PartFile("")),), file, name or path.stem)
+    parts = (TrialFile("", path, PartFile("")),)
+    return read_parts(parts, file, name or path.stem, axis)
 
 
-def read_parts(parts: Sequence[TrialFile], file: DatasetFile, name: str) -> Recording:
+def read_parts(
+    parts: Sequence[TrialFile], file: DatasetFile, name: str, axis: str = ""
+) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
     Args:
         parts: its files.
         file: what their columns mean.
         name: of the trial.
+        axis: with whose name columns may begin, as in logs of several axes.
 
     Raises:
         CableError: a file cannot be read, lacks a column or holds text; clocks of
@@ -96,8 +103,11 @@ def read_parts(parts: Sequence[TrialFile], file: DatasetFile, name: str) -> Reco
     where = " and ".join(str(part.path) for part in parts)
     tabled = [_Table.of(part, file) for part in parts]
     # In full where there are several: their columns may have the same names.
+    start = f"{axis}." if axis else ""
     homes = {
-        f"{table.part.key}.{column}" if len(parts) > 1 else column: (table, column)
+        f"{table.part.key}.{column}"
+        if len(parts) > 1
+        else column.removeprefix(start): (table, column)
         for table in tabled
         for column in table.names
         if len(parts) == 1 or column != table.time

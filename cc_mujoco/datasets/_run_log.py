@@ -10,6 +10,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco._utils.atomic_io import is_marked
+
 DEFAULT_LOG_NAME = "log"
 """Name of a run's files unless it has one of its own."""
 RUN_MARK = {"cc_mujoco": "run"}
@@ -38,6 +40,13 @@ def axis_of(rows: Path) -> str | None:
     """Return the axis that a run drove; None where the rig has no name for it."""
     axis = _read_rig(rows).get("axis")
     return None if axis is None else str(axis)
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a file is a log of a run, or of an episode."""
+    return bool(scene_of(path)) or (
+        path.suffix.lower() == ".parquet" and is_marked(path)
+    )
 
 
 def _read_rig(rows: Path) -> dict[str, Any]:

@@ -384,7 +384,7 @@ def _axis(
     signs = {p < 0.0 for p, _ in arms.values()}
     pull_pull = len(own) == 2 and len(signs) == 2 and len({p > 0.0 for p in pulls}) == 1
     one_way = len(signs) == 1
-    centre, reach = _excursion(model, joint, table.number("reach", 1e-3))
+    centre, reach = excursion(model, joint, table.number("reach", 1e-3))
     reach = read.number(table, "reach", reach, SCENE, low=1e-3, label="axis.")
     centre = read.number(table, "centre", centre, SCENE, low=-math.inf, label="axis.")
     # A cable pulls its joint against its own arm.
@@ -517,8 +517,8 @@ def _arms(
     )
 
 
-def _excursion(
-    model: mujoco.MjModel, joint: int, given: float | None
+def excursion(
+    model: mujoco.MjModel, joint: int, given: float | None = None
 ) -> tuple[float, float]:
     """Return centre and reach of named motions at a joint [rad].
 

@@ -72,7 +72,7 @@ class Device(Nominal):
         Raises:
             CableError: There is no such scene, or it is no device.
         """
-        name, scene, table_path = _locate(source)
+        name, scene, table_path = locate(source)
         spec = _load_spec(scene)
         table = Table(name, {})
         if table_path is not None:
@@ -256,7 +256,7 @@ def load_device(source: str | Path, timestep: float | None = None) -> Device:
     Raises:
         CableError: There is no such device.
     """
-    name, scene, table = _locate(source)
+    name, scene, table = locate(source)
     files: Iterable[Path] = ()
     if name not in SCENES:
         files = [*_files_of(scene), *([table] if table else ())]
@@ -273,7 +273,7 @@ def _restored(name: str, timestep: float | None) -> Device:
     return load_device(name, timestep)
 
 
-def _locate(source: str | Path) -> tuple[str, Path, Path | None]:
+def locate(source: str | Path) -> tuple[str, Path, Path | None]:
     """Return the name of a device, its scene and the file of its description."""
     name = str(source)
     if isinstance(source, str) and name in SCENES:

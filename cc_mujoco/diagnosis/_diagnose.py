@@ -38,6 +38,7 @@ def diagnose(
     scene: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
+    axis: str | None = None,
     dataset_toml: str | os.PathLike[str] | None = None,
     command: str = "",
     seed: int = 0,
@@ -48,8 +49,9 @@ def diagnose(
     Args:
         data: trial files (see `_utils.tables.ENDINGS`) or folders of them; a
             single one need not be in a list.
-        scene: MJCF file of the rig.
+        scene: MJCF file of the rig, or name of a built-in scene.
         out: folder for what is found; written whole or not at all.
+        axis: the axis that was recorded, of a device with several.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
         command: how it was called, for the report.
         seed: of bootstraps and noise draws.
@@ -60,9 +62,9 @@ def diagnose(
             cannot be repaired (see `requirements`), or a folder with the scene, with
             the diagnosis of other data or with other files that would be replaced.
     """
-    bench = Bench.of(Path(scene))
+    bench = Bench.of(Path(scene), axis)
     given = _paths(data)
-    require_ours(Path(out), Path(scene), given)
+    require_ours(Path(out), bench.path, given)
     preload_drawing()
     result, dataset = infer(
         given, bench, dataset_toml=dataset_toml, seed=seed, progress=progress

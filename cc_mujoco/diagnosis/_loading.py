@@ -29,7 +29,7 @@ from cc_mujoco.datasets._folders import (
 )
 from cc_mujoco.datasets._multi_file import TrialFile, group_files
 from cc_mujoco.datasets._reading import Recording, read, read_parts
-from cc_mujoco.datasets._run_log import truncation_reason
+from cc_mujoco.datasets._run_log import is_log, truncation_reason
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, Trial
@@ -68,6 +68,7 @@ def load(
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"{toml} says what the columns mean."))
+    axis = bench.axis if bench else ""
     names, parts = _trials_by_file(files, file)
     findings += file.check_trials(names, nearby_data_files(files, file.path))
     trials: list[Trial] = []
@@ -75,9 +76,9 @@ def load(
     for path, name in names.items():
         try:
             recording = (
-                read_parts(parts[path], file, name)
+                read_parts(parts[path], file, name, axis)
                 if path in parts
-                else read(path, file, name)
+                else read(path, file, name, axis)
             )
         except CableError as wrong:
             findings.append(error(str(wrong), name))
@@ -95,6 +96,8 @@ def load(
         if ordered is None:
             continue
         recording = ordered
+        if bench is not None and is_log(path):
+            _count_as_data(recording, bench, file)
         track, found = find_segments(recording, facts, file)
         findings += found
         if track is None:
@@ -122,6 +125,18 @@ def load(
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
     findings += wrong_repeats(dataset.trials)
     return replace(dataset, noise=noise), findings
+
+
+def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> None:
+    """Make what a log has of the joint positive where the cable pulls.
+
+    Logs count it as the scene does; a sign in the `dataset.toml` has been applied.
+    """
+    if bench.lever is None or bench.lever.sign > 0.0:
+        return
+    for channel in (channels.JOINT_ANGLE, channels.JOINT_TORQUE):
+        if channel in recording.values and file.source(channel).sign > 0.0:
+            recording.values[channel] = -recording.values[channel]
 
 
 def _check_complete(path: Path, name: str) -> list[DataFinding]:

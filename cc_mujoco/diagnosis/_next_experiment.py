@@ -14,7 +14,6 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from cc_mujoco._utils.atomic_io import (
@@ -66,6 +65,7 @@ def plan(
     scene: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
+    axis: str | None = None,
     reach: float | None = None,
     speed: float = DEFAULT_SPEED,
     dataset_toml: str | os.PathLike[str] | None = None,
@@ -74,11 +74,12 @@ def plan(
     """Choose trials by which every effect of the library shows and is told apart.
 
     Args:
-        scene: MJCF file of the rig.
+        scene: MJCF file of the rig, or name of a built-in scene.
         out: folder for `plan.md`, one CSV a trial and the beginning of a
             `dataset.toml`; written whole or not at all.
-        reach: largest angle of the motor to either side [rad], of 0 where the joint's
-            range allows that; default at most half of that range.
+        axis: the axis to diagnose, of a device with several.
+        reach: largest angle of the motor to either side [rad], of where the joint is in
+            the middle of its named motions; default as far as these go.
         speed: largest speed of the motor [rad/s].
         dataset_toml: declared constants of the rig and noise of its channels.
         ids: effects to consider; default all.
@@ -88,9 +89,9 @@ def plan(
             joint cannot have, or a folder with files that no plan wrote, or with a
             `dataset.toml` that was corrected since.
     """
-    bench = Bench.of(Path(scene))
+    bench = Bench.of(Path(scene), axis)
     require_repairable(bench)
-    swing = _reach(bench) if reach is None else reach
+    swing = _reach(bench, speed) if reach is None else reach
     for name, value in (("reach", swing), ("speed", speed)):
         if not 0.0 < value < math.inf:
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
@@ -168,11 +169,16 @@ def _require_possible(bench: Bench, reach: float) -> None:
             f"reach is {reach:g} rad, more than a turn of joint {bench.joint!r} to "
             f"either side; it must be at most {most:.3g}, in radians of the motor."
         )
-    if bench.lever is not None and reach > (most := _half_range(bench)):
+    limited = bench.lever is not None or math.isfinite(bench.reach)
+    if limited and reach > (most := _half_range(bench)):
+        where = (
+            "beyond its stops"
+            if bench.lever is None
+            else ("to where its lever is not known")
+        )
         raise CableError(
-            f"reach is {reach:g} rad, which takes joint {bench.joint!r} to where its "
-            f"lever is not known; it must be at most {most:.3g}, in radians of the "
-            "motor."
+            f"reach is {reach:g} rad, which takes joint {bench.joint!r} {where}; it "
+            f"must be at most {most:.3g}, in radians of the motor."
         )
 
 
@@ -181,12 +187,21 @@ def _half_range(bench: Bench) -> float:
     return 0.5 * float(np.ptp(bench.following(np.array(bench.span))))
 
 
-def _reach(bench: Bench) -> float:
-    """Return the angle of the motor to either side within the joint's range [rad]."""
-    model = mujoco.MjModel.from_xml_path(str(bench.path))
-    if bench.lever is None and not model.jnt_limited[model.joint(bench.joint).id]:
-        return DEFAULT_REACH
-    return min(DEFAULT_REACH, _half_range(bench))
+def _reach(bench: Bench, speed: float) -> float:
+    """Return the angle of the motor to either side by which a plan moves it [rad].
+
+    The joint stays within the reach of its named motions, and the motor can go that far
+    within a second.
+    """
+    if math.isinf(bench.reach):
+        return (
+            DEFAULT_REACH
+            if bench.lever is None
+            else min(DEFAULT_REACH, _half_range(bench))
+        )
+    ends = bench.centre + bench.reach * np.array([-1.0, 0.0, 1.0])
+    sides = np.abs(np.diff(bench.following(ends)))
+    return min(float(sides.min()), speed)
 
 
 def _noise(file: DatasetFile) -> dict[str, Noise]:

@@ -22,11 +22,13 @@ class Earlier(NamedTuple):
         data: of its trials.
         scene: MJCF file of the rig.
         dataset: the file with the meaning of the columns, or None.
+        axis: of a device with several; None of one with a single one.
     """
 
     data: tuple[Path, ...]
     scene: Path
     dataset: Path | None
+    axis: str | None = None
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -65,6 +67,7 @@ class Earlier(NamedTuple):
             tuple(here[path] for path in provenance["data"]),
             here[scene["path"]],
             here[dataset["path"]] if dataset["path"] else None,
+            scene.get("axis"),
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 import textwrap
 from collections.abc import Iterable
@@ -22,6 +23,25 @@ _READING_MEANINGS = {
     "joint_torque_nm": "measured torque of the cables on the joint",
     "desired_torque_nm": "torque that the cables shall put into the joint",
 }
+
+
+def renamed(text: str, axis: str) -> str:
+    """Return C, or the name of a file, with the name of an axis in all its names.
+
+    So the controllers of several axes can be linked into one program: of axis `hip`,
+    `cc_controller_step` is `cc_hip_controller_step`, and `CC_LOW` is `CC_HIP_LOW`.
+
+    Args:
+        text: With names that begin with `cc_` or `CC_`.
+        axis: Name of the axis; with an empty one nothing changes.
+    """
+    if not axis:
+        return text
+    name = re.sub(r"\W", "_", axis, flags=re.ASCII)
+    parts = {"cc": name, "CC": name.upper()}
+    return re.sub(
+        r"\b(cc|CC)_(?!mujoco)", lambda found: f"{found[0]}{parts[found[1]]}_", text
+    )
 
 
 def header(plan: ExportPlan, what: str) -> str:

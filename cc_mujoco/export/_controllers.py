@@ -137,15 +137,20 @@ class ExportPlan:
     unexplained torque (delays,) and weights of accelerations (delays,)."""
     taps: friction_slope.Taps | None = None
     """Tension sensors, of a controller that reads them."""
+    axis: str = ""
+    """Name of the axis, of a device with several; it is part of all names in C."""
 
     @classmethod
-    def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> ExportPlan:
+    def of(
+        cls, name: str, drive: Drive, cables: tuple[str, ...], axis: str = ""
+    ) -> ExportPlan:
         """Plan a controller with its default gains.
 
         Args:
             name: Of the controller.
-            drive: The device.
+            drive: The device, or an axis of it.
             cables: Names of its cables.
+            axis: Name of the axis, of a device with several.
 
         Raises:
             CableError: There is no such controller, it cannot be exported, or it needs
@@ -190,6 +195,7 @@ class ExportPlan:
             tuple(len(own.cable.conduit) for _, own in rows),
             made.tables[:-1] if planned else (),
             taps,
+            axis,
         )
 
     @property

@@ -15,26 +15,40 @@ from cc_mujoco.export._targets import Target, emit
 HEADER_FILE, OBJECT_FILE = "cc_controller.h", "cc_controller.o"
 TEXT_FILES = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
 EXPORT_FILES = (HEADER_FILE, OBJECT_FILE, *TEXT_FILES, atomic_io.MANIFEST)
-"""Files that a folder holds."""
+"""Files that a folder holds, of a device with one axis."""
 
 
-def require_ours(folder: str | os.PathLike[str]) -> None:
+def export_files(axis: str = "") -> tuple[str, ...]:
+    """Return the files that a folder holds.
+
+    Args:
+        axis: Name of the axis, of a device with several.
+    """
+    return tuple(c_source.renamed(name, axis) for name in EXPORT_FILES)
+
+
+def require_ours(folder: str | os.PathLike[str], axis: str = "") -> None:
     """Find out, before long work, whether a controller may be written to a folder.
+
+    Args:
+        folder: Where.
+        axis: Name of the axis, of a device with several.
 
     Raises:
         CableError: It may not.
     """
-    header = _existing_header(Path(folder))
+    names = export_files(axis)
+    header = _existing_header(Path(folder) / c_source.renamed(HEADER_FILE, axis))
     atomic_io.require_ours(
-        folder, EXPORT_FILES, lambda _: header.startswith(c_source.HEADER_MARK)
+        folder, names, lambda _: header.startswith(c_source.HEADER_MARK)
     )
-    atomic_io.require_unmodified(folder, (HEADER_FILE, OBJECT_FILE, *TEXT_FILES))
+    atomic_io.require_unmodified(folder, names[:-1])
 
 
-def _existing_header(folder: Path) -> str:
+def _existing_header(path: Path) -> str:
     """Return the header of an earlier export; empty without one."""
     try:
-        return (folder / HEADER_FILE).read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return ""
 
@@ -54,7 +68,7 @@ def write(
     Raises:
         CableError: It cannot be compiled for that machine, or not be written there.
     """
-    require_ours(folder)
+    require_ours(folder, plan.axis)
     law = plan.law
     functions = {
         one.name: one
@@ -67,13 +81,17 @@ def write(
     assembly = c_source.interface(
         plan, target.bits, law.set_parameters.__name__, law.step.__name__
     )
+    assembly = c_source.renamed(assembly, plan.axis)
     compiled = emit(target, assembly, functions.values())
     texts = c_source.parameters(plan), c_source.example(plan), c_source.CMAKE_TEXT
     with atomic_io.replacing_folder(folder) as partial:
-        (partial / OBJECT_FILE).write_bytes(compiled)
+        object_file = partial / c_source.renamed(OBJECT_FILE, plan.axis)
+        object_file.write_bytes(compiled)
         names = HEADER_FILE, *TEXT_FILES
         for name, text in zip(
             names, (c_source.header(plan, what), *texts), strict=True
         ):
-            (partial / name).write_text(text, encoding="utf-8", newline="\n")
+            path = partial / c_source.renamed(name, plan.axis)
+            text = c_source.renamed(text, plan.axis)
+            path.write_text(text, encoding="utf-8", newline="\n")
         atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])

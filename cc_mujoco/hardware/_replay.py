@@ -87,7 +87,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
             f"{path} was recorded with scene {ran!r}, not {scene!r}; name that one, or "
             "a file of it."
         )
-    rows = read_rows(path)
+    rows = read_rows(path, axis_of(path))
     model, episode = as_episode(rows, scene, path, axis_of(path))
     written = files_for(path)
     about = files_of(path.stem)[1]
@@ -106,8 +106,12 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     return written
 
 
-def read_rows(path: Path) -> dict[str, Array]:
+def read_rows(path: Path, axis: str | None = None) -> dict[str, Array]:
     """Return the columns of a log by name (T,) each, from all whole lines.
+
+    Args:
+        path: Of the log.
+        axis: Name of the axis that was driven, of a device with several.
 
     Raises:
         CableError: It cannot be read, has no row, lacks a column or has cells that are
@@ -128,6 +132,9 @@ def read_rows(path: Path) -> dict[str, Array]:
     except (OSError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
+    if axis is not None and f"{axis}.{REQUIRED_COLUMNS[1]}" in table.column_names:
+        named = [name.removeprefix(f"{axis}.") for name in table.column_names]
+        table = table.rename_columns(named)
     missing = [name for name in REQUIRED_COLUMNS if name not in table.column_names]
     if missing:
         raise CableError(

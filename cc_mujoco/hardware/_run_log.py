@@ -39,12 +39,25 @@ RUN_COLUMNS = (
 torque that it had been commanded by then; that of the task; the one commanded in this
 cycle; the one that the controller requested (NaN if it was not called); how late the
 cycle began and how long it took until the command was sent; the number of the cycle."""
-_HEADER_LINE = (",".join(RUN_COLUMNS) + "\n").encode()
+_OF_RUN = ("time_s", "late_s", "work_s", "cycle")
+"""Columns of a run that belong to no axis."""
+MAX_HEADER = 4096
+"""Bytes of a file from which on it has rows."""
 RESERVED_BYTES = 4096
 """Blanks in the page of a run while it goes on: a full disk leaves no place for its
 outcome [bytes]."""
 BLOCK_TIME = 0.1
 """Length of a block [s]."""
+
+
+def run_columns(axis: str = "") -> tuple[str, ...]:
+    """Return the columns of a row.
+
+    Args:
+        axis: Name of the axis, of a device with several: its columns begin with it.
+    """
+    start = f"{axis}." if axis else ""
+    return tuple(n if n in _OF_RUN else f"{start}{n}" for n in RUN_COLUMNS)
 
 
 def files_of(name: str) -> tuple[str, str]:
@@ -79,10 +92,9 @@ def _is_empty(folder: Path, name: str) -> bool:
     """Return whether a run of ours ended there before anything was measured."""
     rows, page = (folder / file for file in files_of(name))
     try:
-        bare = (
-            rows.stat().st_size == len(_HEADER_LINE)
-            and rows.read_bytes() == _HEADER_LINE
-        )
+        header = rows.read_bytes() if rows.stat().st_size < MAX_HEADER else b""
+        names = header.decode().removesuffix("\n").split(",")
+        bare = [name.rpartition(".")[2] for name in names] == [*RUN_COLUMNS]
         return bare and page.read_text(encoding="utf-8")[:1] == "{"
     except (OSError, ValueError):
         return False
@@ -97,6 +109,7 @@ class RunLog:
         about: Mapping[str, Any],
         rows: int,
         name: str = DEFAULT_LOG_NAME,
+        axis: str = "",
     ) -> None:
         """Begin both files.
 
@@ -105,6 +118,7 @@ class RunLog:
             about: The settings of the run, as JSON.
             rows: Of a block.
             name: Of the files.
+            axis: Name of the axis, of a device with several.
 
         Raises:
             CableError: As `require_free`.
@@ -127,7 +141,7 @@ class RunLog:
         self._size = 0
         self._disk_is_full = False
         try:
-            self._write(_HEADER_LINE)
+            self._write((",".join(run_columns(axis)) + "\n").encode())
         except CableError:
             self._file.close()
             self._path.unlink()

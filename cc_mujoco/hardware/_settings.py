@@ -165,6 +165,13 @@ class Settings:
             raise CableError.unknown(f"axis in {self.path}", self.axis, names)
         return device
 
+    @property
+    def prefix(self) -> str:
+        """Name of the axis in the columns of a log; empty of a device with one."""
+        device = self.device()
+        several = len(device.axis_names) > 1
+        return device.description.axis(self.axis).name if several else ""
+
     def winding(self) -> MeasuredWinding | None:
         """Return how far the joint winds its cables, see `winding_of`.
 

@@ -6,6 +6,7 @@ for trial in planned("runs/plan"):
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tomllib
@@ -54,14 +55,22 @@ class Planned:
         """Return the servo that plays it; see `Servo`."""
         return Servo(drive, self.times, self.motor, firm)
 
-    def require_within(self, limits: Limits) -> None:
+    def require_within(self, limits: Limits, drive: Drive) -> None:
         """Find out, before a rig is touched, whether it would stop for its limits.
+
+        In a plan the joint is positive where the cable pulls, at the rig as the scene
+        has it.
+
+        Args:
+            limits: Of the rig.
+            drive: Of the rig.
 
         Raises:
             CableError: It goes, or turns, beyond them.
         """
         low, high = limits.joint_range
-        for end in (float(self.joint.min()), float(self.joint.max())):
+        joint = math.copysign(1.0, drive.ratio) * self.joint
+        for end in (float(joint.min()), float(joint.max())):
             if not low <= end <= high:
                 raise CableError(
                     f"{self.path} takes the joint to {end:.3g} rad, outside its range "

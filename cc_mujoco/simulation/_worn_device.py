@@ -149,7 +149,7 @@ class WornDevice:
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
         self.samples = hold * self.steps
-        sources = _sources(self.device, trajectory)
+        sources = axis_trajectories(self.device, trajectory)
         self.tasks = tuple(
             _task_of(one, source, axis.limb)
             for one, source, axis in zip(
@@ -487,7 +487,7 @@ def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
     return [_axis_seeds(seed, axis) for seed in seeds]
 
 
-def _sources(
+def axis_trajectories(
     device: DeviceModel, given: str | Path | Trajectory | None
 ) -> tuple[Trajectory, ...]:
     """Return the trajectory of every axis; what is the same is one motion."""

@@ -52,7 +52,7 @@ SHORT = BenchmarkPlan(
 
 
 def test_the_suite_crosses_what_depends_and_varies_the_rest_one_at_a_time() -> None:
-    for scene in SUITES["v1"].makers:
+    for scene in SUITES["v1"].scenes:
         conditions = SUITES["v1"].conditions(scene)
         names = [condition.name for condition in conditions]
         assert len(set(names)) == len(names)

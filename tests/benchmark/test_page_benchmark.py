@@ -40,9 +40,9 @@ def test_the_page_has_every_row_condition_and_score() -> None:
     overview = tables(BLOCK)[0]
     assert list(overview) == [*REFERENCES, "none", *fill_readme.ENTRIES]
     for row in overview["none"].items():
-        if row[0] in SUITES["v1"].makers:
+        if row[0] in SUITES["v1"].scenes:
             assert row[1].startswith("1.000")
-    scenes = [name for name in SUITES["v1"].makers if name in overview["none"]]
+    scenes = [name for name in SUITES["v1"].scenes if name in overview["none"]]
     assert scenes
     for scene in scenes:
         part = BLOCK.partition(f"**{scene}**, normalised error")[2]

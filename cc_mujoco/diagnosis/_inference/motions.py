@@ -189,13 +189,14 @@ def motions(
 def middle_angle(bench: Bench, swing: float) -> float:
     """Return the angle of the motor about which it can go to and fro by a swing [rad].
 
-    That is 0, or else what is nearest to 0 with the joint where the scene knows it; a
-    joint whose range begins at 0 turns to one side only.
+    That is where the joint is in the middle of its named motions, or else what is
+    nearest to it with the joint where the scene knows it.
     """
     low, high = np.sort(bench.following(np.array(bench.span)))
     if high - low < 2.0 * swing:
         return 0.5 * float(low + high)
-    return min(max(0.0, float(low) + swing), float(high) - swing)
+    middle = float(bench.following(np.array([bench.centre]))[0])
+    return min(max(middle, float(low) + swing), float(high) - swing)
 
 
 def _centre_motion(

@@ -142,7 +142,11 @@ def provenance(
     return {
         "command": command,
         "seed": seed,
-        "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
+        "scene": {
+            "path": str(result.bench.path),
+            "sha256": result.bench.sha256,
+            **({"axis": result.bench.axis} if result.bench.axis else {}),
+        },
         "data": {trial.path: trial.sha256 for trial in dataset.trials},
         "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
         "several_files": [
@@ -242,6 +246,7 @@ def rollout_difference(
             joint,
             lead_in=distal / proximal,
             tilt=record.tilt,
+            cables=result.bench.names,
         )
     )
     quiet = {

@@ -114,11 +114,13 @@ def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> 
         max(round(_REHEARSAL_TIME / step), _REHEARSAL_STEPS[0]), _REHEARSAL_STEPS[1]
     )
     phase = np.linspace(0.0, 4.0 * math.pi, count)
-    swing = min(_REHEARSAL_SWING, 0.9 * min(-bench.span[0], bench.span[1]))
-    joint = swing * np.sin(phase)
+    low, high = bench.span
+    swing = min(_REHEARSAL_SWING, 0.45 * (high - low))
+    middle = min(max(0.0, low + swing), high - swing)
+    joint = middle + swing * np.sin(phase)
     wind_up = 0.1 * _REHEARSAL_SWING * bench.joint_radius / bench.motor_radius
     motor = bench.following(joint) + wind_up * np.sin(1.7 * phase)
-    shown = rollout(scene, step * np.arange(count), motor, joint)
+    shown = rollout(scene, step * np.arange(count), motor, joint, cables=bench.names)
     alone = bench.replay(step, motor, joint)
     for side, torque, own in zip(
         ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.compilation import FloatArray
-from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._bench import Bench, driven_joint
 from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES
 from cc_mujoco.diagnosis._inference.replays import with_lead_in
 from cc_mujoco.diagnosis._scene.instruments import (
@@ -46,6 +46,7 @@ def rollout(
     joint_angle: ArrayLike,
     lead_in: float | None = None,
     tilt: float = 0.0,
+    cables: Collection[str] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torques that the sensors of a scene show along a motion.
 
@@ -67,6 +68,7 @@ def rollout(
             sample, see `replays.with_lead_in`; None begins there at rest.
         tilt: by which the rig was turned about the joint's axis, positive as the joint
             is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
+        cables: names of the cables that are played, of a scene with others besides.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -80,14 +82,14 @@ def rollout(
     if lead_in is not None:
         step = (clock[-1] - clock[0]) / (clock.size - 1)
         before = clock[0] + step * np.arange(-LEAD_SAMPLES, 0)
-        turned = _pulley_angle(scene)
+        turned = _pulley_angle(scene, cables)
         motor, joint = with_lead_in(
             angles[0], angles[1], lambda q: lead_in * turned(q), 1
         )
         clock = np.concatenate([before, clock])
-        led_in = rollout(scene, clock, motor, joint, tilt=tilt)
+        led_in = rollout(scene, clock, motor, joint, tilt=tilt, cables=cables)
         return led_in[0][LEAD_SAMPLES:], led_in[1][LEAD_SAMPLES:]
-    model, bench = _instrumented_model(scene)
+    model, bench = _instrumented_model(scene, cables)
     tilt_rig(model, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
@@ -225,14 +227,20 @@ def _set_rest(
     ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
     data = mujoco.MjData(model)
     hinged = not isinstance(view, _Forces)
+    held = ends[model.actuator_trntype[ends] == mujoco.mjtTrn.mjTRN_JOINT]
+    pulleys = [
+        target
+        for target in set(model.actuator_trnid[held, 0].tolist()) - {motor, joint}
+        if hinged
+        and driven_joint(model, model.joint(target).name) == model.joint(joint).name
+    ]
 
     def lay() -> None:
         data.qpos[model.jnt_qposadr[motor]] = proximal
         data.qpos[model.jnt_qposadr[joint]] = distal
-        for target in model.actuator_trnid[ends, 0]:
+        for pulley in pulleys:
             # A pulley of its own begins in the middle of its play.
-            if hinged and target not in (motor, joint):
-                data.qpos[model.jnt_qposadr[target]] = distal
+            data.qpos[model.jnt_qposadr[pulley]] = distal
 
     lay()
     mujoco.mj_fwdPosition(model, data)
@@ -267,16 +275,16 @@ def _upsample(signal: FloatArray, substeps: int, count: int) -> FloatArray:
 
 
 def _pulley_angle(
-    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    scene: str | os.PathLike[str] | mujoco.MjSpec, cables: Collection[str] | None
 ) -> Callable[[FloatArray], FloatArray]:
     """Return the pulley's angle from the joint's, which a lever changes."""
     if isinstance(scene, mujoco.MjSpec) or has_instruments(_spec(scene)):
         return lambda joint: joint
-    return Bench.of(os.fspath(scene)).turned
+    return Bench.of(os.fspath(scene), cables=cables).turned
 
 
 def _instrumented_model(
-    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    scene: str | os.PathLike[str] | mujoco.MjSpec, cables: Collection[str] | None
 ) -> tuple[mujoco.MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
@@ -288,7 +296,7 @@ def _instrumented_model(
     try:
         if has_instruments(spec):
             return spec.compile(), None
-        bench = Bench.of(os.fspath(scene))
+        bench = Bench.of(os.fspath(scene), cables=cables)
         if bench.lever is not None:
             return spec.compile(), bench
         add_instruments(spec, bench)

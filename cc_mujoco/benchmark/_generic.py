@@ -1,0 +1,150 @@
+"""Conditions of the suite `generic`, which follow from the description of a device.
+
+    generic_conditions("knee.xml")
+
+Motion and task of the ordinary condition are those of the device, and so are the sizes
+of all others.  Names are those of `v1` where they mean the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.benchmark._conditions import (
+    DEFAULT_CONDITION,
+    OWN_LINER,
+    Condition,
+    Together,
+    crossed_conditions,
+    is_walk,
+    named_condition,
+)
+from cc_mujoco.benchmark._structure import LAG_NAME, STRUCTURES, effect_values
+from cc_mujoco.device import Description, DeviceModel, Plant, find_device
+from cc_mujoco.human import (
+    TASKS,
+    Hold,
+    Perturbed,
+    Task,
+    Trajectory,
+    task,
+    trajectory,
+)
+from cc_mujoco.simulation._reference_motion import joint_range
+from cc_mujoco.simulation._worn_device import axis_trajectories
+
+MAX_JOLT = 0.1
+"""Largest bump of `jolted` [rad]."""
+JOLT_SHARE = 0.25
+"""The same, as a share of the reach of a device."""
+MIN_JOLT = 1e-3
+"""Bump for which a motion must leave room before the stops [rad]; with less there is no
+such condition."""
+SAMPLES = np.linspace(0.0, 1.0, 1001)
+"""Phases at which the demand of a task is looked at [-]."""
+
+
+def generic_conditions(scene: str) -> list[Condition]:
+    """Return all conditions of a device.
+
+    Raises:
+        CableError: There is no such device, or its description names no motion or task
+            that there is.
+    """
+    device = find_device(scene)
+    description = device.description
+    model = DeviceModel(description, Plant(device).model())
+    motion = _together(description, axis_trajectories(model, None))
+    tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
+    plain = Condition(scene, "", motion, tasks)
+    found = [
+        named_condition(plain, "delay-none", delay=(0, 0)),
+        named_condition(plain, "delay-long", delay=(3, 5)),
+        named_condition(plain, "noise-none", noise=0.0),
+        named_condition(plain, "noise-loud", noise=5.0),
+    ]
+    if device.wearers:
+        found += [
+            named_condition(plain, "wearer-soft", impedance=0.3),
+            named_condition(plain, "wearer-stiff", impedance=3.0),
+            *_other_motions(plain, model, tasks),
+        ]
+    silent = (TASKS["transparent"],) * len(tasks)
+    if tasks != silent:
+        found.append(named_condition(plain, "zero-torque", task=silent))
+    found += [
+        named_condition(plain, name, structure=name)
+        for name in STRUCTURES
+        if name == LAG_NAME or effect_values(device, name)
+    ]
+    own = named_condition(
+        plain, f"{OWN_LINER}-{DEFAULT_CONDITION[1]}", transmission=OWN_LINER
+    )
+    return [*found, own, *crossed_conditions(plain)]
+
+
+def _other_motions(
+    plain: Condition, model: DeviceModel, tasks: tuple[Task, ...]
+) -> list[Condition]:
+    """Return the conditions with reversals at rest and with jolts."""
+    description = model.description
+    reversals = [
+        trajectory("reversals", axis.reach, axis.centre) for axis in description.axes
+    ]
+    # A reversal has no gait: what followed it is held.
+    still = tuple(map(_held, tasks)) if is_walk(plain.trajectory) else tasks
+    found = [
+        named_condition(
+            plain,
+            "reversals",
+            trajectory=_together(description, reversals),
+            task=still,
+        )
+    ]
+    sizes = [
+        _jolt(plain.trajectory, model, axis.limb, axis.reach)
+        for axis in description.axes
+    ]
+    if min(sizes) < MIN_JOLT:
+        return found
+    jolted = [
+        Perturbed(_part(plain.trajectory, axis.limb), axis.limb, size)
+        for axis, size in zip(description.axes, sizes, strict=True)
+    ]
+    found.append(
+        named_condition(plain, "jolted", trajectory=_together(description, jolted))
+    )
+    return found
+
+
+def _together(description: Description, each: Sequence[Trajectory]) -> Trajectory:
+    """Return one trajectory of all axes."""
+    if all(one == each[0] for one in each) and (len(each) == 1 or is_walk(each[0])):
+        return each[0]
+    limbs = (axis.limb for axis in description.axes)
+    return Together(tuple(zip(limbs, each, strict=True)))
+
+
+def _part(source: Trajectory, joint: str) -> Trajectory:
+    return dict(source.parts)[joint] if isinstance(source, Together) else source
+
+
+def _held(one: Task) -> Task:
+    """Return a constant torque, half the largest that a task demands in a cycle."""
+    still = np.zeros_like(SAMPLES)
+    demand = np.asarray(one.torque(still, still, SAMPLES))
+    half = 0.5 * float(demand[np.abs(demand).argmax()])
+    return Hold(float(f"{half:.3g}")) if one.of_phase else one
+
+
+def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> float:
+    """Return the size of a bump that leaves a joint half its room to the stops."""
+    motion = source.sample(Condition.duration, 0.01, np.random.default_rng(0))
+    angle = motion.companions.get(joint, motion).angle
+    low, high = joint_range(model.model, joint)
+    room = 0.5 * min(float(angle.min()) - low, high - float(angle.max()))
+    size = min(MAX_JOLT, JOLT_SHARE * reach, room)
+    return float(f"{size:.2g}") if math.isfinite(size) else 0.0

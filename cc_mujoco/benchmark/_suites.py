@@ -1,0 +1,142 @@
+"""Suites: the devices that are played, in which conditions, with how many seeds.
+
+SUITES["v1"].conditions("wrist")
+SUITES["generic"].conditions("knee.xml")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cc_mujoco.assets import SCENES
+from cc_mujoco.benchmark._conditions import (
+    DEFAULT_CONDITION,
+    TRANSMISSIONS,
+    Condition,
+    crossed_conditions,
+    is_device_file,
+    named_condition,
+)
+from cc_mujoco.benchmark._generic import generic_conditions
+from cc_mujoco.device import Axis, find_device
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import (
+    TASKS,
+    TRAJECTORIES,
+    Hold,
+    Perturbed,
+    Spring,
+    trajectory,
+)
+
+
+def _wrist() -> list[Condition]:
+    plain = Condition("wrist", "", TRAJECTORIES["multisine"], Spring(2.5))
+    return [*_single_changes(plain), *crossed_conditions(plain)]
+
+
+def _ankle() -> list[Condition]:
+    plain = Condition("ankle", "", TRAJECTORIES["walk"], TASKS["assist"])
+    reversing = trajectory("reversals", _axis("ankle").reach)
+    still = named_condition(plain, "reversals", trajectory=reversing, task=Hold(-15.0))
+    common = [still if c.name == "reversals" else c for c in _single_changes(plain)]
+    route = named_condition(plain, "moving-route", moving_route=True)
+    return [*common, route, *crossed_conditions(plain)]
+
+
+def _finger() -> list[Condition]:
+    reach = trajectory("reach", _axis("finger").reach)
+    return _liner_conditions(Condition("finger", "", reach, TASKS["hold"]))
+
+
+def _axis(scene: str) -> Axis:
+    return find_device(scene).description.axis()
+
+
+def _single_changes(plain: Condition) -> list[Condition]:
+    """Return the conditions that change one thing at a time."""
+    joint = _axis(plain.scene).joint
+    return [
+        named_condition(plain, "delay-none", delay=(0, 0)),
+        named_condition(plain, "delay-long", delay=(3, 5)),
+        named_condition(plain, "noise-none", noise=0.0),
+        named_condition(plain, "noise-loud", noise=5.0),
+        named_condition(plain, "wearer-soft", impedance=0.3),
+        named_condition(plain, "wearer-stiff", impedance=3.0),
+        named_condition(plain, "reversals", trajectory=TRAJECTORIES["reversals"]),
+        named_condition(plain, "jolted", trajectory=Perturbed(plain.trajectory, joint)),
+        named_condition(plain, "zero-torque", task=TASKS["transparent"]),
+    ]
+
+
+def _liner_conditions(plain: Condition) -> list[Condition]:
+    return [
+        named_condition(plain, f"{liner}-{DEFAULT_CONDITION[1]}", transmission=liner)
+        for liner in TRANSMISSIONS
+    ]
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Conditions that are played, and the number of seeds."""
+
+    meaning: str
+    scenes: tuple[str, ...]
+    """Devices that are played unless some are named."""
+    maker: Callable[[str], list[Condition]]
+    """Function that returns the conditions of a device."""
+    seeds: int
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Devices that the suite cannot have any more, and the reason."""
+
+    def conditions(self, scene: str) -> list[Condition]:
+        """Return all conditions of a device.
+
+        Raises:
+            CableError: If the suite has no such device.
+        """
+        if scene in self.left_out:
+            raise CableError(
+                f"the suite has {scene!r} no more: {self.left_out[scene]}; "
+                "`--suite generic` plays it."
+            )
+        return self.maker(scene)
+
+
+_V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
+
+
+def _v1(scene: str) -> list[Condition]:
+    if scene not in _V1 and is_device_file(scene):
+        raise CableError(
+            f"suite 'v1' has {', '.join(_V1)}, and no device of your own: "
+            "`--suite generic` plays it."
+        )
+    return look_up("scene", scene, _V1)()
+
+
+SUITES = {
+    "v1": Suite(
+        "wrist and ankle in 18 and 19 conditions, finger in three",
+        tuple(_V1),
+        _v1,
+        10,
+        {
+            "exosuit": "the motor at its heel followed the gait by itself, and is an "
+            "axis with a controller now"
+        },
+    ),
+    "generic": Suite(
+        "any device in up to 24 conditions that follow from its description",
+        tuple(SCENES),
+        generic_conditions,
+        10,
+    ),
+}
+"""A suite that has been published is never changed: a new one gets a new name."""
+
+
+def default_suite(scenes: Sequence[str]) -> str:
+    """Return the suite of devices for which none is named."""
+    return "generic" if any(map(is_device_file, scenes)) else "v1"

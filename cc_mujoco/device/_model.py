@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.cable._parameters import KEYS, PATHS
+from cc_mujoco.cable._parameters import PATHS
 from cc_mujoco.device import Plant
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, bare_model, frame_skip
@@ -31,8 +31,7 @@ from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
-from cc_mujoco.plugin._config import PLUGIN
-from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._mjcf import instances, make_room, write_cable
 
 Array = NDArray[np.float64]
 
@@ -88,9 +87,6 @@ VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
 
 MIXED = PATHS[2]
 """Path of a cable that leaves its conduit."""
-
-SPARE_BYTES = 1000
-"""Bytes in a model for longer configurations of a cable than that of the scene."""
 
 
 class AxisModel:
@@ -395,20 +391,8 @@ class DeviceModel:
         model = self.model
         for joint, wearer in plant.wearers.items():
             self._write_wearer(joint, wearer)
-        ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
-        for name, instance in instances(model).items():
-            config = plant.cables[name].to_config()
-            text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
-            start, end = int(model.plugin_attradr[instance]), ends[instance]
-            if len(text) > end - start:
-                raise CableError(
-                    f"cable {name!r} cannot be varied: the model has no room for its "
-                    "configuration; leave `model` out, or give a variant of the scene "
-                    f"with {SPARE_BYTES} blanks at the end of `conduit`."
-                )
-            attributes = model.plugin_attr[start:end]
-            attributes[:] = 0
-            attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
+        for name, cable in plant.cables.items():
+            write_cable(model, name, cable)
 
     def _write_wearer(self, joint: str, wearer: Wearer) -> None:
         actuator = self.model.actuator(self.description.movers[joint])
@@ -463,12 +447,7 @@ def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
         drawn: With what is only seen, which takes up to half of the time of a step.
     """
     spec = device.spec.copy() if drawn else bare_model(device)
-    for instance in spec.plugins:
-        config = dict(instance.config)
-        if instance.plugin_name == PLUGIN:
-            # Of the keys, `conduit` is one whose text may end in blanks.
-            spare = config["conduit"] + SPARE_BYTES * " "
-            instance.config = {**config, "conduit": spare}
+    make_room(spec)
     return spec.compile()
 
 

@@ -181,7 +181,7 @@ def simulate(
         run(plant, law, check, keep, measure=measuring.measure, name=called)
 
     facts = [
-        describe(played[row], plant, sensing, own, about)
+        describe(played[row], plant.device, plant, sensing, own, about)
         for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
     if file is not None:
@@ -335,7 +335,10 @@ def play(
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
             made = env.unwrapped.plant  # type: ignore[attr-defined]
-            recorder.metadata.update(describe(exo, made, sensing, seed, about or {}))
+            given: Device = env.unwrapped.device  # type: ignore[attr-defined]
+            recorder.metadata.update(
+                describe(exo, given, made, sensing, seed, about or {})
+            )
         recorder.record(columns)
         if step and progress is not None:
             progress(float(columns["time_s"]))
@@ -347,6 +350,7 @@ def play(
 
 def describe(
     exo: WornDevice,
+    device: Device,
     plant: Plant,
     sensing: Sensing,
     seed: int,
@@ -356,6 +360,7 @@ def describe(
 
     Args:
         exo: Device, wearer, motion and task.
+        device: The device.
         plant: The device with its values.
         sensing: What the controller saw with.
         seed: Of the episode.
@@ -363,13 +368,13 @@ def describe(
     """
     from cc_mujoco.device import Device
 
-    description, device = exo.description, exo.device
-    cables = plugin.from_mjcf(device.model)
+    description, model = exo.description, exo.device
+    cables = plugin.from_mjcf(model.model)
     facts = {}
     for axis, drive, driven, task in zip(
-        description.axes, exo.drives, device.driven, exo.tasks, strict=True
+        description.axes, exo.drives, model.driven, exo.tasks, strict=True
     ):
-        wearer = device.wearers.get(axis.limb)
+        wearer = model.wearers.get(axis.limb)
         facts[axis.name] = {
             "wearer": None if wearer is None else dataclasses.asdict(wearer),
             RATIO: 1.0 / drive.ratio,
@@ -390,6 +395,5 @@ def describe(
     }
     if plant.values:
         found["values"] = dict(plant.values)
-    if isinstance(plant.device, Device):
-        found[MODEL_XML] = plant.xml() if plant.values else plant.device.xml()
-    return found
+    own = isinstance(plant.device, Device) and plant.values
+    return {**found, MODEL_XML: plant.xml() if own else device.xml()}

@@ -25,7 +25,6 @@ VARY: dict[str, dict[str, Given]] = {
     "wrist": {"friction": [0.05, 0.2], "motor_torque": [0.05, 1.0]},
     "ankle": {"joint_radius": [0.1, 0.13], "static_friction": [0.0, 0.1]},
     "finger": {"friction": [0.05, 0.2]},
-    "exosuit": {"pretension": [10.0, 20.0]},
 }
 
 
@@ -43,11 +42,13 @@ def both_ways(
     device = load_device(scene, plan.protocol.timestep)
     models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
-    for test, _, episode in episodes(plan.protocol, device, None, plan.designs[0]):
+    for test, _, episode in episodes(plan.protocol, device, plan.designs[0]):
         if test not in tests:
             continue
         if test == "episode":
-            task = walking_designs.tasks_of(plan.designs, episode.task)
+            task = walking_designs.tasks_of(
+                plan.designs, episode.task, device.description
+            )
             episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:

@@ -23,6 +23,7 @@ class Counter:
 
     def __init__(self, angle: Any) -> None:
         self.steps, self.first = 4, angle
+        self.prefixes = ("",)
 
     def start(self) -> dict[str, Any]:
         self.angle = self.first

@@ -11,13 +11,19 @@ import numpy as np
 import pytest
 
 from cc_mujoco import play, simulate
-from cc_mujoco.control import CONTROLLERS, ProportionalIntegral, controller
+from cc_mujoco.control import (
+    CONTROLLERS,
+    ProportionalIntegral,
+    axes_controller,
+    controller,
+)
 from cc_mujoco.device import PERFECT_SENSING, Drive, Measuring, Plant, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring, read_motion
 from cc_mujoco.simulation import Single, attended
 from cc_mujoco.simulation._rollout import Episode
 from cc_mujoco.simulation._rollout import play as roll_out
+from cc_mujoco.simulation._simulate import task_label
 
 
 @pytest.mark.parametrize(
@@ -27,16 +33,22 @@ from cc_mujoco.simulation._rollout import play as roll_out
 def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
     scene: str, law: str
 ) -> None:
-    setup = find_device(scene).description
-    env: Any = gymnasium.make(setup.environment, duration=0.1)
-    names = {"trajectory": setup.trajectory, "task": setup.task, "controller": law}
-    stepped = play(env, controller(law, env.unwrapped.drive), seed=3, about=names)
+    about = find_device(scene).description
+    env: Any = gymnasium.make("cc_mujoco/Device-v1", device=scene, duration=0.1)
+    names = {
+        "trajectory": about.trajectory,
+        "task": task_label(about, None),
+        "controller": law,
+    }
+    made = axes_controller(law, env.unwrapped.drives, about.prefixes)
+    stepped = play(env, made, seed=3, about=names)
     alone = simulate(scene, law, duration=0.1, seed=3)
     assert alone == stepped
     other, same = simulate([scene] * 2, law, duration=0.1, seed=[4, 3])
     assert same == alone
     assert other == simulate(scene, law, duration=0.1, seed=4)
-    assert (other["motor_torque_nm"] != same["motor_torque_nm"]).any() or law == "none"
+    name = f"{about.prefixes[0]}motor_torque_nm"
+    assert (other[name] != same[name]).any() or law == "none"
 
 
 def test_a_plant_is_a_device_with_values_changed() -> None:
@@ -153,9 +165,9 @@ def test_a_torque_that_is_no_number_is_one_sentence(
     ("plants", "given", "words"),
     [
         ("wirst", {}, "'wrist'"),
-        ([], {}, "a list of them, not \\[\\]"),
-        (3, {}, "a Plant or a list of them, not 3"),
-        (["wrist", 3], {}, "plant 1 must be the name of a device or a Plant, not 3"),
+        ([], {}, "at least one; the list is empty"),
+        (3, {}, "plant 0 must be the name or file of a device"),
+        (["wrist", 3], {}, "plant 1 must be .* a Device or a Plant, not 3"),
         (["wrist", Plant("wrist", {"segments": 9})], {}, "plant 1 has other segments"),
         (["wrist", "ankle"], {}, "one device, not of 'wrist' and 'ankle'"),
         ("wrist", {"controller": "pid"}, "controller"),

@@ -89,7 +89,8 @@ class EpisodeLog:
         """Return a log over columns that are checked already."""
         log = cls.__new__(cls)
         log.cables = cables_in(columns)
-        log.schema = columns_for(log.cables)
+        log.prefixes = prefixes_in(columns) or ("",)
+        log.schema = columns_for(log.cables, log.prefixes)
         log._columns, log._rows = columns, rows
         log.metadata = dict(metadata)
         return log
@@ -206,7 +207,7 @@ class EpisodeLog:
         Units and meanings are in the field metadata, the log's metadata is JSON under
         the schema metadata key `cc_mujoco`.
         """
-        with log_file(path, self.cables, self.metadata) as file:
+        with log_file(path, self.cables, self.metadata, self.prefixes) as file:
             names = [column.name for column in self.schema]
             for arrays in zip(*map(self.pieces, names), strict=True):
                 file.append(dict(zip(names, arrays, strict=True)))

@@ -39,13 +39,15 @@ def write(path: Path, steps: int) -> EpisodeLog:
     return EpisodeLog.open(path)
 
 
+@pytest.mark.parametrize("device", ["wrist", "exosuit"])
 def test_episode_in_a_file_has_the_bits_and_bytes_of_one_in_memory(
-    tmp_path: Path,
+    tmp_path: Path, device: str
 ) -> None:
-    kept = simulate("wrist", "pi", duration=0.2)
-    opened = simulate("wrist", "pi", duration=0.2, file=tmp_path / "run.parquet")
+    kept = simulate(device, "pi", duration=0.2)
+    opened = simulate(device, "pi", duration=0.2, file=tmp_path / "run.parquet")
     kept.write(tmp_path / "kept.parquet")
     assert opened == kept
+    assert (opened.axes, opened.prefixes) == (kept.axes, kept.prefixes)
     assert kept == opened
     assert len(opened) == 201
     written = [

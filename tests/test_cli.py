@@ -61,7 +61,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
     device = find_device(scene).description
-    name = f"{scene}-{device.trajectory}-{device.task}-pi-4-0.3s"
+    name = f"{scene}-{device.trajectory}-{device.axis().task}-pi-4-0.3s"
     out = tmp_path / "runs" / name
     assert sorted(path.name for path in out.iterdir()) == sorted(EPISODE_FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]
@@ -249,7 +249,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         ),
         (
             [*EXPORT, "--scene", "wrist", "--controller", "pi", "--model", "no.xml"],
-            "cannot read no.xml",
+            "there is no file no.xml",
         ),
         ("export --scene wrist --controller pi --out taken".split(), "is a file"),
         (

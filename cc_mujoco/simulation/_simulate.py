@@ -369,7 +369,6 @@ def describe(
     from cc_mujoco.device import Device
 
     description, model = exo.description, exo.device
-    cables = plugin.from_mjcf(model.model)
     facts = {}
     for axis, drive, driven, task in zip(
         description.axes, exo.drives, model.driven, exo.tasks, strict=True
@@ -390,7 +389,7 @@ def describe(
         "duration": exo.steps * exo.period,
         "sensing": sensing.to_json(),
         **own,
-        "cables": {name: cable.to_config() for name, cable in cables.items()},
+        "cables": {name: cable.to_config() for name, cable in plant.cables.items()},
         "versions": versions(),
     }
     if plant.values:

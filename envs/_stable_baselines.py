@@ -64,7 +64,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         self._seeds: list[int | None] = [None] * len(own)
         self._ends = np.cumsum([env.num_envs for env in own])
         first = own[0]
-        self._actions: NDArray[np.float32] = np.zeros((0, 1), np.float32)
+        self._actions: NDArray[np.float32] = np.zeros((0, 0), np.float32)
         self.render_mode = None
         super().__init__(
             int(self._ends[-1]),
@@ -90,7 +90,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         return found
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions (num_envs, 1) of the next step."""
+        """Take the actions (num_envs, axes) of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Any]:

@@ -4,11 +4,13 @@
     python scripts/train_policy.py --algorithm ppo --seeds 5 --out runs/ppo
     python scripts/train_policy.py --fixed --out runs/fixed
     python scripts/train_policy.py --scene finger --smoothness 0.01 --out runs/finger
+    python scripts/train_policy.py --scene knee.xml --out runs/knee    # of your own
     cc-mujoco benchmark --scene wrist --controllers pi runs/ppo/0.safetensors
 
-For every seed `--out` gets the policy N.safetensors and its learning curve N.csv:
-steps, seconds of processor, and the mean return per second of simulated time of the
-episodes since the last row, with the noise of exploration. All environments draw
+A policy drives all motors of a device at once. For every seed `--out` gets the policy
+N.safetensors and its learning curve N.csv: steps, seconds of processor, and the mean
+return per second of simulated time of the episodes since the last row, with the noise
+of exploration. All environments draw
 cables, wearer, delay and noise anew in every episode, from ranges that most of the
 benchmark lies in; with --fixed there is one cable, a liner of ordinary friction.
 With --smoothness a change of the action by 1 costs as much.
@@ -18,59 +20,54 @@ from __future__ import annotations
 
 import argparse
 import csv
-import functools
+import math
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import gymnasium
-import mujoco
 import numpy as np
 
-import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import PATHS
-from cc_mujoco.device import DEVICES, Sensing, Setup
-from cc_mujoco.envs import ExoVectorEnv
+from cc_mujoco.device import Device, DeviceModel, Plant, find_device
+from cc_mujoco.envs import DeviceVectorEnv
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
-from cc_mujoco.plugin import from_mjcf
 
-BENCH = Setup(
-    scene="bench",
-    environment="",
-    meaning="two Bowden cables between a motor and a joint that a hand holds",
-    joint="joint",
-    reach=0.5,
-    torque_scale=1.0,
-    units={
-        "motor_angle_rad": 0.02,
-        "motor_velocity_rad_s": 2.0,
-        "joint_angle_rad": 0.5,
-        "joint_velocity_rad_s": 2.0,
-        "joint_torque_nm": 1.0,
-        "desired_torque_nm": 1.0,
-    },
-    sensing=Sensing(torque_noise=0.025, tension_noise=0.3),
-    pull_pull=True,
-    trajectory="multisine",
-    task="transparent",
-    safe_torque=10.0,
-    strength=2000.0,
-    diameter=1.5e-3,
-    motor_pulley=3e-4,
-    mover="load",
-)
-"""The bench of the diagnosis study, which has no environment of its own, with a hand
-for a wearer; noise is that of the study's torque sensor."""
 HAND = Wearer(40.0, 1.0)
 """Wearer of the bench, of which `wearer` is a multiple."""
 
 
-class Bench(ExoVectorEnv):
-    """Many benches; samples of 1 ms are ten steps of its scene."""
+BENCH = "bench"
+"""Name of the bench of the diagnosis study."""
 
-    SETUP = BENCH
+
+@cache
+def bench() -> Device:
+    """Return the bench of the diagnosis study, with a hand for a wearer.
+
+    Noise is that of the study's torque sensor.
+    """
+    units = {"twist": 0.02, "joint_angle": 0.5, "torque_error": 1.0}
+    return Device(
+        BENCH,
+        meaning="two Bowden cables between a motor and a joint that a hand holds",
+        trajectory="multisine",
+        axis={
+            "reach": 0.5,
+            "task": "transparent",
+            "safe_torque": 10.0,
+            "observation": {**units, "desired_torque": 1.0},
+        },
+        sensors={"torque_noise": 0.025, "tension_noise": 0.3},
+        wearer={"joint": {"stiffness": HAND.stiffness, "damping": HAND.damping}},
+    )
+
+
+def device_of(scene: str) -> Device:
+    """Return the device of a name or file."""
+    return bench() if scene == BENCH else find_device(scene)
 
 
 @dataclass(frozen=True)
@@ -94,11 +91,13 @@ class Sines(Task):
         return found
 
 
-PLAYED: dict[str, tuple[tuple[str, Task, int], ...]] = {
+Part = tuple[str | None, Any, int]
+"""Trajectory and task, those of the device by default, and a number of parts."""
+
+PLAYED: dict[str, tuple[Part, ...]] = {
     "wrist": (("multisine", Spring(2.5), 3), ("reversals", Transparent(), 1)),
     "ankle": (("walk", TASKS["assist"], 3), ("reversals", Hold(-15.0), 1)),
     "finger": (("multisine", TASKS["hold"], 1), ("reach", TASKS["hold"], 1)),
-    "exosuit": (("walk", TASKS["swing"], 1),),
     "bench": tuple(
         ("multisine", Sines((1.4, 0.8), lines, shifts, stiffness), 1)
         for lines, shifts, stiffness in (
@@ -110,7 +109,7 @@ PLAYED: dict[str, tuple[tuple[str, Task, int], ...]] = {
     ),
 }
 """Trajectories and tasks of the training by scene, and how many parts of the
-environments."""
+environments; other devices play their own motion."""
 OBSERVED: dict[str, Any] = {"hold": 5, "history": 4, "memory": True}
 LINERS = {"friction": (0.04, 0.23), "break_away": (1.0, 3.2)}
 SPREAD = {
@@ -150,54 +149,72 @@ ALGORITHMS: dict[str, dict[str, Any]] = {
         "policy_kwargs": {"net_arch": [64, 64]},
     },
 }
-DEVIATIONS = {
-    "wrist": -1.0, "ankle": -3.5, "finger": -2.0, "exosuit": -3.0, "bench": -2.0,
-}  # fmt: skip
+DEVIATIONS = {"wrist": -1.0, "ankle": -3.5, "finger": -2.0, "bench": -2.0}
 """Logarithms of the standard deviation of actions that PPO begins with. It shrinks by
 half in a training as long as these, and what it makes of torque at the joint must be of
 the size of the errors that matter: an action of 1 is 5 N m at the wrist and 240 N m at
-the ankle."""
-TAUT = {"ankle": 0.02, "exosuit": 0.06}
+the ankle. Of other devices it follows from the error that costs 1 per second."""
+TAUT = {"wrist": 0.0, "ankle": 0.02, "finger": 0.0, "bench": 0.0}
 """Action that PPO begins with where a drum pays out many turns: a cable that hangs
-slack, as without it, does not show what the motor does."""
+slack, as without it, does not show what the motor does. Of other devices it is twice
+what holds the pretension of cables that only pull."""
 ENVIRONMENTS = {"ppo": 64, "sac": 128}
 """Number of environments trained on together, by default."""
 
 
-def randomised(scene: str) -> dict[str, tuple[float, float]]:
+def randomised(device: Device) -> dict[str, tuple[float, float]]:
     """Return the ranges from which plants of a device are drawn."""
-    cables = from_mjcf(mujoco.MjModel.from_xml_path(str(scene_path(scene))))
     ranges: dict[str, tuple[float, float]] = dict(LINERS)
     for key, (low, high) in SPREAD.items():
-        for name, cable in cables.items():
+        for name, cable in device.cables.items():
             if key != "wrap" or cable.path == PATHS[0]:
                 ends = (f"{end * getattr(cable, key):.6g}" for end in (low, high))
                 least, most = map(float, ends)
                 ranges[f"{name}.{key}"] = least, most
-    return ranges | OTHERS
+    others = {n: r for n, r in OTHERS.items() if n != "wearer" or device.wearers}
+    return ranges | others
 
 
-def make(options: argparse.Namespace) -> list[Any]:
+def first_actions(scene: str) -> tuple[float, list[float]]:
+    """Return what PPO begins with.
+
+    Returns:
+        Logarithm of the standard deviation of actions, and their means, one for each
+        motor.
+    """
+    if scene in DEVIATIONS:
+        return DEVIATIONS[scene], [TAUT[scene]]
+    device = device_of(scene)
+    model = DeviceModel(device.description, Plant(device).model())
+    deviations, means = [], []
+    for axis, own, drive in zip(
+        device.description.axes, model.axes, model.drives(1.0), strict=True
+    ):
+        share = axis.torque_scale / (own.torque_limit * abs(own.ratio))
+        deviations.append(min(max(math.log(1.5 * share), -4.0), -1.0))
+        held = sum(abs(c.proximal) * c.cable.pretension for c in drive.cables)
+        means.append(2.0 * held / own.torque_limit if drive.one_way else 0.0)
+    return min(deviations), means
+
+
+def make(options: argparse.Namespace) -> list[DeviceVectorEnv]:
     """Return the vector environments of the training."""
-    scene, played = options.scene, PLAYED[options.scene]
-    given: dict[str, Any] = {
-        "duration": options.seconds,
-        "threads": 1,
-        "autoreset_mode": "SameStep",
-        "smoothness": options.smoothness,
-        **OBSERVED,
-    }
-    make_vec: Any = Bench
-    if scene == BENCH.scene:
-        given |= {"frame_skip": 10, "wearer": HAND}
-        given["randomise"] = FIXED if options.fixed else randomised(scene)
-    else:
-        make_vec = functools.partial(gymnasium.make_vec, DEVICES[scene].environment)
-        given["randomise"] = FIXED | ORDINARY if options.fixed else randomised(scene)
+    scene, device = options.scene, device_of(options.scene)
+    played = PLAYED.get(scene, ((None, None, 1),))
+    fixed: dict[str, Any] = FIXED if scene == BENCH else FIXED | ORDINARY
     parts = sum(part for *_, part in played)
     return [
-        make_vec(
-            options.envs * part // parts, trajectory=trajectory, task=task, **given
+        DeviceVectorEnv(
+            device,
+            options.envs * part // parts,
+            trajectory,
+            task,
+            duration=options.seconds,
+            threads=1,
+            autoreset_mode="SameStep",
+            smoothness=options.smoothness,
+            randomise=fixed if options.fixed else randomised(device),
+            **OBSERVED,
         )
         for trajectory, task, part in played
     ]
@@ -211,7 +228,8 @@ def bare_rate(envs: list[Any], seconds: float = 3.0) -> float:
     steps, start = 0, time.process_time()
     while (spent := time.process_time() - start) < seconds:
         for env in envs:
-            env.step(random.uniform(-1, 1, (env.num_envs, 1)).astype(np.float32))
+            shape = env.action_space.shape
+            env.step(random.uniform(-1, 1, shape).astype(np.float32))
             steps += env.num_envs
     return steps / spent
 
@@ -258,13 +276,13 @@ def train(seed: int, options: argparse.Namespace) -> None:
     kind = getattr(stable_baselines3, options.algorithm.upper())
     chosen = dict(ALGORITHMS[options.algorithm])
     if options.algorithm == "ppo":
-        begin = {"log_std_init": DEVIATIONS[options.scene]}
+        deviation, means = first_actions(options.scene)
+        begin = {"log_std_init": deviation}
         chosen["policy_kwargs"] = chosen["policy_kwargs"] | begin
     model = kind(env=env, seed=seed, **COMMON, **chosen)
     if options.algorithm == "ppo":
-        torch.nn.init.constant_(
-            model.policy.action_net.bias, TAUT.get(options.scene, 0)
-        )
+        with torch.no_grad():
+            model.policy.action_net.bias.copy_(torch.tensor(means))
     start = time.process_time()
     model.learn(options.steps, callback=Curve())
     rate = options.steps / (time.process_time() - start)
@@ -279,7 +297,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
 def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--scene", choices=PLAYED, default="wrist")
+    parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo")
     parser.add_argument("--steps", type=int, default=250_000)
     parser.add_argument("--envs", type=int, help="by default as many as suit it")
@@ -291,6 +309,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs", "policy"))
     arguments = parser.parse_args()
     arguments.envs = arguments.envs or ENVIRONMENTS[arguments.algorithm]
+    try:
+        device_of(arguments.scene)
+    except CableError as error:
+        parser.error(str(error))
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     for seed in seeds:
         if (there := arguments.out / f"{seed}.safetensors").exists():  # hours, perhaps

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.assets import SCENES
 from cc_mujoco.device import find_device
-from cc_mujoco.device._description import ENDING, Description
+from cc_mujoco.device._description import Description, device_label
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
     Motion,
@@ -148,14 +148,6 @@ class Condition:
     def usual(self) -> bool:
         """Return whether this is the condition that the others differ from."""
         return self.name == "-".join(DEFAULT_CONDITION)
-
-
-def device_label(scene: str) -> str:
-    """Return the name of a device in tables, without folder and ending."""
-    if scene in SCENES:
-        return scene
-    name = Path(scene).name
-    return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
 
 
 def is_device_file(scene: str) -> bool:

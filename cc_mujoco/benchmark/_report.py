@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import device_label, plant_key
+from cc_mujoco.benchmark._conditions import plant_key
 from cc_mujoco.benchmark._ranking import (
     Place,
     bootstrap_means,
@@ -22,6 +22,7 @@ from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
 from cc_mujoco.benchmark._scores import SCORES
 from cc_mujoco.device import find_device
+from cc_mujoco.device._description import device_label
 from cc_mujoco.report._markdown import table
 
 Array = NDArray[np.float64]

@@ -35,7 +35,7 @@ from cc_mujoco.benchmark._cell import (
     play_group,
     prepare_episodes,
 )
-from cc_mujoco.benchmark._conditions import Condition, device_label
+from cc_mujoco.benchmark._conditions import Condition
 from cc_mujoco.benchmark._references import (
     REFERENCES,
     SCALE_CONTROLLER,
@@ -45,6 +45,7 @@ from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.benchmark._timing import StepTimes, time_steps
 from cc_mujoco.device import find_device
+from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
 MAX_SEEDS = 1000

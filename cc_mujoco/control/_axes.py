@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._registry import controller
 from cc_mujoco.control._user_controller import External, controller_errors
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
@@ -87,6 +88,15 @@ def _for_all_axes(given: Law) -> Any:
     return given if getattr(given, ALL_AXES, False) else None
 
 
+def is_policy(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a controller is the file of a policy, which has all axes."""
+    return (
+        isinstance(given, str)
+        and named_laws(given) == [given]
+        and given.endswith(POLICY_ENDING)
+    )
+
+
 def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
     """Return whether a function makes one controller for all axes.
 
@@ -122,6 +132,8 @@ def axes_controller(
         if isinstance(made, Controller):
             return made
         return _ExternalOfAll(tuple(drives), make, name)
+    if is_policy(given):
+        return Policy(drives, str(given), prefixes)
     laws = by_axis(given, prefixes)
     return AxesController(
         [controller(law, drive) for law, drive in zip(laws, drives, strict=True)],

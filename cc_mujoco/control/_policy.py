@@ -3,8 +3,8 @@
     write_policy("runs/policy.safetensors", network, observed)
     controller("runs/policy.safetensors", drive)
 
-A file has the weights as safetensors and, in its header, what the policy observes as
-JSON. Nothing in it is executed, and NumPy alone reads and plays it.
+A file has the weights as safetensors and, in its header, what the policy observes of
+each axis as JSON. Nothing in it is executed, and NumPy alone reads and plays it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.control._controller import Controller
+from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._observation import ObservationHistory, Observed
 from cc_mujoco.errors import CableError
@@ -44,13 +46,13 @@ ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A multilayer perceptron from an observation (size,) to the share of the torque.
+    """A multilayer perceptron from an observation (size,) to shares of the torques.
 
     Attributes:
-        weights: of each layer, (out, in); the last has one output.
+        weights: of each layer, (out, in); the last has an output for each motor.
         biases: of each layer, (out,).
         activation: key of `ACTIVATIONS`, after every layer but the last.
-        squashed: whether the hyperbolic tangent of the last output is the action.
+        squashed: whether the hyperbolic tangents of the last outputs are the action.
         mean: what is subtracted from the observation, (size,).
         deviation: what it is divided by then, (size,).
         far: where what results is cut.
@@ -81,15 +83,22 @@ class Network:
                 )
             widths.append(weights.shape[0])
         arrays = (*self.weights, *self.biases, self.mean, self.deviation)
-        if len(widths) < 2 or widths[-1] != 1 or self.deviation.shape != (widths[0],):
-            raise CableError("a policy's layers must end in one number.")
+        if len(widths) < 2 or self.deviation.shape != (widths[0],):
+            raise CableError(
+                "a policy needs a layer, and a deviation for each number it observes."
+            )
         if not all(np.isfinite(array).all() for array in arrays):
             raise CableError("a policy's weights must be finite numbers.")
         if not (self.deviation > 0.0).all():
             raise CableError("a policy's deviations must be above 0.")
 
-    def __call__(self, observation: Array) -> float:
-        """Return the fraction of the motor's torque, within [-1, 1]."""
+    @property
+    def motors(self) -> int:
+        """Number of motors that it drives."""
+        return int(self.weights[-1].shape[0])
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the share of each motor's torque, within [-1, 1], (motors,)."""
         x = (observation - self.mean) / self.deviation
         x = np.minimum(np.maximum(x, -self.far), self.far)
         between = ACTIVATIONS[self.activation]
@@ -100,114 +109,156 @@ class Network:
             x = weights @ x + biases
             if place < last:
                 x = between(x)
-        share = float(np.tanh(x[0]) if self.squashed else x[0])
-        return min(max(share, -1.0), 1.0)
+        # One by one: of several at once NumPy may round a tangent differently.
+        shares = [np.tanh(own) if self.squashed else own for own in x]
+        return np.minimum(np.maximum(shares, -1.0), 1.0)
 
 
 class Policy(Controller):
     """A policy of a file, fed as in the environment of its training."""
 
-    def __init__(self, drive: Drive, path: str | os.PathLike[str]) -> None:
+    def __init__(
+        self,
+        drives: Drive | Sequence[Drive],
+        path: str | os.PathLike[str],
+        prefixes: Sequence[str] = ("",),
+    ) -> None:
         """Load the policy.
 
         Args:
-            drive: The device to be driven.
+            drives: The device to be driven: its only axis, or every axis.
             path: The file.
+            prefixes: Beginnings of the columns of each axis.
 
         Raises:
             CableError: If the file cannot be read, or has a policy of another device or
                 for other samples.
         """
-        super().__init__(drive)
-        self._network, observed = read_policy(path)
-        name, own = os.fspath(path), drive.observed
-        if own is None:
+        self._drives = (drives,) if isinstance(drives, Drive) else tuple(drives)
+        super().__init__(self._drives[0])
+        self._prefixes = tuple(prefixes)
+        self._network, self._observed = read_policy(path)
+        name = os.fspath(path)
+        if len(self._observed) != len(self._drives):
             raise CableError(
-                f"policy {name!r} needs a device with an environment; this Drive has "
-                "no `observed`."
+                f"policy {name!r} drives {_axes_text(len(self._observed))} at once, "
+                f"and is given {_axes_text(len(self._drives))}: play it as the one "
+                "controller of the device of its training."
             )
-        for what, its, here in (
-            ("for the device", observed.device, own.device),
-            ("on", ", ".join(observed.columns), ", ".join(own.columns)),
-        ):
-            if its != here:
-                raise CableError(
-                    f"policy {name!r} was trained {what} {its}, not {here}."
-                )
-        if not math.isclose(observed.period, drive.period):
-            raise CableError(
-                f"policy {name!r} was trained with samples every "
-                f"{1e3 * observed.period:g} ms, but is called every "
-                f"{1e3 * drive.period:g} ms; give the environment the `frame_skip` of "
-                "its training and hold=1, for a policy holds its actions itself."
-            )
-        self._observed = observed
-        self._whole = own.torque
-        self._sight: ObservationHistory | None = None
+        for observed, drive in zip(self._observed, self._drives, strict=True):
+            _require_same(name, observed, drive)
+        self._wholes = [
+            drive.observed.torque for drive in self._drives if drive.observed
+        ]
+        self._sights: list[ObservationHistory] = []
         self._fresh = np.zeros(0, dtype=np.bool_)
         self._samples = np.zeros(0, dtype=np.intp)
-        self._shares = np.zeros(0)
+        self._shares = np.zeros((0, len(self._drives)))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Reset the state; see `Controller.reset`."""
-        if where is None or self._sight is None:
-            self._sight = None
+        if where is None or not self._sights:
+            self._sights = []
         else:
             self._fresh |= where
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
-        seen = self._observed.of(observation)
-        measured = np.atleast_2d(seen)
-        if self._sight is None:
-            self._sight = ObservationHistory(self._observed, len(measured))
-            self._fresh = np.ones(len(measured), dtype=np.bool_)
-            self._samples = np.zeros(len(measured), dtype=np.intp)
-            self._shares = np.zeros(len(measured))
-        sight, fresh = self._sight, self._fresh
-        sight.look(measured)
-        if fresh.any():
-            sight.begin(measured[fresh], fresh)
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Of several axes that of every motor, (..., axes).
+        """
+        seen = [
+            observed.of(axis_columns(observation, prefix, self._prefixes))
+            for observed, prefix in zip(self._observed, self._prefixes, strict=True)
+        ]
+        measured = [np.atleast_2d(own) for own in seen]
+        if not self._sights:
+            count = len(measured[0])
+            self._sights = [ObservationHistory(own, count) for own in self._observed]
+            self._fresh = np.ones(count, dtype=np.bool_)
+            self._samples = np.zeros(count, dtype=np.intp)
+            self._shares = np.zeros((count, len(self._drives)))
+        fresh, again = self._fresh, self._fresh.any()
+        for sight, own in zip(self._sights, measured, strict=True):
+            sight.look(own)
+            if again:
+                sight.begin(own[fresh], fresh)
+        if again:
             self._samples[fresh] = 0
             fresh[:] = False
-        due = self._samples % self._observed.hold == 0
+        due = self._samples % self._observed[0].hold == 0
         if due.any():
-            rows = sight.observation().astype(np.float64)
+            rows = np.concatenate([one.observation() for one in self._sights], axis=1)
+            rows = rows.astype(np.float64)
             # One by one: a product rounds differently for one environment and for many.
             for row in np.flatnonzero(due):
-                self._shares[row] = np.float32(self._network(rows[row]))
-            sight.act(self._shares, due)
+                self._shares[row] = self._network(rows[row]).astype(np.float32)
+            for axis, sight in enumerate(self._sights):
+                sight.act(self._shares[:, axis], due)
         self._samples += 1
-        # Of the device's motor, whatever this drive limits it to.
-        torque = self._shares * self._whole
-        return self.limited(torque if seen.ndim == 2 else float(torque[0]))
+        # Of the device's motors, whatever these drives limit them to.
+        torque = self._shares * self._wholes
+        many = seen[0].ndim == 2
+        if len(self._drives) == 1:
+            return self.limited(torque[:, 0] if many else float(torque[0, 0]))
+        low, high = zip(*((own.low, own.high) for own in self._drives), strict=True)
+        limited = np.clip(torque, low, high)
+        return limited if many else limited[0]
+
+
+def _axes_text(count: int) -> str:
+    return "one axis" if count == 1 else f"{count} axes"
+
+
+def _require_same(name: str, observed: Observed, drive: Drive) -> None:
+    """Refuse a policy of another device or for other samples."""
+    own = drive.observed
+    if own is None:
+        raise CableError(
+            f"policy {name!r} needs a device with an environment; this Drive has "
+            "no `observed`."
+        )
+    for what, its, here in (
+        ("for the device", device_label(observed.device), device_label(own.device)),
+        ("on", ", ".join(observed.columns), ", ".join(own.columns)),
+    ):
+        if its != here:
+            raise CableError(f"policy {name!r} was trained {what} {its}, not {here}.")
+    if not math.isclose(observed.period, drive.period):
+        raise CableError(
+            f"policy {name!r} was trained with samples every "
+            f"{1e3 * observed.period:g} ms, but is called every "
+            f"{1e3 * drive.period:g} ms; give the environment the `frame_skip` of "
+            "its training and hold=1, for a policy holds its actions itself."
+        )
 
 
 def write_policy(
-    path: str | os.PathLike[str], network: Network, observed: Observed
+    path: str | os.PathLike[str],
+    network: Network,
+    observed: Observed | Sequence[Observed],
 ) -> None:
     """Write a policy's file.
 
     Args:
         path: Where; ends in `.safetensors`.
         network: The policy.
-        observed: What it observes, `Observed` of its environment.
+        observed: What it observes of the only axis, or of every axis; `exo.observed` of
+            its environment.
 
     Raises:
-        CableError: If the network is not for as many numbers as are observed.
+        CableError: If the network is not for as many numbers as are observed, or as
+            many motors.
     """
-    size = observed.space.shape[0]
-    if network.mean.size != size:
-        raise CableError(
-            f"the policy is for {network.mean.size} numbers, but {size} are observed."
-        )
+    each = (observed,) if isinstance(observed, Observed) else tuple(observed)
+    _require_fit(network, each)
     tensors = {"mean": network.mean, "deviation": network.deviation}
     for place, (weights, biases) in enumerate(
         zip(network.weights, network.biases, strict=True)
     ):
         tensors |= {f"{place}.weight": weights, f"{place}.bias": biases}
     about = {
-        "observed": observed.to_dict(),
+        "observed": [own.to_dict() for own in each],
         "activation": network.activation,
         "squashed": network.squashed,
         "far": None if np.isinf(network.far) else float(network.far),
@@ -227,8 +278,10 @@ def write_policy(
         file.write_bytes(len(text).to_bytes(8, "little") + text + b"".join(parts))
 
 
-def read_policy(path: str | os.PathLike[str]) -> tuple[Network, Observed]:
-    """Read a policy's file.
+def read_policy(
+    path: str | os.PathLike[str],
+) -> tuple[Network, tuple[Observed, ...]]:
+    """Read a policy's file: its network, and what it observes of every axis.
 
     Raises:
         CableError: If it cannot be read or is not one.
@@ -251,7 +304,21 @@ def read_policy(path: str | os.PathLike[str]) -> tuple[Network, Observed]:
         ) from None
 
 
-def _parse_policy(content: bytes) -> tuple[Network, Observed]:
+def _require_fit(network: Network, observed: Sequence[Observed]) -> None:
+    """Refuse a network for other numbers than are observed, or other motors."""
+    size = sum(own.space.shape[0] for own in observed)
+    if network.mean.size != size:
+        raise CableError(
+            f"the policy is for {network.mean.size} numbers, but {size} are observed."
+        )
+    if network.motors != len(observed):
+        raise CableError(
+            f"the policy's layers end in {network.motors} numbers; they must end in "
+            f"one for each motor, {len(observed)}."
+        )
+
+
+def _parse_policy(content: bytes) -> tuple[Network, tuple[Observed, ...]]:
     length = int.from_bytes(content[:8], "little")
     if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
         raise ValueError("no header of safetensors")
@@ -277,10 +344,9 @@ def _parse_policy(content: bytes) -> tuple[Network, Observed]:
         tensor("deviation"),
         np.inf if about["far"] is None else float(about["far"]),
     )
-    observed = Observed.from_dict(about["observed"])
-    if network.mean.shape != observed.space.shape:
-        raise CableError(
-            f"its network is for {network.mean.size} numbers, but it observes "
-            f"{observed.space.shape[0]}."
-        )
+    listed = about["observed"]
+    # Policies of one axis were written without a list.
+    each = listed if isinstance(listed, list) else [listed]
+    observed = tuple(Observed.from_dict(own) for own in each)
+    _require_fit(network, observed)
     return network, observed

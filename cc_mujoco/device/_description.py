@@ -158,6 +158,12 @@ class Description:
         return column_prefixes(axis.name for axis in self.axes)
 
 
+def device_label(scene: str) -> str:
+    """Return the name of a device for tables, without folder and ending."""
+    name = Path(scene).name
+    return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
+
+
 def read_table(path: Path) -> Table:
     """Read the file of a description.
 

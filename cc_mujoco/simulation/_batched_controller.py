@@ -16,7 +16,7 @@ from cc_mujoco.control import (
     axes_controller,
     controller,
 )
-from cc_mujoco.control._axes import Law, by_axis, sees_all_axes
+from cc_mujoco.control._axes import Law, by_axis, is_policy, sees_all_axes
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, TENSION_COLUMN, WINDING_COLUMNS
 
@@ -196,6 +196,8 @@ def batched_controller(
             [axes_controller(given, own, prefixes) for own in drives]
         )
     each = list(zip(*drives, strict=True))
+    if len(each) > 1 and is_policy(given):
+        return axes_controller(given, drives[0], prefixes)
     laws = by_axis(given, prefixes)
     if len(each) == 1:
         return BatchedController(laws[0], each[0])

@@ -76,7 +76,7 @@ def law_of(name: str) -> Controller:
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
     drive = dataclasses.replace(drive, torque_noise=NOISE)
     if Path(name).suffix == ".safetensors":
-        observed = read_policy(name)[1]
+        (observed,) = read_policy(name)[1]
         if observed.device != "bench":
             raise CableError(
                 f"policy {name!r} learnt on the device {observed.device}, not on the "

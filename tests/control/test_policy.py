@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from cc_mujoco.control import Network, controller, read_policy, write_policy
-from cc_mujoco.device import Drive, Observed
+from cc_mujoco.control import (
+    Network,
+    axes_controller,
+    controller,
+    read_policy,
+    write_policy,
+)
+from cc_mujoco.device import Drive, Observed, find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import IDS as ENVIRONMENTS
 from cc_mujoco.errors import CableError
@@ -23,13 +30,13 @@ OBSERVED = Observed("wrist", MEASURED_COLUMNS[:6], UNITS, 5.2, 1e-3, 1.0, 2, 3, 
 DRIVE = Drive(5.2, -1.0, 1.0, 1e-3, observed=OBSERVED)
 
 
-def network(observed: Observed, squashed: bool = True, seed: int = 0) -> Network:
-    """Return a network with a hidden layer for the observation."""
+def network(*observed: Observed, squashed: bool = True, seed: int = 0) -> Network:
+    """Return a network with a hidden layer for the observation of all axes."""
     random = np.random.default_rng(seed)
-    size = observed.space.shape[0]
+    size, axes = sum(own.space.shape[0] for own in observed), len(observed)
     return Network(
-        (random.normal(size=(8, size)), random.normal(size=(1, 8))),
-        (random.normal(size=8), random.normal(size=1)),
+        (random.normal(size=(8, size)), random.normal(size=(axes, 8))),
+        (random.normal(size=8), random.normal(size=axes)),
         "tanh",
         squashed,
         random.normal(size=size),
@@ -38,10 +45,10 @@ def network(observed: Observed, squashed: bool = True, seed: int = 0) -> Network
     )
 
 
-def written(path: Path, observed: Observed, **given: Any) -> str:
+def written(path: Path, *observed: Observed, **given: Any) -> str:
     """Return the file of a network."""
     name = str(path / "policy.safetensors")
-    write_policy(name, network(observed, **given), observed)
+    write_policy(name, network(*observed, **given), observed)
     return name
 
 
@@ -53,9 +60,14 @@ def test_a_policy_acts_as_its_network_in_its_environment(
     env = gymnasium.make(name, disable_env_checker=True, duration=0.2, **past)
     plain = gymnasium.make(name, disable_env_checker=True, duration=0.2)
     inner: Any = env.unwrapped
+    device = plain.unwrapped.exo.device  # type: ignore[attr-defined]
     net, law = (
-        network(inner.exo.observed),
-        controller(written(tmp_path, inner.exo.observed), plain.unwrapped.drive),  # type: ignore[attr-defined]
+        network(*inner.exo.observed),
+        axes_controller(
+            written(tmp_path, *inner.exo.observed),
+            plain.unwrapped.drives,  # type: ignore[attr-defined]
+            device.prefixes,
+        ),
     )
     for seed in (3, 4):
         law.reset()
@@ -63,14 +75,16 @@ def test_a_policy_acts_as_its_network_in_its_environment(
         _, info = plain.reset(seed=seed)
         over = False
         while not over:
-            share = np.float32(net(seen.astype(float)))
-            seen, *_, over, truth = env.step(np.array([share]))
+            share = net(seen.astype(float)).astype(np.float32)
+            seen, *_, over, truth = env.step(share)
             for _ in range(4):
                 torque = law.torque(info)
                 action = plain.unwrapped.action(torque)  # type: ignore[attr-defined]
                 assert action == pytest.approx(share, rel=1e-6, abs=1e-7)
                 *_, info = plain.step(action)
-            assert info["joint_torque_nm"] == pytest.approx(truth["joint_torque_nm"])
+            for prefix in device.prefixes:
+                name = f"{prefix}joint_torque_nm"
+                assert info[name] == pytest.approx(truth[name])
 
 
 def test_one_of_many_is_played_as_if_it_were_alone(tmp_path: Path) -> None:
@@ -107,7 +121,7 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     name = written(tmp_path, OBSERVED, squashed=False)
     found, observed = read_policy(name)
     own = network(OBSERVED, squashed=False)
-    assert observed == OBSERVED
+    assert observed == (OBSERVED,)
     assert found.far == 5.0
     for x in np.random.default_rng(1).normal(size=(5, own.mean.size)):
         assert found(x) == own(x)
@@ -127,7 +141,8 @@ def test_the_file_is_one_of_safetensors(tmp_path: Path) -> None:
 def test_a_policy_of_another_device_is_refused_with_both_names(tmp_path: Path) -> None:
     drives = {
         name: gymnasium.make(name, disable_env_checker=True).unwrapped.drive  # type: ignore[attr-defined]
-        for name in IDS
+        for name, device in ENVIRONMENTS.items()
+        if len(find_device(device).description.axes) == 1
     }
     for name, own in drives.items():
         path = written(tmp_path, own.observed)
@@ -159,7 +174,6 @@ def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     one, two = np.ones((1, 2)), np.ones((2, 3))
     for weights, biases, words in (
         ((two, one), (np.ones(2), np.ones(2)), "does not follow"),
-        ((two,), (np.ones(2),), "end in one number"),
         ((one,), (np.ones(1),), "does not follow 3"),
         ((two, one * np.nan), (np.ones(2), np.ones(1)), "finite"),
     ):
@@ -178,7 +192,7 @@ def test_files_that_are_no_policy_are_one_sentence(tmp_path: Path) -> None:
 
     def again(**about: Any) -> bytes:
         meta = json.loads(header["__metadata__"]["cc_mujoco"])
-        meta["observed"] |= about
+        meta["observed"][0] |= about
         changed = {**header, "__metadata__": {"cc_mujoco": json.dumps(meta)}}
         text = json.dumps(changed).encode()
         return len(text).to_bytes(8, "little") + text + good[8 + length :]
@@ -201,3 +215,28 @@ def test_files_that_are_no_policy_are_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(CableError, match=r"bad\.safetensors") as caught:
             controller(str(path), DRIVE)
         assert str(caught.value).endswith(".")
+
+
+def test_a_policy_of_all_axes_is_refused_for_one_and_the_reverse(
+    tmp_path: Path,
+) -> None:
+    two = written(tmp_path, OBSERVED, OBSERVED)
+    assert len(read_policy(two)[1]) == 2
+    with pytest.raises(CableError, match="drives 2 axes at once, and is given one"):
+        controller(two, DRIVE)
+    law = axes_controller(two, (DRIVE, DRIVE), ("hip.", "ankle."))
+    columns = [f"{p}{c}" for p in ("hip.", "ankle.") for c in MEASURED_COLUMNS]
+    many = {name: np.random.default_rng(0).normal(size=3) for name in columns}
+    assert law.torque(many).shape == (3, 2)
+    law.reset()
+    assert law.torque({name: float(v[0]) for name, v in many.items()}).shape == (2,)
+    one = written(tmp_path, OBSERVED)
+    with pytest.raises(CableError, match="drives one axis at once, and is given 2"):
+        axes_controller(one, (DRIVE, DRIVE), ("hip.", "ankle."))
+    with pytest.raises(CableError, match="must end in one for each motor, 1"):
+        wide = dataclasses.replace(
+            network(OBSERVED),
+            weights=(network(OBSERVED).weights[0], np.ones((2, 8))),
+            biases=(np.ones(8), np.ones(2)),
+        )
+        write_policy(tmp_path / "p.safetensors", wide, OBSERVED)

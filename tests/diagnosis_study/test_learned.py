@@ -37,7 +37,7 @@ def test_a_policy_plays_a_rig_in_the_period_and_torque_of_its_training(
     for gain in (0.0, 0.1):
         name = policy(tmp_path, "bench", gain)
         law = learned.law_of(name)
-        assert law.drive.period == read_policy(name)[1].period == 1e-3
+        assert law.drive.period == read_policy(name)[1][0].period == 1e-3
         found[gain] = learned.played(name, "none", 1)
         assert found[gain]["outcome"] == "the 3 s are over."
     # What is asked, at ten newton metres for an action of 1, and no more: friction

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -23,7 +24,12 @@ from cc_mujoco.cli._options import (
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
+    from cc_mujoco.device import Device
+    from cc_mujoco.metrics import Metric
     from cc_mujoco.simulation import EpisodeLog
+
+SWINGS = 5.0
+"""Swings of a motor from limit to limit in a second that no task demands."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,7 @@ class Play:
         from cc_mujoco.metrics import find_metric
         from cc_mujoco.simulation import simulate
         from cc_mujoco.viz import write_episode
-        from cc_mujoco.viz._episode_files import require_ours
+        from cc_mujoco.viz._episode_files import LOG_FILE, require_ours
 
         require_ours(out)
         if self.video:
@@ -133,9 +139,14 @@ class Play:
                 say=messages.append,
             )
         env.close()
-        for metric, value in found.items():
-            number = f"{value:.4g}" if math.isfinite(value) else "-"
-            print(f"{metric.name:32} {number:>10} {metric.unit}")
+        print("\n".join(_table(found, prefixes)))
+        for axis, rate in _limit_cycles(out / LOG_FILE, inner.device):
+            of = f" of axis {axis}" if axis else ""
+            print(
+                f"warning: {self.controller} swings the motor{of} from limit to limit "
+                f"{rate:.0f} times a second; it is unstable on this device.",
+                file=sys.stderr,
+            )
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in messages:
             print(sentence)
@@ -209,3 +220,44 @@ class Play:
         for other in others:
             if getattr(self, other) != getattr(plain, other):
                 raise CableError(f"--{other} does not go with --{name}.")
+
+
+def _limit_cycles(path: Path, device: Device) -> Iterator[tuple[str, float]]:
+    """Yield the axes whose motor swings between its limits, and how often [1/s]."""
+    from cc_mujoco.simulation import EpisodeLog
+
+    log = EpisodeLog.open(path)
+    for axis, (name, own) in zip(device.description.axes, log.each_axis(), strict=True):
+        share = own["motor_torque_nm"] / axis.torque
+        at_limit = share[abs(share) > 0.95]
+        swings = int((at_limit[1:] * at_limit[:-1] < 0.0).sum())
+        rate = swings / max(float(log["time_s"][-1]), 1e-9)
+        if rate > SWINGS:
+            yield name, rate
+
+
+def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a table of metrics, with a column for each of several axes."""
+
+    def number(value: float) -> str:
+        return f"{value:.4g}" if math.isfinite(value) else "-"
+
+    rows: dict[tuple[str, str], dict[str, float]] = {}
+    for metric, value in found.items():
+        prefix = next((p for p in prefixes if p and metric.name.startswith(p)), "")
+        row = rows.setdefault((metric.name.removeprefix(prefix), metric.unit), {})
+        row[prefix] = value
+    axes = [prefix.rstrip(".") for prefix in prefixes if prefix]
+    widths = [max(len(axis), 9) for axis in axes]
+    if axes:
+        names = " ".join(f"{a:>{w}}" for a, w in zip(axes, widths, strict=True))
+        yield f"{'':32} {names}"
+    for (name, unit), row in rows.items():
+        if "" in row:
+            yield f"{name:32} {number(row['']):>10} {unit}"
+            continue
+        values = " ".join(
+            f"{number(row[prefix]):>{width}}"
+            for prefix, width in zip(prefixes, widths, strict=True)
+        )
+        yield f"{name:32} {values} {unit}"

@@ -112,7 +112,9 @@ class WhatIfShow:
             print(_line(f"case: {name}", value, describe(name).unit))
         # Those of the table: the episode's own have some names in common with them.
         for name in about["protocol"]["metrics"]:
-            print(_line(name, row[name], metric_of(name).unit))
+            own = [column for column in row if column.endswith(f".{name}")]
+            for column in (name, *own):
+                print(_line(column, row[column], metric_of(name).unit))
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in messages:
             print(sentence)

@@ -231,6 +231,14 @@ class Bench:
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
         (motor, proximal, joint, distal, lever) = found[order[0]]
+        neutral = float(model.joint(joint).qpos0[0])
+        if lever is not None and neutral != 0.0:
+            raise CableError(
+                f"scene {path}: joint {joint!r} has `ref`, so its angle is "
+                f"{neutral:.4g} rad where the cable has its pretension; of a lever a "
+                "diagnosis takes that pose as 0: take `ref` out, and give the "
+                "difference as `offset` of its column in dataset.toml"
+            )
         kinds = {path_motion(cable) for cable in cables.values()}
         if len(kinds) > 1:
             raise CableError(

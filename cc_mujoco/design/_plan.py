@@ -12,10 +12,13 @@ import json
 import math
 import os
 import pickle
+import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import mujoco
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._utils.tables import is_table
@@ -60,10 +63,10 @@ from cc_mujoco.design._study_metrics import (
     split_metric,
 )
 from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
-from cc_mujoco.device import Device, load_device
+from cc_mujoco.device import Axis, Device, load_device
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.human import Task, Trajectory, trajectory
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._parsing import user_classes
@@ -435,7 +438,34 @@ def _make_protocol(
         tuple(device_digests(builder).items()),
     )
     rehearse(protocol, builder)
+    _warn_of_pulleys(variables_named, builder)
     return protocol, builder
+
+
+def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:
+    """Warn where a radius is varied of a pulley whose inertia nobody knows."""
+    pulleys = {
+        "motor_radius": ("motor_pulley", lambda axis: axis.motor_pulley),
+        "joint_radius": (
+            "joint_pulley",
+            lambda axis: axis.joint_pulley or not _on_pulley(builder, axis),
+        ),
+    }
+    for name, (key, known) in pulleys.items():
+        if name in named and not all(map(known, builder.description.axes)):
+            warnings.warn(
+                f"variable {name!r} leaves the inertia of the pulley as it is, which "
+                f"nobody knows: write `{key}` in [axis] of the description of "
+                f"{builder.name}.",
+                CableWarning,
+                stacklevel=2,
+            )
+
+
+def _on_pulley(builder: Device, axis: Axis) -> bool:
+    """Return whether a cable of an axis winds on its joint itself."""
+    distal = [builder.ends[cable][1] for cable in axis.cables]
+    return any(end.trntype == mujoco.mjtTrn.mjTRN_JOINT for end in distal)
 
 
 def _scene_of(given: str | Path) -> str:

@@ -224,6 +224,8 @@ def markdown(
         + f"{describe_controllers(protocol.controllers)}, {protocol.duration:g} s, "
         f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
     ]
+    if protocol.axes:
+        parts.append(report_text.axes_sentence(protocol.axes))
     if protocol.across.several:
         parts.append(f"{report_text.cases_sentence(plan)}")
     if failed:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -164,6 +165,8 @@ def header(found: RankedStudy) -> Html:
         limits = list_words([limit.text for limit in found.limits])
         many += f" with {limits}, which {int(found.kept.sum())} keep"
     request = [paragraph(f"{many}.")]
+    if axes := found.plan.protocol.axes:
+        request.append(paragraph(axes_sentence(axes)))
     if found.plan.protocol.across.several:
         request.append(paragraph(cases_sentence(found.plan)))
     best = found.best
@@ -239,6 +242,14 @@ def variables_at_ends(found: RankedStudy) -> list[tuple[str, str]]:
         for name in found.varied
         if (end := _range_end(found.plan.ranges[name], row[name]))
     ]
+
+
+def axes_sentence(axes: Sequence[str]) -> str:
+    """State which axis a number is of."""
+    return (
+        f"The device has the axes {list_words(axes)}; a number is that of the worst of "
+        "them, unless it names one, and a design that is unsafe at one has failed."
+    )
 
 
 def cases_sentence(plan: Plan) -> str:
@@ -682,8 +693,10 @@ def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
             if p.name in ALWAYS_LISTED or value != p.default:
                 yield name, p.name, value
         yield name, "conduit", cable.to_config()["conduit"]
-        for key, radius in zip(RADII, device.radii[name], strict=True):
-            yield name, key, radius
+        ends = zip(RADII, device.radii[name], device.ends[name], strict=True)
+        for key, radius, end in ends:
+            if end.trntype == mujoco.mjtTrn.mjTRN_JOINT:  # a lever has no radius
+                yield name, key, radius
     axes = device.description.axes
     for axis in axes:
         joint = device.spec.joint(axis.drum)

@@ -18,7 +18,7 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._utils.toml_table import Table
-from cc_mujoco.cable import Cable
+from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._cuff import add_cuff
 from cc_mujoco.device._description import FREE_ROOTS, PERIOD, Axis, Description
 from cc_mujoco.device._moment_arm import neutral_moments, swept_moments
@@ -321,16 +321,18 @@ def _axes(
         given[motor_name] = table
     # The order of the file, then that of the scene.
     order = [*given, *(name for name in motors if name not in given)]
-    several = len(order) > 1
     axes: list[Axis] = []
+    sources = []
     for name in order:
         table = given.get(name, Table(f"scene {scene}, motor {name!r}", {}))
         one = _axis(spec, model, motors[name], wound[motors[name]], ends, table, read)
-        label = f"{one.name}." if several else ""
-        for key in list(read.sources):
-            if key.startswith("axis."):
-                read.sources[label + key] = read.sources.pop(key)
+        origins = [key for key in read.sources if key.startswith("axis.")]
+        sources.append({key: read.sources.pop(key) for key in origins})
         axes.append(one)
+    _separate(axes, cables, given)
+    for axis, own in zip(axes, sources, strict=True):
+        label = f"{axis.name}." if len(axes) > 1 else ""
+        read.sources |= {label + key: origin for key, origin in own.items()}
     names = [axis.name for axis in axes]
     for twice in names:
         if names.count(twice) > 1:
@@ -339,6 +341,31 @@ def _axes(
                 "in [[axis]]."
             )
     return axes
+
+
+def _separate(
+    axes: list[Axis], cables: Mapping[str, Cable], given: Mapping[str, Table]
+) -> None:
+    """Name axes that drive one joint by their motors, unless the file names them.
+
+    Raises:
+        CableError: Their cables pull the joint in one sum, so nothing separates them.
+    """
+    joints = [axis.joint for axis in axes]
+    for place, axis in enumerate(axes):
+        if joints.count(axis.joint) == 1:
+            continue
+        for name in axis.cables:
+            if cables[name].path != PATHS[0]:
+                raise CableError(
+                    f"several motors drive joint {axis.joint!r}, and cable {name!r} of "
+                    f"motor {axis.motor!r} has path = {cables[name].path!r}: what each "
+                    "motor contributes is known of guided cables only; lead that "
+                    "cable in a conduit."
+                )
+        table = given.get(axis.motor)
+        if table is None or table.text("name") is None:
+            axes[place] = dataclasses.replace(axis, name=axis.motor)
 
 
 def _motor_of(model: mujoco.MjModel, end: _End) -> int | None:

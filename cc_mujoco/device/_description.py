@@ -152,6 +152,15 @@ class Description:
                 return axis
         raise CableError.unknown(f"axis of device {self.scene!r}", name, names)
 
+    def rivals(self, axis: Axis) -> tuple[str, ...]:
+        """Return the cables of other axes that drive the joint of this one."""
+        return tuple(
+            name
+            for other in self.axes
+            if other.motor != axis.motor and other.joint == axis.joint
+            for name in other.cables
+        )
+
     @property
     def prefixes(self) -> tuple[str, ...]:
         """Beginnings of the columns of each axis; empty where there is only one."""

@@ -7,7 +7,7 @@ both give the same bits, because the arithmetic is elementwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -98,6 +98,7 @@ class AxisModel:
         model: mujoco.MjModel,
         ends: Mapping[str, tuple[int, int]],
         mover: Mover | None,
+        rivals: Collection[str] = (),
     ) -> None:
         """Find the parts.
 
@@ -106,6 +107,8 @@ class AxisModel:
             model: The model of the device.
             ends: Indices of both ends of every cable in `actuator_force`.
             mover: The wearer at the joint; None where nothing follows a reference.
+            rivals: Cables of other motors that drive the same joint, whose torque is
+                not that of this axis.
         """
         self.axis, self.model = axis, model
         motor = model.actuator(axis.motor)
@@ -156,7 +159,9 @@ class AxisModel:
         self.ratio = self._distal[name] / (self.sense * self._proximal[name])
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
-        self._others = _other_torques(model, self.places, mover)
+        self._others = _other_torques(
+            model, self.places, mover, [ends[name][1] for name in rivals]
+        )
         self._weightless = bool(
             np.any(model.body_gravcomp) or model.opt.density or model.opt.viscosity
         )
@@ -278,7 +283,7 @@ class AxisModel:
         wearer = 0.0 * angle
         if self._mover is not None:
             wearer = force[self._mover.out] * self._mover.gear
-        # The cables are all that acts on the joint besides these.
+        # The cables of the axis are all that acts on the joint besides these.
         cables = physics.qfrc_actuator.T[joint]
         if self.axis.cuff is None:
             cables = cables - wearer
@@ -339,7 +344,9 @@ class DeviceModel:
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
         self.axes = tuple(
-            AxisModel(axis, model, ends, self.movers.get(axis.limb))
+            AxisModel(
+                axis, model, ends, self.movers.get(axis.limb), description.rivals(axis)
+            )
             for axis in description.axes
         )
         """The axes, in the order of the description."""
@@ -509,9 +516,18 @@ def _arms(model: mujoco.MjModel, places: Places) -> tuple[Array, Array]:
 
 
 def _other_torques(
-    model: mujoco.MjModel, places: Places, mover: Mover | None
+    model: mujoco.MjModel,
+    places: Places,
+    mover: Mover | None,
+    rivals: Collection[int],
 ) -> tuple[tuple[int, float, int], ...]:
-    """Return the actuators other than cables and wearer that act on the joint.
+    """Return the actuators other than the axis's cables and wearer at the joint.
+
+    Args:
+        model: The model of the device.
+        places: Of the axis.
+        mover: The wearer at the joint.
+        rivals: Distal ends of cables of other axes, in `actuator_force`.
 
     Returns:
         For each its index in `actuator_force`, its torque per force, and where in
@@ -523,7 +539,7 @@ def _other_torques(
     found = []
     for actuator in range(model.nu):
         out = int(model.actuator_outadr[actuator])
-        if int(model.actuator_plugin[actuator]) in cables:
+        if int(model.actuator_plugin[actuator]) in cables and out not in rivals:
             continue
         if mover is not None and out == mover.out:
             continue

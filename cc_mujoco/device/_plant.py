@@ -269,7 +269,8 @@ class Plant:
             if geared and math.isnan(self.gearing(axis)):
                 raise CableError(
                     f"variable {geared[0]!r} needs a `gearing`, since the scene "
-                    f"{self.description.scene!r} does not say how its motor is geared."
+                    f"{self.description.scene!r} does not say how its motor is geared; "
+                    "vary it, or write it in [axis] of the description."
                 )
         for axis in self.description.axes:
             worn = [n for n in CUFFED if n in self._of_axis(axis)]

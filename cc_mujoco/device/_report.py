@@ -114,7 +114,12 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     yield own("task", axis.task, "", "what the wearer should feel by default", ASSUMED)
     yield own("reach", axis.reach, "rad", "largest excursion of named motions")
     yield own("centre", axis.centre, "rad", "angle about which they move")
-    yield own("safe_torque", axis.safe_torque, "N m", "most that is safe at the joint")
+    yield own(
+        "safe_torque",
+        axis.safe_torque,
+        "N m",
+        "most that is safe at the joint; unknown, no controller has a guard",
+    )
     yield own(
         "motor_pulley",
         axis.motor_pulley or None,
@@ -162,6 +167,12 @@ def account(device: Device) -> str:
         )
         if others := axis.crossed:
             lines.append(f"    its cables also cross joint {', '.join(others)}")
+        for name in axis.axis.cables:
+            if name not in axis.driven:
+                lines.append(
+                    f"    its cable {name} pulls {device.ends[name][1].target}, whose "
+                    "torque is not measured; `joint` in [axis] chooses"
+                )
     everything = list(properties(device))
     for kind, heading in (
         (GIVEN, "given by the description"),

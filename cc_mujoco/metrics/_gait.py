@@ -51,9 +51,6 @@ def stride_metrics(log: LogLike) -> Strides:
     size = log.metadata.get(MOMENT_RATIO, 1.0)
     time = log["time_s"]
     phase = np.mod(np.arctan2(log["phase_sine"], log["phase_cosine"]) / math.tau, 1.0)
-    joint: GaitJoint = log.metadata.get(GAIT_JOINT, ANKLE)
-    if joint.other_leg:  # the phase is that of the first leg
-        phase = np.mod(phase + 0.5, 1.0)
     strikes = np.flatnonzero(np.diff(phase) < -0.5) + 1
     if strikes.size < 2:
         return Strides()
@@ -61,6 +58,7 @@ def stride_metrics(log: LogLike) -> Strides:
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
     meant = np.gradient(log["reference_angle_rad"], step)[whole]
+    joint: GaitJoint = log.metadata.get(GAIT_JOINT, ANKLE)
     own = size * pace.moment(joint.part) * GAIT_MOMENTS[joint.part](pace.phase(phase))
     if joint.turned:
         own = -own

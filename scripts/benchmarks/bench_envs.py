@@ -25,7 +25,8 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.device import DEVICES, Physics
+from cc_mujoco.device import Physics
+from cc_mujoco.envs import IDS
 from cc_mujoco.plugin import untimed
 
 Array = NDArray[np.float32]
@@ -45,7 +46,7 @@ def main() -> None:
         f"{'environment':26} {'envs':>5} {'batch':>12} {'sync':>12} {'ratio':>7}"
         f" {'of Batch':>9} {'processor':>10} {'untimed':>9} {'processor':>10}"
     )
-    for name in (device.environment for device in DEVICES.values()):
+    for name in IDS:
         for count in arguments.envs:
             found = compare(name, count, arguments.seconds, arguments.steps)
             batch, sync, share, cost, bare, least = found
@@ -77,7 +78,7 @@ def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, .
         with untimed():
             least = taken(bare) / own
         speed = steps * count / own[0]
-        found.append((speed, rate(loop.step, count, seconds), *raw, *least))
+        found.append((speed, rate(loop, seconds), *raw, *least))
     env.close()
     loop.close()
     return tuple(np.median(found, axis=0).tolist())
@@ -85,7 +86,7 @@ def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, .
 
 def play(env: VectorEnv, steps: int) -> None:
     """Take control steps with random actions."""
-    given = actions(env.num_envs)
+    given = actions(env)
     for step in range(steps):
         env.step(given[step % len(given)])
 
@@ -122,21 +123,22 @@ def taken(turn: Callable[[], None]) -> NDArray[np.float64]:
     return np.array([time.perf_counter(), time.process_time()]) - start
 
 
-def actions(count: int) -> Array:
-    """Return random actions of environments, (64, count, 1)."""
-    drawn = np.random.default_rng(0).uniform(-1, 1, (64, count, 1))
+def actions(env: VectorEnv) -> Array:
+    """Return random actions of environments, (64, count, axes)."""
+    shape = env.action_space.shape or ()
+    drawn = np.random.default_rng(0).uniform(-1, 1, (64, *shape))
     return drawn.astype(np.float32)
 
 
-def rate(step: Callable[[Array], object], count: int, seconds: float) -> float:
+def rate(env: VectorEnv, seconds: float) -> float:
     """Step with random actions for a while; return environment steps per second."""
-    given, steps = actions(count), 0
+    given, steps, step = actions(env), 0, env.step
     start = now = time.perf_counter()
     while now - start < seconds:
         step(given[steps % len(given)])
         steps += 1
         now = time.perf_counter()
-    return steps * count / (now - start)
+    return steps * env.num_envs / (now - start)
 
 
 if __name__ == "__main__":

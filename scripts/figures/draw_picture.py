@@ -2,6 +2,7 @@
 
     MUJOCO_GL=egl python scripts/figures/draw_picture.py envs/wrist_handle.png
     MUJOCO_GL=egl python scripts/figures/draw_picture.py --scene exosuit exosuit.png
+    MUJOCO_GL=egl python scripts/figures/draw_picture.py --scene knee.xml knee.png
 
 Needs OpenGL; `egl` or `osmesa` do without a display.
 """
@@ -19,26 +20,28 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cc_mujoco import plugin
-from cc_mujoco.control import controller
+from cc_mujoco import plugin, simulate
 from cc_mujoco.report import figure_path, save
-from cc_mujoco.simulation import EpisodeLog, play
+from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import conduit_points, conduit_shares, tension_colors
 
 PIECES = 160
 """Short cylinders that a conduit is drawn with."""
 
-PLAYED = {"wrist": ("spring", 3.4, 0.007), "exosuit": ("swing", 2.42, 0.006)}
+PLAYED = {
+    "wrist": ("spring", 3.4, 0.007),
+    "exosuit": ({"hip": "swing"}, 2.42, 0.006),
+}
 """Task, time at which tension runs through the cables [s], radius of a cable [m]."""
+OTHER = (None, 1.4, 0.006)
+"""The same for any other device."""
 
 
 def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Play until the picture is taken."""
-    task, seconds, _ = PLAYED[scene]
-    name = "cc_mujoco/Device-v1", device=scene
-    env = gymnasium.make(name, task=task, duration=seconds)
-    log = play(env, controller("pi", env.unwrapped.drive))
-    return env.unwrapped.model, log
+    task, seconds, _ = PLAYED.get(scene, OTHER)
+    env = gymnasium.make("cc_mujoco/Device-v1", device=scene, duration=seconds)
+    return env.unwrapped.model, simulate(scene, task=task, duration=seconds)
 
 
 def parts(
@@ -60,7 +63,8 @@ def photograph(
     data.qpos[:] = log["qpos"][-1]
     mujoco.mj_fwdPosition(model, data)
     with mujoco.Renderer(model, 720, 1280) as renderer:
-        renderer.update_scene(data, camera="overview")
+        # Without a camera of its own, the scene is seen as the viewer opens it.
+        renderer.update_scene(data, camera="overview" if model.ncam else -1)
         scene = renderer.scene
         for cable in plugin.cables(model):
             shares, tension = parts(model, cable, log[f"tension_{cable}_nodes_n"][-1])
@@ -97,13 +101,13 @@ def main() -> None:
     """Draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
-    parser.add_argument("--scene", choices=PLAYED, default="wrist")
+    parser.add_argument("--scene", default="wrist", help="device: name or file")
     options = parser.parse_args()
     model, log = episode(options.scene)
     figure = Figure(figsize=(9.6, 5.4), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(photograph(model, log, PLAYED[options.scene][2]))
+    axes.imshow(photograph(model, log, PLAYED.get(options.scene, OTHER)[2]))
     axes.set_axis_off()
     scale = figure.add_axes((0.9, 0.12, 0.016, 0.5))
     colors = colormaps["viridis"]

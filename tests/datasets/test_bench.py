@@ -96,6 +96,17 @@ def test_a_scene_that_is_no_bench_is_refused_in_a_sentence(
         Bench.of(scene(tmp_path, *changes))
 
 
+def test_a_lever_whose_angle_is_not_0_at_pretension_is_refused(tmp_path: Path) -> None:
+    text = scene_path("ankle").read_text(encoding="utf-8")
+    assert text.count('name="ankle" type="hinge"') == 1
+    path = tmp_path / "ankle.xml"
+    path.write_text(
+        text.replace('name="ankle" type="hinge"', 'name="ankle" type="hinge" ref="0.1"')
+    )
+    with pytest.raises(CableError, match=r"'ankle' has `ref`.*0\.1 rad where"):
+        Bench.of(path)
+
+
 def test_a_scene_without_cable_or_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="is no file"):
         Bench.of(tmp_path / "none.xml")

@@ -79,12 +79,27 @@ def test_what_any_algorithm_learns_is_played_as_it_predicts(
     network, observed = read_policy(path)
     assert observed == made().exo.observed
     random = np.random.default_rng(0)
-    for seen in random.normal(0.0, 2.0, (10, observed.space.shape[0])):
+    for seen in random.normal(0.0, 2.0, (10, network.mean.size)):
         shown = env.normalize_obs(seen) if normalised else seen  # type: ignore[attr-defined]
         given, _ = model.predict(shown.astype(np.float32), deterministic=True)
-        assert network(seen) == pytest.approx(given[0], abs=1e-4)
+        assert network(seen) == pytest.approx(given, abs=1e-4)
     drive = gymnasium.make(WRIST, duration=0.02).unwrapped.drive  # type: ignore[attr-defined]
     controller(str(path), drive)
+
+
+def test_a_policy_of_two_motors_is_played_as_it_predicts(tmp_path: Path) -> None:
+    about = {"duration": 0.02, "autoreset_mode": "SameStep", **PAST}
+    many = gymnasium.make_vec("cc_mujoco/Device-v1", 4, device="exosuit", **about)
+    env = StableBaselines(many)
+    model = algorithms.PPO("MlpPolicy", env, n_steps=16, seed=0, device="cpu")
+    model.learn(64)
+    path = tmp_path / "policy.safetensors"
+    save_policy(model, path)
+    network, observed = read_policy(path)
+    assert network.motors == len(observed) == 2
+    seen = np.random.default_rng(0).normal(size=network.mean.size)
+    given, _ = model.predict(seen.astype(np.float32), deterministic=True)
+    assert network(seen) == pytest.approx(np.clip(given, -1.0, 1.0), abs=1e-4)
 
 
 def test_what_cannot_be_trained_or_saved_is_one_sentence(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ class Plant:
     @property
     def pulleys(self) -> dict[str, tuple[float, ...]]:
         """Radii of the pulleys that each cable winds on [m]; a lever is none."""
-        scene = self._scene
+        scene = self.scene
         return {
             name: tuple(
                 float(self._own(name).get(key, radius))
@@ -256,7 +256,7 @@ class Plant:
             CableError: its scene does not have what is varied, or the time step is too
                 long for so stiff a cable.
         """
-        scene, values = self._scene, self.values
+        scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
         if wearer_scaling.LEG_LENGTH in values and route_tendons(self.cables.values()):
             raise CableError(
@@ -320,7 +320,7 @@ class Plant:
         Raises:
             CableError: it is the plant of an environment, which has no scene.
         """
-        scene = self._scene
+        scene = self.scene
         if whole:
             spec = scene.spec.copy()
         else:
@@ -335,7 +335,12 @@ class Plant:
         return str(spec.to_xml())
 
     @property
-    def _scene(self) -> Device:
+    def scene(self) -> Device:
+        """The device with its scene.
+
+        Raises:
+            CableError: it is the plant of an environment, which has no scene.
+        """
         if not isinstance(self.device, Device):
             raise CableError(
                 f"a plant of {self.description.scene!r} has no scene to change: make "
@@ -423,7 +428,7 @@ class Plant:
 
         The radii are that of the scene and that of the plant, for each cable on it.
         """
-        scene = self._scene
+        scene = self.scene
         discs = [
             disc
             for axis in self.description.axes
@@ -460,7 +465,7 @@ class Plant:
         self._resize(spec, wearer_scaling.body_of(self.values))
         if WEARER.name in self.values:
             for name, wearer in self.wearers.items():
-                self._scene.movers[name].impose(
+                self.scene.movers[name].impose(
                     spec.actuator(self.description.movers[name]), wearer
                 )
         for axis in self.description.axes:

@@ -181,7 +181,7 @@ def simulate(
         run(plant, law, check, keep, measure=measuring.measure, name=called)
 
     facts = [
-        describe(played[row], plant.device, plant, sensing, own, about)
+        describe(played[row], plant.scene, plant, sensing, own, about)
         for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
     if file is not None:
@@ -394,5 +394,6 @@ def describe(
     }
     if plant.values:
         found["values"] = dict(plant.values)
-    own = isinstance(plant.device, Device) and plant.values
-    return {**found, MODEL_XML: plant.xml() if own else device.xml()}
+    # The plant of an environment has no scene of its own.
+    scene = plant.xml() if isinstance(plant.device, Device) and plant.values else ""
+    return {**found, MODEL_XML: scene or device.xml()}

@@ -108,14 +108,16 @@ class Play:
         metrics = [find_metric(name) for name in self.metric]
         env = self._env(names)
         inner: Any = env.unwrapped
-        prefixes = inner.exo.device.prefixes
+        device, model, prefixes = inner.device, inner.model, inner.exo.device.prefixes
         law = axes_controller(self.controller, inner.drives, prefixes)
         self._warn(inner, names["task"])
+        env.close()
+        del env, inner  # with them goes a script as long as the episode
 
         def episode(file: Path) -> EpisodeLog:
             with progress_bar(self.duration) as progress:
                 return simulate(
-                    inner.device,
+                    device,
                     law,
                     motion=names["trajectory"],
                     task=names["task"],
@@ -131,16 +133,15 @@ class Play:
             found = write_episode(
                 out,
                 episode,
-                inner.model,
+                model,
                 metrics=metrics,
                 video=self.video,
                 html=self.html,
                 progress=progress,
                 say=messages.append,
             )
-        env.close()
         print("\n".join(_table(found, prefixes)))
-        for axis, rate in _limit_cycles(out / LOG_FILE, inner.device):
+        for axis, rate in _limit_cycles(out / LOG_FILE, device):
             of = f" of axis {axis}" if axis else ""
             print(
                 f"warning: {self.controller} swings the motor{of} from limit to limit "

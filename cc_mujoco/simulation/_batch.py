@@ -182,8 +182,8 @@ class Fleet:
             for axes in zip(*(device.axes for device in devices), strict=True)
         )
         self._scripts = scripts
-        self._commands = np.stack([script.commands for script in scripts])
-        self._marks = np.stack([script.marks for script in scripts])
+        self._commands = _stacked([script.commands for script in scripts])
+        self._marks = _stacked([script.marks for script in scripts])
         self._scale = np.stack([device.motor_scales for device in devices])
         self._limit = np.stack([device.torque_limits for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
@@ -257,6 +257,11 @@ class Fleet:
         self.going &= ~fell
         for row in np.flatnonzero(fell).tolist():
             self.failed[row] = self.simulations.why(row, time)
+
+
+def _stacked(arrays: Sequence[Array]) -> Array:
+    """Return arrays as one; a single one, which may be long, is not copied."""
+    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
 
 
 class Alone:

@@ -87,13 +87,17 @@ def written(folder: Path, text: str, name: str = "device.xml") -> Path:
 class SimulatedRig:
     """A device in lockstep with a loop: its clock and its rig."""
 
-    def __init__(self, scene: Path, axis: str | None = None) -> None:
+    def __init__(
+        self, scene: Path, axis: str | None = None, noise: float = 0.0
+    ) -> None:
         """Begin an episode.
 
         Args:
             scene: The device.
             axis: That is driven, of a device with several; the others get no torque.
+            noise: Standard deviation of angles [rad], a hundredth of that of torques.
         """
+        self._noise, self._random = noise, np.random.default_rng(0)
         env: Any = gymnasium.make(
             "cc_mujoco/Device-v1",
             device=scene,
@@ -122,13 +126,15 @@ class SimulatedRig:
             self.torques.append((self._time, self._column("joint_torque_nm")))
 
     def read(self) -> Readings:
+        sizes = self._noise * np.array([1.0, 100.0, 1.0, 100.0, 100.0])
+        errors = (sizes * self._random.normal(size=5)).tolist()
         return Readings(
             self._time,
-            self._column("motor_angle_rad"),
-            self._column("motor_velocity_rad_s"),
-            self._column("joint_angle_rad"),
-            self._column("joint_velocity_rad_s"),
-            self._column("joint_torque_nm"),
+            self._column("motor_angle_rad") + errors[0],
+            self._column("motor_velocity_rad_s") + errors[1],
+            self._column("joint_angle_rad") + errors[2],
+            self._column("joint_velocity_rad_s") + errors[3],
+            self._column("joint_torque_nm") + errors[4],
         )
 
     def write(self, torque: float) -> None:

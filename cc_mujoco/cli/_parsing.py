@@ -37,7 +37,7 @@ COMMANDS = {
     "list": Listing,
 }
 
-POSITIONAL = ("device", "play")
+POSITIONAL = ("device", "play", "diagnose")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
 Command = (

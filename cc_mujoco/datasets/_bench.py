@@ -227,6 +227,8 @@ class Bench:
             name: _cable_connections(spec, model, path, name, cable)
             for name, cable in cables.items()
         }
+        if len({ends.motor for ends in found.values()}) > 1:
+            _require_axis(source)
         levers = {name: found[name].lever for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
@@ -271,7 +273,6 @@ class Bench:
             )
         for name in order[1:]:
             if (found[name][0], found[name][2]) != (motor, joint):
-                _require_axis(source)
                 raise CableError(
                     f"scene {path}: cables {order[0]} and {name} connect different "
                     "joints; a pull-pull pair has both in common"

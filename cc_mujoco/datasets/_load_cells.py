@@ -136,6 +136,8 @@ def compare_with_sensor(
     shown = np.concatenate([trial.channel(torque) for trial in having])
     made = np.concatenate([_cell_torque(trial, torque, bench) for trial in having])
     known = np.isfinite(shown) & np.isfinite(made)
+    if len(set(shown[known].tolist())) < 2:  # another finding says so
+        return []
     shown, made = shown[known], made[known]
     size = float(np.sqrt(np.mean(shown**2)))
     deviation = float(np.sqrt(np.mean((made - shown) ** 2)))

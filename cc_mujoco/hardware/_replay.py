@@ -286,8 +286,9 @@ def _observed(
 
 def _unknown_cable(name: str, segments: int, count: int) -> dict[str, NDArray[Any]]:
     """Return the columns of a cable that was not driven."""
-    nodes, slip = np.zeros((count, segments + 1)), np.zeros((count, segments))
-    return _cable_columns(name, nodes, slip, np.zeros(count), np.zeros(count))
+    nodes = np.full((count, segments + 1), np.nan)
+    slip, nothing = np.zeros((count, segments)), np.full(count, np.nan)
+    return _cable_columns(name, nodes, slip, nothing, nothing)
 
 
 def _cable_columns(

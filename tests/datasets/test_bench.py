@@ -12,6 +12,8 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import alone
+from hardware.devices import ARM, KNEE, written
+from shared_folder import SHARED
 
 TEXT = scene_path("bench").read_text(encoding="utf-8")
 
@@ -105,6 +107,46 @@ def test_a_lever_whose_angle_is_not_0_at_pretension_is_refused(tmp_path: Path) -
     )
     with pytest.raises(CableError, match=r"'ankle' has `ref`.*0\.1 rad where"):
         Bench.of(path)
+
+
+def test_a_scene_with_several_axes_is_diagnosed_by_axis(tmp_path: Path) -> None:
+    path = written(tmp_path, ARM)
+    with pytest.raises(CableError, match="has the axes elbow, shoulder; name one"):
+        Bench.of(path)
+    bench = Bench.of(path, "elbow")
+    assert (bench.names, bench.motor, bench.joint) == (("biceps",), "drum_b", "elbow")
+    assert (bench.axis, bench.joint_radius) == ("elbow", 0.05)
+    assert Bench.of(path, cables=bench.names).joint == "elbow"
+    with pytest.raises(CableError, match="did you mean 'elbow'"):
+        Bench.of(path, "elbw")
+
+
+def test_a_description_names_the_joint_and_where_it_moves(tmp_path: Path) -> None:
+    written(tmp_path, KNEE, "knee.xml")
+    plain = Bench.of(tmp_path / "knee.xml")
+    # Data are positive where the cable pulls, which is straight.
+    assert (plain.centre, plain.reach) == (-1.0, 0.8)
+    assert (plain.motor, plain.joint, plain.axis) == ("drum", "knee", "")
+    table = tmp_path / "knee.device.toml"
+    table.write_text("[axis]\ncentre = 0.7\nreach = 0.3\n")
+    for source in (tmp_path / "knee.xml", table):
+        bench = Bench.of(source)
+        assert (bench.centre, bench.reach) == (-0.7, 0.3)
+        assert bench.path == tmp_path / "knee.xml"
+
+
+def test_a_cable_that_another_joint_moves_says_what_to_lock() -> None:
+    with pytest.raises(CableError, match=r"joints hip, knee; .* lock the others on"):
+        Bench.of("exosuit", "hip")
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", ["knee_exo", "knee4", "knee_mid", "elbow"])
+def test_devices_of_others_are_benches(name: str) -> None:
+    bench = Bench.of(SHARED / "cases" / "device" / f"{name}.xml")
+    low, high = bench.span
+    assert low < bench.centre < high
+    assert bench.motor in ("drum", "motor")
 
 
 def test_a_scene_without_cable_or_file_is_refused(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis._inference.motions import middle_angle, motions
 from cc_mujoco.diagnosis._inference.planning import TrialPlan, planned
 from cc_mujoco.diagnosis._next_experiment import PLAN_PAGE
 from cc_mujoco.errors import CableError
+from hardware.devices import ARM, KNEE, written
 
 REACH, SPEED = 0.8, 3.0
 ANKLE_RANGE = 'name="ankle" type="hinge" axis="0 -1 0" range="-0.9 0.6"'
@@ -239,6 +240,21 @@ def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:
     low, high = Bench.of(scene).span
     for motion in found.trials:
         assert low - 1e-3 < motion.joint.min() < motion.joint.max() < high + 1e-3
+
+
+@pytest.mark.parametrize("text", [KNEE, ARM])
+def test_a_plan_stays_within_the_joints_own_motions(tmp_path: Path, text: str) -> None:
+    scene = written(tmp_path, text)
+    axis = "elbow" if text is ARM else None
+    found = plan(scene, tmp_path / "out", axis=axis, ids=IDS[2:4])
+    bench = Bench.of(scene, axis)
+    least = min(motion.joint.min() for motion in found.trials)
+    most = max(motion.joint.max() for motion in found.trials)
+    assert bench.centre - bench.reach - 1e-3 < least
+    assert most < bench.centre + bench.reach + 1e-3
+    assert most - least > 0.3
+    with pytest.raises(CableError, match="it must be at most"):
+        plan(scene, tmp_path / "far", axis=axis, reach=9.0)
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,9 @@ def repair_scene(
         (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
         end.gear[0] *= bench.joint_radius / bench.drawn_radius
     try:
-        spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
+        # A whole part of the scene's own, so that a control period stays one of steps.
+        own, largest = spec.option.timestep, _largest_step(spec, bench)
+        spec.option.timestep = own / max(math.ceil(own / largest), 1)
         if bench.lever is None:
             add_instruments(spec, bench)
         for name, realisation in REALISATIONS.items():

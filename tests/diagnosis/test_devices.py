@@ -1,0 +1,98 @@
+"""Diagnoses of devices that users describe: logs of runs, and axes of several."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.control import controller
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis import diagnose
+from cc_mujoco.diagnosis._loading import load
+from cc_mujoco.diagnosis._resume import Earlier
+from cc_mujoco.hardware import (
+    Limits,
+    Loop,
+    Readings,
+    RunLog,
+    TorqueTable,
+    Watchdog,
+    drive_of,
+)
+from hardware.devices import ARM, KNEE, SimulatedRig, written
+
+
+def log_of_a_knee(folder: Path, scene: Path, marked: bool = True) -> Path:
+    """Return a log in which the knee bends from 0.5 to 1.5 rad, as in the scene."""
+    about = {"rig": f'scene = "{scene}"'} if marked else {}
+    log = RunLog(folder, about, 100)
+    for k, time in enumerate(np.arange(0.0, 4.0, 0.002).tolist()):
+        knee = 1.0 - 0.5 * np.cos(2.0 * time)
+        torque = -2.0 - np.sin(3.0 * time)
+        noise = 1e-6 * np.sin(7.0 * k)
+        seen = Readings(time, -4.5 * knee + noise, 0.0, knee - noise, 0.0, torque)
+        log.row(seen, 0.5 + 0.2 * np.sin(3.0 * time), torque, *[0.0] * 5)
+    log.close({"outcome": "", "exit_code": 0})
+    return folder / "log.csv"
+
+
+def test_a_log_of_a_run_counts_the_joint_as_its_scene_does(tmp_path: Path) -> None:
+    """A diagnosis counts positive where the cable pulls, which straightens the knee."""
+    scene = written(tmp_path, KNEE)
+    bench = Bench.of(scene)
+    log = log_of_a_knee(tmp_path / "run", scene)
+    (trial,) = load(log, None, bench)[0].trials
+    assert trial.joint_angle.max() == pytest.approx(-0.5, abs=1e-3)
+    assert trial.joint_angle.min() == pytest.approx(-1.5, abs=1e-3)
+    assert trial.joint_torque is not None and np.all(trial.joint_torque > 0.9)
+    toml = tmp_path / "dataset.toml"
+    toml.write_text("[columns.joint_angle_rad]\nsign = -1\n")
+    (declared,) = load(log, toml, bench)[0].trials
+    assert np.array_equal(declared.joint_angle, trial.joint_angle)
+    other = log_of_a_knee(tmp_path / "other", scene, marked=False)
+    (theirs,) = load(other, None, bench)[0].trials
+    assert theirs.joint_angle.min() == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_command_takes_the_scene_first_and_asks_for_the_axis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = str(written(tmp_path, ARM))
+    out = ["--plan", "--out", str(tmp_path / "plan")]
+    for words in ([scene, *out], ["--scene", scene, *out]):
+        assert cli.main(["diagnose", *words]) == 2
+        assert "has the axes elbow, shoulder; name one." in capsys.readouterr().err
+    assert cli.main(["diagnose", *out]) == 2
+    assert "no scene given; name it first" in capsys.readouterr().err
+    assert cli.main(["diagnose", scene, "--out", str(tmp_path / "out")]) == 2
+    assert "no data given" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_axis_is_diagnosed_by_the_log_of_its_run(tmp_path: Path) -> None:
+    """Its rotor, which takes part of the command that a log has, is what is missing."""
+    scene = written(tmp_path, ARM)
+    drive = drive_of(str(scene), tmp_path, 1e-3, 5.0, axis="elbow")
+    times = np.arange(0.0, 13.0, 0.01)
+    torques = 5.0 + 3.0 * np.sin(2.0 * times) + np.sin(7.3 * times)
+    rig = SimulatedRig(scene, "elbow", noise=1e-5)
+    about = {"rig": f'scene = "{scene}"\naxis = "elbow"'}
+    log = RunLog(tmp_path / "run", about, 100, axis="elbow")
+    loop = Loop(
+        rig, controller("none", drive), TorqueTable(times, torques),
+        Limits(5.0, 1e4, 100.0, (-1.0, 2.4), soft_start=0.5), Watchdog(),
+        clock=rig, log=log,
+    )  # fmt: skip
+    log.close(loop.run(12.0).to_json())
+    out = tmp_path / "out"
+    found = diagnose(tmp_path / "run" / "log.csv", scene, out, axis="elbow")
+    assert "motor_inertia" in [effect.id for effect in found.effects]
+    provenance = json.loads((out / "verdict.json").read_text())["provenance"]
+    assert provenance["scene"]["axis"] == "elbow"
+    assert Earlier.of(out).axis == "elbow"
+    written_scene = Bench.of(out / "scene.xml", "elbow")
+    assert written_scene.names == ("biceps",)

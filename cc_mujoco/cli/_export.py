@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
 from cc_mujoco.cli._options import Flag, option_help
 from cc_mujoco.errors import CableError, look_up
+
+if TYPE_CHECKING:
+    from cc_mujoco.device import Device
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,11 @@ class Export:
         place = description.axes.index(description.axis(self.axis))
         axis = description.axes[place].name if len(description.axes) > 1 else ""
         require_ours(self.out, axis)
-        model = bare_model(device).compile()
-        made = DeviceModel(description, model)
+        made = DeviceModel(description, bare_model(device).compile())
         drive = made.drives(description.period)[place]
         plan = ExportPlan.of(self.controller, drive, made.driven[place], axis)
         if not self.allow_active:
-            self._require_passive(model if self.model is not None else None)
+            self._require_passive(device, axis or None)
         scene = f"axis {axis} of the scene" if axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}, on {self.target}"
         write(self.out, plan, target, what)
@@ -72,10 +74,10 @@ class Export:
             f"build with:  cmake -B build {self.out} && cmake --build build"
         )
 
-    def _require_passive(self, model: Any) -> None:
+    def _require_passive(self, device: Device, axis: str | None) -> None:
         from cc_mujoco.design._passivity import activity
 
-        found = activity(self.scene, self.controller, model)
+        found = activity(device, self.controller, axis=axis)
         if found.energy <= found.allowed:
             return
         limb = found.limb

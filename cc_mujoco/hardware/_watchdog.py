@@ -101,7 +101,7 @@ class Watch:
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         self._winding = winding
         known = winding is not None or not drive.crossed
-        """Whether the rig tells of all joints that wind the cables."""
+        """True if the rig measures all joints that wind the cables."""
         limited = math.isfinite(limits.tension)
         self._cables = tension_model(drive, limits.tension, known) if limited else None
         self._twist: float | None = None

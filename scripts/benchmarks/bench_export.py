@@ -24,7 +24,8 @@ import gymnasium
 import numpy as np
 
 from cc_mujoco.control import as_round_pulley, controller
-from cc_mujoco.device import DEVICES, TENSION_COLUMN, Drive
+from cc_mujoco.device import TENSION_COLUMN, Drive
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
@@ -70,17 +71,30 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
     return dataclasses.replace(drive, cable_drives=(row,))
 
 
-def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
-    """Return what a controller reads in an episode (steps, what it reads)."""
-    plan = ExportPlan.of(name, drive, env.exo.device.driven)
+def readings(
+    env: Any, drive: Drive, name: str, duration: float, place: int
+) -> np.ndarray:
+    """Return what a controller reads in an episode (steps, what it reads).
+
+    Args:
+        env: The device.
+        drive: Of the axis, as the controller believes it.
+        name: Of the controller.
+        duration: Of the episode [s].
+        place: Of the axis among those of the device; the others get no torque.
+    """
+    device = env.exo.device
+    plan = ExportPlan.of(name, drive, device.driven[place])
+    torques = np.zeros(len(device.axes))
     law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()
     random = np.random.default_rng(2)
     rows = []
-    for _ in range(round(duration / env.drive.period)):
-        noise = random.normal() * env.drive.torque_noise
-        seen = {**info, "joint_torque_nm": info["joint_torque_nm"] + noise}
+    for _ in range(round(duration / drive.period)):
+        noise = random.normal() * drive.torque_noise
+        own = axis_columns(info, device.prefixes[place], device.prefixes)
+        seen = {**own, "joint_torque_nm": own["joint_torque_nm"] + noise}
         told = as_round_pulley(seen, drive)
         rows.append([float(told[key]) for key in plan.law.seen])
         if plan.taps is not None:
@@ -90,7 +104,9 @@ def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
             ]
             rows[-1] += tensions
             seen[TENSION_COLUMN] = np.reshape(tensions, plan.taps.nodes.shape)
-        *_, info = env.step(env.action(law.torque(seen)))
+        torques[place] = law.torque(seen)
+        given = torques if torques.size > 1 else torques[0]
+        *_, info = env.step(env.action(given))
     return np.array(rows)
 
 
@@ -124,7 +140,8 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
 def main() -> None:
     """Time every requested controller on every requested scene."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--scene", nargs="+", choices=DEVICES, default=["wrist"])
+    parser.add_argument("--scene", nargs="+", default=["wrist"])
+    parser.add_argument("--axis", help="of a device with several; the first by default")
     parser.add_argument("--duration", type=float, default=5.0)
     parser.add_argument("--repetitions", type=int, default=20)
     parser.add_argument("--controllers", nargs="+", choices=EXPORTED, default=EXPORTED)
@@ -138,14 +155,17 @@ def main() -> None:
     )
     for scene in given.scene:
         env: Any = gymnasium.make(
-            DEVICES[scene].environment,
+            "cc_mujoco/Device-v1",
+            device=scene,
             disable_env_checker=True,
             duration=given.duration,
         ).unwrapped
-        drive = believed(env.drive, changes)
+        axes = env.exo.description.axes
+        place = axes.index(env.exo.description.axis(given.axis or axes[0].name))
+        drive = believed(env.drives[place], changes)
         for name in given.controllers:
-            read = readings(env, drive, name, given.duration)
-            plan = ExportPlan.of(name, drive, env.exo.device.driven)
+            read = readings(env, drive, name, given.duration, place)
+            plan = ExportPlan.of(name, drive, env.exo.device.driven[place])
             row = timed(plan, read, given.repetitions)
             print(f"| {scene} | `{name}` | {row} |", flush=True)
 

@@ -98,6 +98,8 @@ def first_axis(scene: str, info: dict[str, Any]) -> Any:
 def action_of(scene: str, torque: Any) -> Any:
     """Return the action in which only the motor of the first axis has a torque."""
     env = device(scene)
+    if len(env.drives) == 1:
+        return env.action(torque)
     torques = np.zeros(len(env.drives))
     torques[0] = torque
     return env.action(torques)

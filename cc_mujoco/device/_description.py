@@ -52,7 +52,7 @@ class Cuff:
     damping: float
     """At least 0 [N m s/rad]."""
     inertia: float
-    """Of the frame about the axis [kg m^2]."""
+    """Inertia of the frame about the axis [kg m^2]."""
     tendon: str
     """Tendon that is the spring and the damper."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import CONTROLLERS, as_round_pulley, controller
-from cc_mujoco.device._device import physics_of
+from cc_mujoco.device._model import physics_of
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.envs import IDS
 from cc_mujoco.errors import CableError
@@ -19,10 +19,12 @@ WRIST, ANKLE, EXOSUIT = (name for name, device in IDS.items() if device != "fing
 
 
 def walked(name: str, steps: int = 600) -> tuple[Any, dict[str, np.ndarray]]:
-    """Return an environment, and the columns of its `info` under constant torque."""
-    env = gymnasium.make(name).unwrapped
+    """Return an environment, and the columns of its first axis at constant torque."""
+    env: Any = gymnasium.make(name).unwrapped
     env.reset(seed=0)
-    told = [env.step(np.array([0.2], np.float32))[-1] for _ in range(steps)]
+    action = np.zeros(env.action_space.shape, np.float32)
+    action[0] = 0.2
+    told = [env.exo.axis_columns(env.step(action)[-1], 0) for _ in range(steps)]
     columns = {n: np.array([info[n] for info in told]) for n in told[0] if n != "qpos"}
     return env, columns
 
@@ -32,17 +34,17 @@ def test_on_a_round_pulley_it_is_the_joint() -> None:
     assert np.array_equal(told["winding_angle_rad"], told["joint_angle_rad"])
     assert np.array_equal(told["winding_velocity_rad_s"], told["joint_velocity_rad_s"])
     assert (told["leverage_ratio"] == 1.0).all()
-    assert env.drive.crossed == ()
+    assert env.drives[0].crossed == ()
 
 
 def test_at_a_lever_tension_times_leverage_is_the_torque() -> None:
     env, told = walked(ANKLE)
-    arm = env.drive.cables[0].distal
-    cable = env.exo.device.driven[0]
+    arm = env.drives[0].cables[0].distal
+    ((cable,),) = env.exo.device.driven
     pull = -arm * told["leverage_ratio"] * told[f"tension_{cable}_distal_n"]
     assert np.ptp(told["leverage_ratio"]) > 0.005
     assert pull == pytest.approx(told["joint_torque_nm"], rel=1e-6, abs=1e-6)
-    assert env.drive.crossed == ()
+    assert env.drives[0].crossed == ()
 
 
 @pytest.mark.parametrize("name", [ANKLE, EXOSUIT])
@@ -57,10 +59,10 @@ def test_the_angle_moves_with_the_velocity(name: str) -> None:
 def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
     env, told = walked(EXOSUIT)
     off = told["winding_angle_rad"] - told["joint_angle_rad"]
-    assert env.drive.crossed == ("knee",)
+    assert env.drives[0].crossed == ("knee",)
     assert np.ptp(off) > 0.2
     for name in set(CONTROLLERS) & {"model", "stiction", "predictive", "disturbance"}:
-        law = controller(name, env.drive)
+        law = controller(name, env.drives[0])
         seen = {n: v[-1] for n, v in told.items() if n not in WINDING_COLUMNS}
         with pytest.raises(CableError, match="joint knee winds the cables too"):
             law.torque(seen)
@@ -68,7 +70,7 @@ def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
 
 def test_several_devices_are_read_with_their_own_arms() -> None:
     env, _ = walked(ANKLE, 5)
-    device = env.exo.device
+    (device,) = env.exo.device.axes
     longer = device.winding._replace(arm=2.0 * device.winding.arm)
     both = type(longer).over([device.winding, longer])
     physics = physics_of(env.data)
@@ -81,15 +83,15 @@ def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
     env, told = walked(ANKLE, 3)
     seen = {name: values[-1] for name, values in told.items()}
     seen["leverage_ratio"] = 0.5
-    found = as_round_pulley(seen, env.drive)
+    found = as_round_pulley(seen, env.drives[0])
     assert found["joint_torque_nm"] == 2.0 * seen["joint_torque_nm"]
     assert found["desired_torque_nm"] == 2.0 * seen["desired_torque_nm"]
     assert found["joint_angle_rad"] == seen["winding_angle_rad"]
     assert found["motor_angle_rad"] == seen["motor_angle_rad"]
     bare = {name: value for name, value in seen.items() if name not in WINDING_COLUMNS}
     with pytest.raises(CableError, match="pull a lever"):
-        as_round_pulley(bare, env.drive)
-    assert as_round_pulley(bare, dataclasses.replace(env.drive, lever=False)) is bare
-    crossing = dataclasses.replace(env.drive, crossed=("hip", "knee"))
+        as_round_pulley(bare, env.drives[0])
+    assert as_round_pulley(bare, dataclasses.replace(env.drives[0], lever=False)) is bare
+    crossing = dataclasses.replace(env.drives[0], crossed=("hip", "knee"))
     with pytest.raises(CableError, match="joint hip, knee winds"):
         as_round_pulley(bare, crossing)

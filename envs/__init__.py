@@ -8,7 +8,8 @@
     mine = gymnasium.make("cc_mujoco/Device-v1", device="knee.xml")
 
 `make_vec` simulates on a thread pool and equals a `SyncVectorEnv` of the single
-environments: bit for bit where the scene states its inertias, else to rounding. `DeviceEnv` states what is observed and rewarded, `IDS` the ids.
+environments: bit for bit where the scene states its inertias, else to rounding.
+`DeviceEnv` states what is observed and rewarded, `IDS` the ids.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
 is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
 """

@@ -25,6 +25,7 @@ settings.load_profile("repeatable")
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "cc_mujoco"
 LONG = (
+    "test_own_device_page.py",
     "test_export.py",
     "test_predictive.py",
     "test_cluster.py",

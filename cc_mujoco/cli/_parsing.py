@@ -37,7 +37,7 @@ COMMANDS = {
     "list": Listing,
 }
 
-POSITIONAL = ("device", "play", "diagnose")
+POSITIONAL = ("device", "play", "diagnose", "view")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
 Command = (

@@ -33,15 +33,16 @@ PLAYED = {
     "exosuit": ({"hip": "swing"}, 2.42, 0.006),
 }
 """Task, time at which tension runs through the cables [s], radius of a cable [m]."""
-OTHER = (None, 1.4, 0.006)
+OTHER = (None, 1.4, 0.008)
 """The same for any other device."""
 
 
 def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Play until the picture is taken."""
     task, seconds, _ = PLAYED.get(scene, OTHER)
+    law = "pi" if scene in PLAYED else "none"
     env = gymnasium.make("cc_mujoco/Device-v1", device=scene, duration=seconds)
-    return env.unwrapped.model, simulate(scene, task=task, duration=seconds)
+    return env.unwrapped.model, simulate(scene, law, task=task, duration=seconds)
 
 
 def parts(

@@ -1,0 +1,196 @@
+"""The page about a device of one's own: its commands and blocks run, no key is missing.
+
+The blocks of a section run in a folder with the three files of the example and what the
+sections before it write by hand; `scripts/examples/README.md` is the source.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import runpy
+import shlex
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.cli._parsing import parse
+from cc_mujoco.device import Sensing
+from cc_mujoco.device import _derivation as derivation
+from cc_mujoco.device._description import Cuff
+from hardware.peers import Peer
+
+FOLDER = Path(__file__).parents[1] / "scripts" / "examples"
+FILES = ("knee_exo.xml", "knee_motion.csv", "knee_trials.py")
+PAGE = (FOLDER / "README.md").read_text(encoding="utf-8")
+SECTIONS = {
+    text.partition("\n")[0]: text for text in re.split(r"^## ", PAGE, flags=re.M)[1:]
+}
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.M | re.S)
+NAMED = re.compile(r"# ([\w.]+)\n")
+ADDRESS = 'address = "127.0.0.1:5005"'
+MOST_WORDS = 2000
+
+
+def blocks(section: str) -> list[tuple[str, str]]:
+    """Return language and text of every block of a section."""
+    return BLOCK.findall(SECTIONS[section])
+
+
+def commands(text: str) -> list[list[str]]:
+    """Return the commands of a block, as words."""
+    return [shlex.split(line) for line in text.replace("\\\n", " ").splitlines()]
+
+
+def write(text: str) -> None:
+    """Write a block to the file that its first line names, or add it there."""
+    found = NAMED.match(text)
+    assert found is not None, text
+    with Path(found[1]).open("a", encoding="utf-8") as file:
+        file.write(text)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in FILES:
+        shutil.copy(FOLDER / name, tmp_path)
+    return tmp_path
+
+
+def run(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a command of the page in this process."""
+    if words[:2] == ["cc-mujoco", "view"]:
+        parse("cc-mujoco", words[1:])  # needs a screen
+    elif words[:2] == ["cc-mujoco", "run"]:
+        with Peer() as peer:
+            text = Path("rig.toml").read_text().replace(ADDRESS, peer.end.rig)
+            Path("rig.toml").write_text(text)
+            assert cli.main(words[1:]) == 0, words
+    elif words[0] == "cc-mujoco":
+        assert cli.main(words[1:]) == 0, words
+    else:
+        assert words[0] == "python", words
+        monkeypatch.setattr(sys, "argv", words[1:])
+        runpy.run_path(words[1], run_name="__main__")
+
+
+def play(section: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run all blocks of a section, after what earlier ones write by hand."""
+    for other in SECTIONS:
+        if other == section:
+            break
+        for kind, text in blocks(other):
+            if kind == "toml":
+                write(text)
+    for kind, text in blocks(section):
+        if kind == "toml":
+            write(text)
+        elif kind == "python":
+            exec(compile(text, "README.md", "exec"), {})
+        else:
+            assert kind == "sh"
+            for words in commands(text):
+                run(words, monkeypatch)
+
+
+def described(folder: Path, _: str) -> None:
+    assert "safe_torque" in (folder / "described.toml").read_text()
+
+
+def played(folder: Path, _: str) -> None:
+    assert (folder / "runs/predictive/recording.rrd").stat().st_size > 1e5
+    made, shipped = (
+        np.genfromtxt(folder / name, delimiter=",", names=True)
+        for name in ("made.csv", "knee_motion.csv")
+    )
+    assert made.dtype == shipped.dtype
+    assert np.array_equal(made, shipped)
+
+
+def compared(folder: Path, _: str) -> None:
+    for name in ("whatif/report.html", "cuff/report.html", "benchmark/results.parquet"):
+        assert (folder / "runs" / name).is_file()
+
+
+def diagnosed(folder: Path, said: str) -> None:
+    assert "named: Missing is viscous friction in the conduit" in said
+    assert "viscous_friction" in (folder / "runs/diagnosis/scene.xml").read_text()
+
+
+def driven(folder: Path, said: str) -> None:
+    assert (folder / "runs/c/cc_controller.h").is_file()
+    assert "the 1 s are over" in said
+
+
+def nothing(folder: Path, said: str) -> None:
+    """Require nothing beyond the exit codes."""
+
+
+CHECKS: dict[str, Callable[[Path, str], None]] = {
+    "Describe it": described,
+    "Play it": played,
+    "Use it in Python": nothing,
+    "Compare and design": compared,
+    "Diagnose it": diagnosed,
+    "Put it on hardware": driven,
+    "Other devices than this one": nothing,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("section", CHECKS)
+def test_commands_of_the_page_do_what_it_says(
+    section: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    play(section, monkeypatch)
+    CHECKS[section](folder, capsys.readouterr().out)
+
+
+def test_every_section_with_a_block_is_run() -> None:
+    assert {name for name in SECTIONS if blocks(name)} == set(CHECKS)
+    (kind, text), *more = BLOCK.findall(PAGE.partition("\n## ")[0])
+    assert kind == "sh" and not more
+    assert {Path(word).name for word in commands(text)[0][1:-1]} == set(FILES)
+
+
+def test_the_page_is_short_and_the_scene_has_names_of_its_own() -> None:
+    assert len(PAGE.split()) <= MOST_WORDS
+    text = (FOLDER / "knee_exo.xml").read_text(encoding="utf-8")
+    names = set(re.findall(r'\bname="(\w+)"', text))
+    assert not {name for name in names if re.match("motor|wearer", name)}
+    lines = re.search(r"\[`knee_exo.xml`\]\(knee_exo.xml\), (\d+) lines", PAGE)
+    assert lines is not None and int(lines[1]) == len(text.splitlines()) <= 70
+
+
+def test_every_key_of_a_description_is_in_the_table() -> None:
+    told: dict[str, set[str]] = {}
+    for table, keys in re.findall(r"^\| ([^|]*) \| ([^|]*) \|", _rows(), re.M):
+        told.setdefault(table.strip("` "), set()).update(re.findall(r"`(\w+)`", keys))
+    tables = {"rope", "sensors", "axis", "wearer"}
+    fields = {
+        kind: {f.name for f in dataclasses.fields(kind)} for kind in (Sensing, Cuff)
+    }
+    assert told == {
+        "": set(derivation.KEYS) - tables,
+        "rope": {"strength", "diameter"},
+        "sensors": fields[Sensing],
+        "axis": set(derivation.AXIS_KEYS) - {"cuff", "observation"},
+        "axis.cuff": fields[Cuff] - {"tendon"},
+        "axis.observation": {*derivation.UNITS, "phase"},
+        "wearer.JOINT": set(derivation.WEARER_KEYS),
+    }
+
+
+def _rows() -> str:
+    """Return the rows of the table of keys, its first cell never empty."""
+    _, _, table = SECTIONS["Every key"].partition("|---|---|---|\n")
+    return re.sub(r"^\| \|", "|  |", table, flags=re.M)

@@ -89,7 +89,9 @@ def test_the_delay_of_the_sensors_is_found_by_what_moved_the_motor() -> None:
 def test_late_sensors_and_a_wrong_inertia_together_do_not_swing(wrong: float) -> None:
     slow = dataclasses.replace(ANKLE["ordinary-rough"], delay=(10, 10), duration=1.6)
     made = prepare_episodes([Cell(slow, "predictive", seeds=(0,))])
-    drive = dataclasses.replace(made.drive, inertia=(1.0 + wrong) * made.drive.inertia)
+    drive = dataclasses.replace(
+        made.drives[0], inertia=(1.0 + wrong) * made.drives[0].inertia
+    )
     torques: list[float] = []
     run(
         made.fleet,
@@ -291,9 +293,9 @@ def scores_of_belief(friction: float, duration: float) -> float:
             ))
             for one in row
         )
-        for row in made.drive.cable_drives
+        for row in made.drives[0].cable_drives
     )  # fmt: skip
-    law = AdaptiveModel(dataclasses.replace(made.drive, cable_drives=rows))
+    law = AdaptiveModel(dataclasses.replace(made.drives[0], cable_drives=rows))
     off: list[float] = []
 
     def watch(step: int, columns: Any, torque: Any) -> None:

@@ -285,6 +285,7 @@ def test_metrics_of_a_log_are_given_axis_by_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
+@pytest.mark.filterwarnings("ignore:variable 'joint_radius' leaves the inertia")
 @pytest.mark.parametrize("name", ["knee_exo", "knee4", "knee_mid", "elbow"])
 def test_scenes_of_others_are_studied_as_they_are(name: str, tmp_path: Path) -> None:
     scene = tmp_path / f"{name}.xml"

@@ -93,7 +93,7 @@ def test_an_option_is_what_the_physics_has() -> None:
     for name, cable in plugin.from_mjcf(spec).items():
         thinner = cable.replace(friction=0.07, static_friction=0.14, pretension=12.0)
         plugin.to_mjcf(spec, name, thinner)
-    wearer = DeviceEnv("wrist").exo.device.wearers[0]
+    wearer = DeviceEnv("wrist").exo.device.wearers["wrist"]
     softer = Wearer(0.5 * wearer.stiffness, 0.5 * wearer.damping)
     variant = DeviceEnv("wrist", model=spec.compile(), wearer=softer, duration=0.5)
     env = DeviceEnv("wrist", duration=0.5)

@@ -79,7 +79,7 @@ def test_a_what_if_ranks_its_friction(scene: Path) -> None:
     table = cc_mujoco.study(
         str(scene),
         {"friction": [0.05, 0.3]},
-        controller="none",
+        controllers=["none"],
         task="hold:8",
         duration=1.0,
         threads=1,

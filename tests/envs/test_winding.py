@@ -91,7 +91,9 @@ def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
     bare = {name: value for name, value in seen.items() if name not in WINDING_COLUMNS}
     with pytest.raises(CableError, match="pull a lever"):
         as_round_pulley(bare, env.drives[0])
-    assert as_round_pulley(bare, dataclasses.replace(env.drives[0], lever=False)) is bare
+    assert (
+        as_round_pulley(bare, dataclasses.replace(env.drives[0], lever=False)) is bare
+    )
     crossing = dataclasses.replace(env.drives[0], crossed=("hip", "knee"))
     with pytest.raises(CableError, match="joint hip, knee winds"):
         as_round_pulley(bare, crossing)

@@ -18,19 +18,22 @@ CABLE = "plantarflexor"
 
 
 @pytest.fixture
-def moving_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replace the ankle scene by one whose conduit follows its route."""
+def moving_scene(tmp_path: Path) -> Path:
+    """Write the ankle scene with a conduit that follows its route."""
     spec = mujoco.MjSpec.from_file(str(assets.scene_path("ankle")))
     cable = plugin.from_mjcf(spec)[CABLE]
     plugin.to_mjcf(spec, CABLE, cable.replace(bend="route"))
     path = tmp_path / "moving.xml"
     path.write_text(spec.to_xml())
-    monkeypatch.setitem(assets.SCENES, "ankle", str(path))
+    beside = assets.scene_path("ankle").with_suffix(".device.toml")
+    path.with_suffix(".device.toml").write_text(beside.read_text())
+    return path
 
 
-@pytest.mark.usefixtures("moving_scene")
-def test_an_episode_with_a_moving_route_is_recorded(tmp_path: Path) -> None:
-    env = gymnasium.make("cc_mujoco/AnkleExo-v1", duration=0.6)
+def test_an_episode_with_a_moving_route_is_recorded(
+    moving_scene: Path, tmp_path: Path
+) -> None:
+    env = gymnasium.make("cc_mujoco/Device-v1", device=moving_scene, duration=0.6)
     model = env.unwrapped.model
     assert plugin.from_mjcf(model)[CABLE].bend == "route"
     log = play(env, controller("pi", env.unwrapped.drive))

@@ -99,7 +99,13 @@ def play(section: str, monkeypatch: pytest.MonkeyPatch) -> None:
                 run(words, monkeypatch)
 
 
-def described(folder: Path, _: str) -> None:
+def described(folder: Path, said: str) -> None:
+    found = dict(re.findall(r"^  ([\w.]+) +\"?([^\s\"]+)", said, re.M))
+    assert found["axis.motor"] == "winder"
+    assert found["axis.joint"] == "right_knee"
+    assert found["wearer.right_knee.actuator"] == "leg"
+    assert found["wearer.right_knee.stiffness"] == "250.0"
+    assert f"`{found['axis.task']}`" in SECTIONS["Describe it"]
     assert "safe_torque" in (folder / "described.toml").read_text()
 
 

@@ -15,7 +15,7 @@ class View:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
-    """An MJCF file with cables, or the name of a scene."""
+    """An MJCF file with cables, the description of a device, or the name of a scene."""
 
     def run(self) -> None:
         """Open the window until it is closed."""

@@ -18,7 +18,8 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import SCENES, scene_path
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.device import find_device
+from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
 from cc_mujoco.viz._caption import view_rows, wrap_sentence
 from cc_mujoco.viz._live_controls import Knobs
@@ -31,16 +32,26 @@ def scene_file(scene: str) -> Path:
     """Return the file of a scene.
 
     Args:
-        scene: Path of an MJCF file, or a name of the package's scenes.
+        scene: Path of an MJCF file or of the description of a device, or a name of the
+            package's scenes.
 
     Raises:
         CableError: There is neither.
     """
+    if Path(scene).suffix.lower() == ".toml":
+        path = find_device(scene).path
+        assert path is not None  # it was read from a file
+        return path
     if Path(scene).suffix.lower() in (".xml", ".mjcf"):
         if not Path(scene).is_file():
             raise CableError(f"there is no file {scene}.")
         return Path(scene)
-    return scene_path(look_up("scene", scene, SCENES))
+    if scene not in SCENES:
+        raise CableError(
+            f"{CableError.unknown('scene', scene, SCENES)} A scene of your own is "
+            "given by its MJCF file, for example knee.xml."
+        )
+    return scene_path(scene)
 
 
 def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli, plugin
+from cc_mujoco.assets import scene_path
 from cc_mujoco.errors import CableError
 from cc_mujoco.viz._live_controls import ENTER, ESCAPE, HOME, UP
-from cc_mujoco.viz._view import view
+from cc_mujoco.viz._view import scene_file, view
 from cc_mujoco.viz._viewer import Frame
 
 SCENE = """<mujoco>
@@ -140,3 +142,12 @@ def test_scene_that_cannot_be_shown_is_refused_in_a_sentence(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert cli.main(["view", "wrst"]) == 2
     assert "did you mean 'wrist'?" in capsys.readouterr().err
+
+
+def test_a_description_opens_its_scene(tmp_path: Path) -> None:
+    scene, description = tmp_path / "mine.xml", tmp_path / "mine.device.toml"
+    shutil.copy(scene_path("bench"), scene)
+    description.write_text('meaning = "a bench"\n')
+    assert scene_file(str(description)) == scene
+    with pytest.raises(CableError, match=r"did you mean 'wrist'.*its MJCF file"):
+        scene_file("wirst")

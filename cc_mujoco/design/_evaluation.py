@@ -56,6 +56,10 @@ from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
 Design = dict[str, Value]
 
+LOCKED_SHARE = 1.5
+"""Inertia of a joint with all others locked over that with none, above which the
+latter counts: twice the inertia of an ideal wearer is at the edge of stability."""
+
 
 class DesignResult(NamedTuple):
     """Outcome of one design."""
@@ -306,6 +310,16 @@ def _main_episode(protocol: EpisodeProtocol, builder: Device) -> Episode:
     )
 
 
+def _least_inertia(model: mujoco.MjModel, joint: str) -> float:
+    """Return the inertia that a joint moves with in the neutral pose [kg m^2].
+
+    Where the other joints of a chain yield, it is less than with these locked.
+    """
+    dof = int(model.joint(joint).dofadr[0])
+    locked, yielding = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])
+    return locked if locked < LOCKED_SHARE * yielding else yielding
+
+
 def _held_episode(
     main: Episode, model: mujoco.MjModel
 ) -> tuple[Episode, dict[str, Task], dict[str, Task]]:
@@ -324,8 +338,7 @@ def _held_episode(
     wearers, angles = {}, {}
     for axis, drive in zip(device.axes, drives, strict=True):
         name, limb = axis.axis.name, axis.axis.limb
-        inertia = float(model.dof_M0[int(model.joint(limb).dofadr[0])])
-        wearers[limb] = Wearer.ideal(inertia, step)
+        wearers[limb] = Wearer.ideal(_least_inertia(model, limb), step)
         angles[limb] = axis.axis.centre
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if drive.one_way else (1.0, 0.0)

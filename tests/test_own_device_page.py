@@ -161,6 +161,17 @@ def test_commands_of_the_page_do_what_it_says(
     CHECKS[section](folder, capsys.readouterr().out)
 
 
+def test_a_device_without_a_safe_torque_is_played_with_a_warning(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["play", "knee_exo.xml", "--duration", "0.2", "--out", "runs/x"]
+    assert cli.main([*words, "--controller", "pi"]) == 0
+    assert "no safe torque is known of right_knee" in capsys.readouterr().err
+    (folder / "knee_exo.device.toml").write_text("[axis]\nsafe_torque = 20\n")
+    assert cli.main([*words, "--controller", "pi"]) == 0
+    assert "safe torque" not in capsys.readouterr().err
+
+
 def test_every_section_with_a_block_is_run() -> None:
     assert {name for name in SECTIONS if blocks(name)} == set(CHECKS)
     (kind, text), *more = BLOCK.findall(PAGE.partition("\n## ")[0])

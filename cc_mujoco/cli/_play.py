@@ -188,6 +188,18 @@ class Play:
             print(f"warning: {task}: {beyond}", file=sys.stderr)
         if note := env.exo.author.note:
             print(note)
+        unknown = [
+            axis.name
+            for axis in env.device.description.axes
+            if math.isinf(axis.safe_torque)
+        ]
+        if env.device.files and unknown and self.controller != "none":
+            print(
+                f"warning: no safe torque is known of {', '.join(unknown)}, so no "
+                "controller lets a joint go that is pulled too far; write it as "
+                "`safe_torque` in [axis] of the description.",
+                file=sys.stderr,
+            )
 
     def _play_live(self) -> None:
         """Play in a window."""

@@ -44,6 +44,11 @@ def add_cuff(
             f"{table.where}: joint {axis.joint!r} must be the only one of its body."
         )
     name = f"{axis.joint}_frame"
+    if spec.body(name) is not None:
+        raise CableError(
+            f"{table.where}: the scene has a body {name!r} already, as of the cuff of "
+            "another motor at that joint; a joint takes one cuff."
+        )
     frame = parent.add_body(name=name, pos=limb.pos, quat=limb.quat)
     frame.explicitinertial = True
     # The hinge's armature is the inertia about the axis; MuJoCo needs a mass.

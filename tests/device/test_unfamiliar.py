@@ -171,6 +171,15 @@ def test_axes_that_are_given_one_name_are_refused(tmp_path: Path) -> None:
         elbow(tmp_path, axis=axes)
 
 
+def test_a_joint_takes_one_cuff(tmp_path: Path) -> None:
+    first: dict[str, object] = {"motor": "biceps_motor", "cuff": {"stiffness": 300.0}}
+    log = simulate(elbow(tmp_path, axis=[first]), "none", duration=0.2)
+    torque = log["triceps_motor.joint_torque_nm"][-1]
+    assert torque == pytest.approx(-0.04 * log["tension_triceps_distal_n"][-1])
+    with pytest.raises(CableError, match=r"'elbow_frame' already.*takes one cuff"):
+        elbow(tmp_path, axis=[first, first | {"motor": "triceps_motor"}])
+
+
 def test_two_motors_at_a_joint_need_guided_cables(tmp_path: Path) -> None:
     path = elbow(tmp_path).path
     text = path.read_text().replace(

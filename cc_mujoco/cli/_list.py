@@ -22,7 +22,7 @@ class Listing:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE", help_behavior_hint="")] = ""
-    """Show the cables, axes and joints of this device as well."""
+    """Show the axes, cables and joints of this device instead."""
 
     def run(self) -> None:
         """Print every name with its meaning."""
@@ -34,11 +34,12 @@ class Listing:
         from cc_mujoco.metrics import METRICS
         from cc_mujoco.thesis import EXPERIMENTS
 
-        own = {self.scene: find_device(self.scene)} if self.scene else {}
-        devices = own | {name: find_device(name) for name in SCENES}
+        if self.scene:
+            device = find_device(self.scene)
+            _print({"devices": {self.scene: _plays(device)}} | _parts(device))
+            return
         meanings = {
-            "devices": {name: _plays(one) for name, one in devices.items()},
-            **(_parts(own[self.scene]) if self.scene else {}),
+            "devices": {name: _plays(find_device(name)) for name in SCENES},
             "trajectories": _summaries(TRAJECTORIES),
             "tasks": _summaries(TASKS),
             "controllers": _summaries(CONTROLLERS),
@@ -60,11 +61,16 @@ class Listing:
             },
             "metrics": _with_units(METRICS),
         }
-        width = max(len(name) for group in meanings.values() for name in group)
-        for number, (group, entries) in enumerate(meanings.items()):
-            print(("\n" if number else "") + group)
-            for name, meaning in entries.items():
-                print(f"  {name:{width}}  {meaning}")
+        _print(meanings)
+
+
+def _print(meanings: Mapping[str, Mapping[str, str]]) -> None:
+    """Print groups of names with their meanings."""
+    width = max(len(name) for group in meanings.values() for name in group)
+    for number, (group, entries) in enumerate(meanings.items()):
+        print(("\n" if number else "") + group)
+        for name, meaning in entries.items():
+            print(f"  {name:{width}}  {meaning}")
 
 
 def _plays(device: Device) -> str:

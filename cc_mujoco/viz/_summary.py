@@ -72,6 +72,8 @@ def episode_title(log: EpisodeLog) -> str:
     parts = [str(about[key]) for key in ("scene", "trajectory", "task") if key in about]
     if "controller" in about:
         parts.append(f"controller {about['controller']}")
+    # Those of several axes are long, and may break.
+    parts = [part.replace(",", ", ") for part in parts]
     if "seed" in about:
         parts.append(f"seed {about['seed']}")
     return "  ·  ".join(parts)

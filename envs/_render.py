@@ -33,6 +33,9 @@ class Camera:
         self._model = model
         # Its own data, so that looking does not touch the simulation.
         self._data = mujoco.MjData(model)
+        frame = model.vis.global_
+        frame.offheight = max(frame.offheight, IMAGE_SIZE[0])
+        frame.offwidth = max(frame.offwidth, IMAGE_SIZE[1])
         self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from cc_mujoco.errors import CableError
+
 
 def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
     """Return the beginnings of the columns of axes by their names."""
@@ -47,9 +49,13 @@ def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
         name, equals, value = part.partition("=")
         if equals and name.strip() in known:
             last = name.strip()
+            if last in found:
+                raise CableError(f"axis {last!r} is given twice in {text!r}.")
             found[last] = value.strip()
         elif last:
             found[last] += f",{part}"
+        elif equals and ":" not in name:
+            raise CableError.unknown("axis", name.strip(), known)
         else:
             return text
     return found

@@ -9,6 +9,7 @@ import mujoco
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._description import Axis, Cuff
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._spec import add_element
 
 
 def add_cuff(
@@ -53,7 +54,9 @@ def add_cuff(
     frame.explicitinertial = True
     # The hinge's armature is the inertia about the axis; MuJoCo needs a mass.
     frame.mass, frame.inertia = 1e-6, [1e-9, 1e-9, 1e-9]
-    frame.add_joint(
+    add_element(
+        frame,
+        "joint",
         name=name,
         type=mujoco.mjtJoint.mjJNT_HINGE,
         pos=model.jnt_pos[joint.id],
@@ -63,7 +66,7 @@ def add_cuff(
     )
     _move_ends(spec, axis, limb.name, frame, table)
     tendon = f"{axis.joint}_cuff"
-    strap = spec.add_tendon(name=tendon)
+    strap = add_element(spec, "tendon", name=tendon)
     strap.wrap_joint(name, 1.0)
     strap.wrap_joint(axis.joint, -1.0)
     strap.stiffness[0], strap.damping[0] = stiffness, damping
@@ -100,4 +103,4 @@ def _move_ends(
         old = spec.site(name)
         place = old.pos.copy()
         old.name = f"{name}_limb"
-        frame.add_site(name=name, pos=place, size=old.size, group=old.group)
+        add_element(frame, "site", name=name, pos=place, size=old.size, group=old.group)

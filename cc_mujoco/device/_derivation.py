@@ -21,13 +21,14 @@ from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._cuff import add_cuff
 from cc_mujoco.device._description import FREE_ROOTS, PERIOD, Axis, Description
-from cc_mujoco.device._moment_arm import neutral_moments, swept_moments
+from cc_mujoco.device._moment_arm import moments, neutral_moments, swept_moments
 from cc_mujoco.device._mover import MotorLimits, Mover
 from cc_mujoco.device._sensors import Sensing
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._config import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._spec import add_element
 
 TORQUE_SHARE = 0.2
 """Share of the largest torque at the joint that the default task demands."""
@@ -39,6 +40,10 @@ DEFAULT_REACH = 0.5
 """Excursion of named motions at a joint without stops [rad]."""
 WEARER_FREQUENCY, WEARER_DAMPING = 25.0, 0.7
 """Natural frequency [rad/s] and damping ratio of an assumed wearer at the joint."""
+DEAD_SHARE = 0.15
+"""Share of its longest arm below which a cable hardly turns its joint."""
+MAX_RANGE = 6.0 * math.pi
+"""Range of a driven hinge that looks like degrees [rad]."""
 EVERY = "*"
 """Name in `[wearer]` that stands for every joint that nothing else moves."""
 
@@ -114,10 +119,13 @@ class _Reader:
         origin: str,
         *,
         low: float = 0.0,
+        high: float = math.inf,
         label: str = "",
     ) -> float:
         """Return a number of a table, or a default of some origin."""
         given = table.number(key, low)
+        if given is not None and given > high:
+            raise table.wrong(key, f"at most {high:.4g}, in SI units and radians")
         self.note(label + key, origin if given is None else GIVEN)
         return default if given is None else given
 
@@ -137,7 +145,9 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     read = _Reader()
     _hold_root(spec, table, read)
     _name_parts(spec)
+    _require_targets(spec, scene)
     model = _compile(spec, scene)
+    _require_radians(model, scene)
     cables = plugin.from_mjcf(spec)
     if not cables:
         raise CableError(
@@ -167,7 +177,9 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         sensing=_sensing(table.table("sensors"), model, axes, ends, read),
         trajectory=table.text("trajectory") or "sine",
         strength=read.number(table.table("rope"), "strength", math.nan, ASSUMED),
-        diameter=read.number(table.table("rope"), "diameter", math.nan, ASSUMED),
+        diameter=read.number(
+            table.table("rope"), "diameter", math.nan, ASSUMED, low=1e-6, high=0.1
+        ),
         period=_period(table, float(spec.option.timestep), scene, read),
         sources=read.sources,
     )
@@ -218,16 +230,55 @@ def _hold_root(spec: mujoco.MjSpec, table: Table, read: _Reader) -> None:
         warnings.warn(
             f"device {table.where}: the body on free joint {free[0].name!r} is held "
             'where it is; root = "free" or "held" in the description says which.',
+            CableWarning,
             stacklevel=2,
         )
-    if spec.keys:
-        raise CableError(
-            f"{table.where}: the body on free joint {free[0].name!r} cannot be held "
-            "while the scene has keyframes, which count its coordinates; take them "
-            'out, or write root = "free".'
-        )
-    for joint in free:
-        spec.delete(joint)
+    # Episodes begin in the neutral pose; keyframes count the coordinates of the root.
+    for element in [*spec.keys, *free]:
+        spec.delete(element)
+
+
+def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
+    """Refuse an end of a cable on a joint or a tendon that is not there."""
+    kinds = {
+        mujoco.mjtTrn.mjTRN_JOINT: ("joint", spec.joints),
+        mujoco.mjtTrn.mjTRN_TENDON: ("tendon", spec.tendons),
+    }
+    for actuator in spec.actuators:
+        if actuator.plugin.plugin_name != PLUGIN or actuator.trntype not in kinds:
+            continue
+        kind, elements = kinds[actuator.trntype]
+        names = _names(elements)
+        if actuator.target not in names:
+            where = f"{kind} of cable {actuator.plugin.name!r} in scene {scene}"
+            raise CableError.unknown(where, str(actuator.target), names)
+
+
+def _require_radians(model: mujoco.MjModel, scene: str) -> None:
+    """Warn of the range of a hinge that looks like degrees."""
+    hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    driven = [j for j in np.flatnonzero(hinges) if not _is_drum(model, int(j))]
+    for joint in driven:
+        low, high = model.jnt_range[joint].tolist()
+        if high - low > MAX_RANGE:
+            warnings.warn(
+                f"scene {scene}: joint {model.joint(int(joint)).name!r} has a range of "
+                f"{low:g} to {high:g} rad; if these are degrees, `angle` in <compiler> "
+                "must be degree.",
+                CableWarning,
+                stacklevel=2,
+            )
+
+
+def _is_drum(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether a motor other than a cable and a spring turns a joint."""
+    on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
+        model.actuator_trnid[:, 0] == joint
+    )
+    free = (model.actuator_plugin < 0) & (
+        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
+    )
+    return bool((on & free).any())
 
 
 def _name_parts(spec: mujoco.MjSpec) -> None:
@@ -318,6 +369,11 @@ def _axes(
             (motor_name,) = motors
         if motor_name not in motors:
             raise CableError.unknown(f"motor in {table.where}", motor_name, motors)
+        if motor_name in given:
+            raise CableError(
+                f"{table.where} describes motor {motor_name!r} a second time; an axis "
+                "has one table."
+            )
         given[motor_name] = table
     # The order of the file, then that of the scene.
     order = [*given, *(name for name in motors if name not in given)]
@@ -412,14 +468,17 @@ def _axis(
     pull_pull = len(own) == 2 and len(signs) == 2 and len({p > 0.0 for p in pulls}) == 1
     one_way = len(signs) == 1
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
-    reach = read.number(table, "reach", reach, SCENE, low=1e-3, label="axis.")
+    reach = read.number(
+        table, "reach", reach, SCENE, low=1e-3, high=2.0 * math.pi, label="axis."
+    )
     centre = read.number(table, "centre", centre, SCENE, low=-math.inf, label="axis.")
+    _warn_of_dead_centre(model, ends[own[0]][1], joint, own[0], (centre, reach))
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
     demanded = _rounded(TORQUE_SHARE * largest)
     task = table.text("task")
     read.note("axis.task", ASSUMED if task is None else GIVEN)
-    gearing = table.number("gearing", 0.0)
+    gearing = table.number("gearing", 1e-9)
     read.note("axis.gearing", ASSUMED if gearing is None else GIVEN)
     units = _units(table.table("observation"), reach, largest, read)
     axis_name = table.text("name") or moved
@@ -437,12 +496,41 @@ def _axis(
         torque_scale=units["joint_torque_nm"],
         units=units,
         task=task or f"hold:{way * demanded:g}",
-        safe_torque=read.number(table, "safe_torque", math.inf, ASSUMED, label="axis."),
+        safe_torque=read.number(
+            table, "safe_torque", math.inf, ASSUMED, low=1e-9, label="axis."
+        ),
         motor_pulley=read.number(table, "motor_pulley", 0.0, ASSUMED, label="axis."),
         gearing=gearing,
         joint_pulley=read.number(table, "joint_pulley", 0.0, ASSUMED, label="axis."),
         lever=_lever(spec, model, ends[own[0]][1], joint, table, read),
     )
+
+
+def _warn_of_dead_centre(
+    model: mujoco.MjModel,
+    end: _End,
+    joint: int,
+    cable: str,
+    motion: tuple[float, float],
+) -> None:
+    """Warn of angles of named motions at which a cable hardly turns its joint."""
+    place, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    centre, reach = motion
+    angles = np.linspace(centre - reach, centre + reach, 9)
+    poses = np.repeat(model.qpos0[None], len(angles), axis=0)
+    poses[:, place] = angles
+    arms = moments(model, list(poses))[:, end.out, dof]
+    least = int(np.argmin(arms * math.copysign(1.0, float(arms.sum()))))
+    share = float(arms[least] / np.abs(arms).max())
+    if abs(share) < DEAD_SHARE or share * float(arms.sum()) < 0.0:
+        warnings.warn(
+            f"cable {cable!r} hardly turns joint {model.joint(joint).name!r} at "
+            f"{angles[least]:.3g} rad, where its arm is {1e3 * arms[least]:.2g} mm of "
+            f"{1e3 * np.abs(arms).max():.2g} mm at most; `reach` and `centre` in "
+            "[axis] set where named motions go.",
+            CableWarning,
+            stacklevel=2,
+        )
 
 
 def _require_hinge(model: mujoco.MjModel, joint: int, what: str) -> None:
@@ -677,11 +765,15 @@ def _movers(
                     2.0 * WEARER_DAMPING * math.sqrt(inertia * stiffness)
                 )
             name = f"wearer_{joint}"
-            added = spec.add_actuator(
-                name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint
+            added = add_element(
+                spec,
+                "actuator",
+                name=name,
+                trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                target=joint,
+                gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             )
-            added.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-            added.biastype = mujoco.mjtBias.mjBIAS_AFFINE
             added.gainprm[0] = stiffness
             added.biasprm[:3] = (0.0, -stiffness, -damping)
         elif stiffness is not None or damping is not None:

@@ -76,7 +76,13 @@ class Device(Nominal):
         spec = _load_spec(scene)
         table = Table(name, {})
         if table_path is not None:
-            table = read_table(table_path)
+            table = _resolved(read_table(table_path), table_path.parent)
+            named = table.text("scene")
+            if named is not None and not _same(table_path.parent / named, scene):
+                raise CableError(
+                    f"{table_path} is the description of {named}, not of {scene.name}; "
+                    "correct its `scene`, or give it another name."
+                )
         self.files: tuple[Path, ...] = ()
         """Files of the user that define it: scene, description, what these include."""
         if name not in SCENES:
@@ -333,6 +339,33 @@ def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
         elif value is not None:
             found[key] = dict(value) if isinstance(value, Mapping) else value
     return found
+
+
+def _resolved(table: Table, folder: Path) -> Table:
+    """Return a description whose motion and torques are files beside it."""
+
+    def beside(given: Any) -> Any:
+        is_file = isinstance(given, str) and (folder / given).is_file()
+        return str(folder / given) if is_file else given
+
+    content = dict(table.content)
+    if "trajectory" in content:
+        content["trajectory"] = beside(content["trajectory"])
+    axes = content.get("axis")
+    listed = axes if isinstance(axes, list) else [axes]
+    changed = [
+        {**axis, "task": beside(axis["task"])}
+        if isinstance(axis, dict) and "task" in axis
+        else axis
+        for axis in listed
+    ]
+    if "axis" in content:
+        content["axis"] = changed if isinstance(axes, list) else changed[0]
+    return Table(table.where, content)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
 
 
 def bare_model(device: Device) -> mujoco.MjSpec:

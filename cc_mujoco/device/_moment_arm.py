@@ -264,7 +264,7 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
 
 def neutral_moments(model: mujoco.MjModel) -> Array:
     """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
-    found: Array = _moments(model, [model.qpos0])[0]
+    found: Array = moments(model, [model.qpos0])[0]
     return found
 
 
@@ -274,10 +274,11 @@ def swept_moments(model: mujoco.MjModel) -> Array:
     Returns:
         Arms [m/rad, m/m or 1], (poses, outputs, nv).
     """
-    return _moments(model, [model.qpos0, *_poses(model)])
+    return moments(model, [model.qpos0, *_poses(model)])
 
 
-def _moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
+def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
+    """Return the moment arms of all actuators in poses, (poses, outputs, nv)."""
     data = mujoco.MjData(model)
     found = np.zeros((len(poses), model.nout, model.nv))
     for dense, qpos in zip(found, poses, strict=True):

@@ -118,7 +118,7 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
         "safe_torque",
         axis.safe_torque,
         "N m",
-        "most that is safe at the joint; unknown, no controller has a guard",
+        "most that is safe at the joint, which a guard keeps",
     )
     yield own(
         "motor_pulley",

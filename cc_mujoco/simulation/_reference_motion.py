@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import (
     Motion,
@@ -118,7 +119,7 @@ class Author:
             if id(source) not in sampled:
                 sampled[id(source)] = source.sample(substeps * dt, dt, rng)
         moved: dict[str, Motion] = {}
-        motions = []
+        motions: list[Motion] = []
         for axis, source in zip(device.axes, self._sources, strict=True):
             motion = sampled[id(source)]
             moved.update(motion.companions)
@@ -126,7 +127,8 @@ class Author:
             if joint not in device.movers:  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
             own = motion.companions.get(joint, motion)
-            if own is motion and motion.companions and len(device.axes) > 1:
+            recorded = isinstance(unperturbed(source), Recorded)
+            if own is motion and motions and (recorded or motion.companions):
                 own = resting(motion, device.neutral(joint))
             moved[joint] = own
             motions.append(own)
@@ -143,6 +145,7 @@ class Author:
                 commands[:, place] = mover.command(angles[joint], 0.0)
                 continue
             part = moved[joint]
+            _warn_of_limit(joint, mover, part)
             angles[joint] = float(part.angle[0])
             commands[:, place] = mover.command(part.angle, part.velocity)
         marks = []
@@ -172,6 +175,20 @@ def _warn_of_end(recorded: object, duration: float) -> None:
         CableWarning,
         stacklevel=5,
     )
+
+
+def _warn_of_limit(joint: str, mover: Mover, motion: Motion) -> None:
+    """Warn of a motion that the control of the wearer does not reach."""
+    low, high = float(motion.angle.min()), float(motion.angle.max())
+    aims = mover.scale * low + mover.offset, mover.scale * high + mover.offset
+    if min(aims) < mover.low - 1e-6 or max(aims) > mover.high + 1e-6:
+        warnings.warn(
+            f"the motion of joint {joint!r} goes from {low:g} to {high:g} rad, but the "
+            f"`ctrlrange` of its wearer ends at {mover.low:g} and {mover.high:g}; it "
+            "is cut there.",
+            CableWarning,
+            stacklevel=5,
+        )
 
 
 def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:

@@ -465,7 +465,14 @@ class WornDevice:
             least, most = drive.reach
             slack = BEYOND_SHARE * float(np.abs(demand).max())
             if least - slack <= demand.min() and demand.max() <= most + slack:
-                continue
+                peak = float(np.abs(demand).max())
+                if peak <= axis.safe_torque:
+                    continue
+                return (
+                    f"the task asks for {peak:.4g} N m at joint {axis.joint!r}, more "
+                    f"than its `safe_torque` of {axis.safe_torque:g} N m, at which "
+                    "controllers let it go."
+                )
             ends = (demand.min(), demand.max(), least, most)
             low, high, weakest, strongest = (
                 f"{round(end, 3) + 0.0:.4g}" for end in ends

@@ -335,3 +335,69 @@ def test_scenes_of_other_people_are_devices(name: str) -> None:
     device = Device(SHARED / f"cases/device/{name}.xml")
     assert len(device.description.axes) == 1
     assert device.description.period == 1e-3
+
+
+def test_a_wearer_that_is_added_takes_nothing_from_the_models_defaults(
+    tmp_path: Path,
+) -> None:
+    path = knee(tmp_path, wearer="")
+    text = path.read_text().replace(
+        "<worldbody>",
+        '<default><motor ctrlrange="-.4 .4" gear="40"/><general gear="3"/></default>'
+        "<worldbody>",
+        1,
+    )
+    path.write_text(text)
+    mover = Device(path).movers["knee"]
+    assert (mover.gear, mover.low, mover.high) == (1.0, -np.inf, np.inf)
+
+
+def test_a_motion_beyond_the_wearers_control_warns(tmp_path: Path) -> None:
+    path = knee(
+        tmp_path,
+        wearer='<position name="human" joint="knee" kp="300" ctrlrange="0 .3"/>',
+    )
+    with pytest.warns(UserWarning, match=r"'knee' goes from .*`ctrlrange`.* cut there"):
+        simulate(path, "none", duration=2.0)
+
+
+@pytest.mark.parametrize(
+    ("description", "wrong"),
+    [
+        ('scene = "other.xml"\n', "is the description of other.xml, not of knee.xml"),
+        ("[[axis]]\nmotor = 'm'\n[[axis]]\nmotor = 'm'\n", "'m' a second time"),
+        ("[axis]\nreach = 90\n", r"reach must be at most 6\.283"),
+        ("[rope]\ndiameter = 2\n", r"diameter must be at most 0\.1"),
+    ],
+)
+def test_a_description_that_cannot_be_meant_is_refused(
+    tmp_path: Path, description: str, wrong: str
+) -> None:
+    with pytest.raises(CableError, match=wrong):
+        Device(knee(tmp_path, description))
+
+
+@pytest.mark.filterwarnings("ignore:cable 'cord' hardly turns")
+def test_degrees_under_radians_and_a_missing_joint_are_named(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="'knee' has a range .* must be degree"):
+        Device(knee(tmp_path, knee='range="-30 120"'))
+    path = knee(tmp_path)
+    path.write_text(path.read_text().replace('joint="drum" gear', 'joint="drumm" gear'))
+    with pytest.raises(CableError, match="'drumm': did you mean 'drum'"):
+        Device(path)
+
+
+def test_a_motion_of_a_description_lies_beside_it(tmp_path: Path) -> None:
+    path = knee(tmp_path, 'trajectory = "move.csv"\n')
+    rows = "\n".join(f"{0.1 * i},{1.0}" for i in range(6))
+    (tmp_path / "move.csv").write_text(f"time_s,knee_angle_rad\n{rows}\n")
+    assert Device(path).description.trajectory == str(tmp_path / "move.csv")
+
+
+def test_a_table_of_one_axis_does_not_move_the_others(tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.1 * i},{0.01 * i}" for i in range(8))
+    table = tmp_path / "hip.csv"
+    table.write_text(f"time_s,hip_angle_rad\n{rows}\n")
+    log = simulate("exosuit", "none", motion=table, duration=0.3)
+    assert np.ptp(log["hip.reference_angle_rad"]) > 0.01
+    assert np.ptp(log["ankle.reference_angle_rad"]) == 0.0

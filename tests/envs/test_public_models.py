@@ -21,6 +21,8 @@ root = "held"
 [axis]
 joint = "right_knee"
 safe_torque = 40.0
+centre = -0.6  # bent further, the lever passes the line of the cable
+reach = 0.4
 
 [wearer."*"]  # all other joints are held by springs
 stiffness = 200.0

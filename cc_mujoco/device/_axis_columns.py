@@ -54,7 +54,7 @@ def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
             found[last] = value.strip()
         elif last:
             found[last] += f",{part}"
-        elif equals and ":" not in name:
+        elif equals and known and name.strip().isidentifier():
             raise CableError.unknown("axis", name.strip(), known)
         else:
             return text

@@ -119,6 +119,8 @@ def test_controllers_and_tasks_may_differ_by_axis() -> None:
     for wrong, message in (
         ("hip=none", "axis 'ankle' has no controller"),
         ({"hipp": "pi", "ankle": "pi"}, "unknown axis 'hipp'"),
+        ("hipp=pi,ankle=pi", "unknown axis 'hipp'"),
+        ("hip=pi,hip=none,ankle=pi", "axis 'hip' is given twice"),
         ("pii", "did you mean 'pi'"),
     ):
         with pytest.raises(CableError, match=message):

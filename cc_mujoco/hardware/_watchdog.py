@@ -159,9 +159,7 @@ class Watch:
             or self._impossible(found)
             or self._stepped(found.time, now)
             or self._frozen(found, torque)
-            or self._twist_fault(found)
-            or self._tension_fault(found)
-            or self._felt(found)
+            or self._transmission_fault(found)
         )
 
     def _stepped(self, time: float, now: float) -> str | None:
@@ -178,12 +176,14 @@ class Watch:
             "is not logged."
         )
 
-    def _felt(self, found: Readings) -> str | None:
-        """Return the fault of the torque sensor."""
-        if self._sensor is None:
-            return None
-        angle, torque = self._on_pulley(found)
-        return self._sensor.reading(found.motor_angle, angle, torque)
+    def _transmission_fault(self, found: Readings) -> str | None:
+        """Return the fault that motor and joint show together, through the cables."""
+        motor, (angle, torque) = found.motor_angle, self._on_pulley(found)
+        return (
+            self._twist_fault(motor, angle)
+            or self._tension_fault(motor, torque)
+            or (self._sensor.reading(motor, angle, torque) if self._sensor else None)
+        )
 
     def _on_pulley(self, found: Readings) -> tuple[float, float]:
         """Return angle [rad] and torque [N m] of a joint with a round pulley.
@@ -281,13 +281,12 @@ class Watch:
                 )
         return None
 
-    def _tension_fault(self, found: Readings) -> str | None:
+    def _tension_fault(self, motor: float, torque: float) -> str | None:
         """Return the fault if a cable carries more than it may, by the model."""
         model = self._cables
         if model is None:
             return None
-        _, torque = self._on_pulley(found)
-        model.follow([found.motor_angle], [torque])
+        model.follow([motor], [torque])
         for k in range(model.segments.size):
             most = float(model.tension(k).max())
             if most > self._limits.tension:
@@ -298,13 +297,12 @@ class Watch:
                 )
         return None
 
-    def _twist_fault(self, found: Readings) -> str | None:
+    def _twist_fault(self, motor: float, angle: float) -> str | None:
         """Return the fault if motor and joint twist more than cables let them."""
         drive = self._drive
         if not self._twists:
             return None
-        angle, _ = self._on_pulley(found)
-        twist = found.motor_angle / drive.ratio - angle
+        twist = motor / drive.ratio - angle
         if self._twist is None:
             self._twist = twist
         parted = abs(twist - self._twist)

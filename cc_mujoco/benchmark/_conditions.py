@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.assets import SCENES
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import Description, device_label
 from cc_mujoco.errors import CableError, look_up
@@ -148,11 +146,6 @@ class Condition:
     def usual(self) -> bool:
         """Return whether this is the condition that the others differ from."""
         return self.name == "-".join(DEFAULT_CONDITION)
-
-
-def is_device_file(scene: str) -> bool:
-    """Return whether a device is one of the user's, given by a file."""
-    return scene not in SCENES and Path(scene).suffix in (".xml", ".toml")
 
 
 def is_walk(source: Trajectory) -> bool:

@@ -15,11 +15,11 @@ from cc_mujoco.benchmark._conditions import (
     TRANSMISSIONS,
     Condition,
     crossed_conditions,
-    is_device_file,
     named_condition,
 )
 from cc_mujoco.benchmark._generic import generic_conditions
 from cc_mujoco.device import Axis, find_device
+from cc_mujoco.device._device import is_device_file
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
     TASKS,
@@ -108,10 +108,9 @@ _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 
 
 def _v1(scene: str) -> list[Condition]:
-    if scene not in _V1 and is_device_file(scene):
+    if scene not in _V1 and (scene in SCENES or is_device_file(scene)):
         raise CableError(
-            f"suite 'v1' has {', '.join(_V1)}, and no device of your own: "
-            "`--suite generic` plays it."
+            f"suite 'v1' has {', '.join(_V1)}, not {scene}: `--suite generic` plays it."
         )
     return look_up("scene", scene, _V1)()
 

@@ -14,9 +14,6 @@ import tyro
 from cc_mujoco.cli._options import Flag, option_help, progress_options
 from cc_mujoco.errors import CableError
 
-SCENE_ENDINGS = (".xml", ".toml")
-"""Endings of files that describe a rig."""
-
 
 @dataclass(frozen=True)
 class Diagnose:
@@ -149,10 +146,11 @@ class Diagnose:
 def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...]]:
     """Return the scene, which is the first word if there is any, and the data."""
     from cc_mujoco.assets import SCENES
+    from cc_mujoco.device._device import is_device_file
 
     first, rest = (words[0], words[1:]) if words else (None, ())
     named = first is not None and not first.exists() and str(first) in SCENES
-    if first is not None and (named or first.suffix in SCENE_ENDINGS):
+    if first is not None and (named or is_device_file(first)):
         return first, tuple(rest)
     return None, tuple(words)
 

@@ -28,7 +28,6 @@ from cc_mujoco._validation import (
     require_list,
     require_number,
 )
-from cc_mujoco.assets import SCENES
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._designs import (
@@ -64,6 +63,7 @@ from cc_mujoco.design._study_metrics import (
 )
 from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
 from cc_mujoco.device import Axis, Device, load_device
+from cc_mujoco.device._device import is_device_file
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, CableWarning, look_up
@@ -479,8 +479,7 @@ def _scene_of(given: str | Path) -> str:
             "a study needs the name or the file of a device, as its workers load it "
             f"themselves, not {given!r}."
         )
-    known = given in SCENES or Path(given).suffix not in (".xml", ".toml")
-    return str(given) if known else os.path.abspath(given)
+    return os.path.abspath(given) if is_device_file(given) else str(given)
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:

@@ -32,6 +32,9 @@ from cc_mujoco.human import Wearer
 
 _ONE = threading.Lock()
 
+FILE_ENDINGS = (".xml", ".toml")
+"""Endings of files that a device is given by."""
+
 QUOTED = r"""\s*=\s*["']([^"']*)["']"""
 """Value of an attribute in XML, as a regular expression."""
 
@@ -279,6 +282,11 @@ def _restored(name: str, timestep: float | None) -> Device:
     return load_device(name, timestep)
 
 
+def is_device_file(source: str | Path) -> bool:
+    """Return whether a device is given by a file, not by the name of a built-in one."""
+    return str(source) not in SCENES and Path(source).suffix in FILE_ENDINGS
+
+
 def locate(source: str | Path) -> tuple[str, Path, Path | None]:
     """Return the name of a device, its scene and the file of its description."""
     name = str(source)
@@ -287,7 +295,7 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         table = scene.with_suffix(ENDING)
         return name, scene, table if table.is_file() else None
     path = Path(source)
-    if path.suffix not in (".xml", ".toml"):
+    if path.suffix not in FILE_ENDINGS:
         raise CableError(
             f"{CableError.unknown('device', name, SCENES)} A device of your own is "
             "given by its MJCF file, for example knee.xml."

@@ -31,7 +31,8 @@ from cc_mujoco._utils.provenance import (
     is_user_controller,
 )
 from cc_mujoco.control import Controller, axes_controller
-from cc_mujoco.control._axes import limit_torques, named_laws
+from cc_mujoco.control._axes import named_laws
+from cc_mujoco.control._controller import limit_torques
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
-from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._registry import controller
 from cc_mujoco.control._user_controller import External, controller_errors
@@ -167,22 +167,6 @@ def named_laws(given: str) -> list[str]:
     """Return the controllers of a name: several of `hip=model,ankle=pi`."""
     pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
     return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]
-
-
-def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
-    """Return the torques of all motors clipped to their limits [N m].
-
-    Args:
-        torque: Of the only motor, or of each (..., axes). One of another shape is
-            returned as it is: who calls the controller refuses it.
-        drives: Of every axis.
-    """
-    if len(drives) == 1:
-        return np.clip(torque, drives[0].low, drives[0].high)
-    if np.shape(torque)[-1:] != (len(drives),):
-        return torque
-    low, high = zip(*((drive.low, drive.high) for drive in drives), strict=True)
-    return np.clip(torque, low, high)
 
 
 def law_drives(law: Controller, drives: Sequence[Drive]) -> Sequence[Drive]:

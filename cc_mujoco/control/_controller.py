@@ -70,8 +70,24 @@ class Controller(ABC):
 
     def limited(self, torque: Any) -> Any:
         """Return a torque clipped to the limits of the motor [N m]."""
-        within = np.clip(torque, self.drive.low, self.drive.high)
+        within = limit_torques(torque, (self.drive,))
         return within if isinstance(within, np.ndarray) else float(within)
+
+
+def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
+    """Return the torques of all motors clipped to their limits [N m].
+
+    Args:
+        torque: Of the only motor, or of each (..., axes). One of another shape is
+            returned as it is: who calls the controller refuses it.
+        drives: Of every axis.
+    """
+    if len(drives) == 1:
+        return np.clip(torque, drives[0].low, drives[0].high)
+    if np.shape(torque)[-1:] != (len(drives),):
+        return torque
+    low, high = zip(*((drive.low, drive.high) for drive in drives), strict=True)
+    return np.clip(torque, low, high)
 
 
 def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive
@@ -201,8 +201,7 @@ class Policy(Controller):
         many = seen[0].ndim == 2
         if len(self._drives) == 1:
             return self.limited(torque[:, 0] if many else float(torque[0, 0]))
-        low, high = zip(*((own.low, own.high) for own in self._drives), strict=True)
-        limited = np.clip(torque, low, high)
+        limited = limit_torques(torque, self._drives)
         return limited if many else limited[0]
 
 

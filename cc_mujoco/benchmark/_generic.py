@@ -8,7 +8,6 @@ of all others.  Names are those of `v1` where they mean the same.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,7 +38,7 @@ from cc_mujoco.simulation._worn_device import axis_trajectories
 MAX_JOLT = 0.1
 """Largest bump of `jolted` [rad]."""
 JOLT_SHARE = 0.25
-"""The same, as a share of the reach of a device."""
+"""Largest bump of `jolted`, as a share of the reach of a device."""
 MIN_JOLT = 1e-3
 """Bump for which a motion must leave room before the stops [rad]; with less there is no
 such condition."""
@@ -133,11 +132,16 @@ def _part(source: Trajectory, joint: str) -> Trajectory:
 
 
 def _held(one: Task) -> Task:
-    """Return a constant torque, half the largest that a task demands in a cycle."""
+    """Return half the largest torque that a task demands in a gait cycle, held.
+
+    A task that follows no gait is returned as it is.
+    """
+    if not one.follows_gait:
+        return one
     still = np.zeros_like(SAMPLES)
     demand = np.asarray(one.torque(still, still, SAMPLES))
     half = 0.5 * float(demand[np.abs(demand).argmax()])
-    return Hold(float(f"{half:.3g}")) if one.of_phase else one
+    return Hold(float(f"{half:.3g}"))
 
 
 def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> float:
@@ -146,5 +150,4 @@ def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> f
     angle = motion.companions.get(joint, motion).angle
     low, high = joint_range(model.model, joint)
     room = 0.5 * min(float(angle.min()) - low, high - float(angle.max()))
-    size = min(MAX_JOLT, JOLT_SHARE * reach, room)
-    return float(f"{size:.2g}") if math.isfinite(size) else 0.0
+    return float(f"{min(MAX_JOLT, JOLT_SHARE * reach, room):.2g}")

@@ -97,9 +97,7 @@ class Virtual:
             CableError: There is none, or it follows a gait, which no rig measures.
         """
         found = task(name)
-        phases = np.linspace(0.0, 1.0, 101)
-        still = np.zeros_like(phases)
-        if not found.of_time and np.ptp(found.torque(still, still, phases)) > 0.0:
+        if found.follows_gait:
             raise CableError(
                 f"task {name!r} follows the phase of a gait, which the rig does not "
                 "measure; give its course as `csv`."

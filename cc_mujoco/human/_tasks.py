@@ -32,6 +32,13 @@ class Task(ABC):
     of_time: ClassVar[bool] = False
     """True if `phase` is the time since the start of the episode [s] for it."""
 
+    @property
+    def follows_gait(self) -> bool:
+        """True if the torque at rest at angle 0 changes with the phase of a gait."""
+        phases = np.linspace(0.0, 1.0, 101)
+        still = np.zeros_like(phases)
+        return not self.of_time and bool(np.ptp(self.torque(still, still, phases)))
+
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque that the device should put into the joint.

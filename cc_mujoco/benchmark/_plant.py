@@ -60,7 +60,7 @@ class Draw:
     plant: Plant
     """The device with its cables, wearer, delay and noise."""
     known: Plant
-    """The same without the effect that the controller does not know."""
+    """The plant without the effect that the controller does not know."""
     seed: int
     """Seed of its motion and noise; that of the episode and its condition make it."""
     trajectory: Trajectory

@@ -139,9 +139,9 @@ def unknown_limits(results: Results) -> list[str]:
         joints = [axis.joint for axis in axes if math.isinf(axis.safe_torque)]
         if joints:
             found.append(
-                f"Nobody knows what torque is safe at {', '.join(joints)} of "
-                f"{device_label(scene)} (`safe_torque` in its description), so none "
-                "counts as a failure there."
+                f"The safe torque at {', '.join(joints)} of {device_label(scene)} is "
+                "unknown (`safe_torque` in its description), so that none counts as a "
+                "failure there."
             )
     return found
 

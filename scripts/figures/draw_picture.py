@@ -34,7 +34,7 @@ PLAYED = {
 }
 """Task, time at which tension runs through the cables [s], radius of a cable [m]."""
 OTHER = (None, 1.4, 0.008)
-"""The same for any other device."""
+"""Task, time and radius of any other device."""
 
 
 def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:

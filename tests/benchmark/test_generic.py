@@ -152,7 +152,7 @@ def test_a_file_is_benchmarked_and_verified_until_it_changes(
     words += ["--conditions", "ordinary-rough", "--duration", "1.05", "--workers", "1"]
     assert cli.main(words) == 0
     shown = capsys.readouterr().out
-    assert "Nobody knows what torque is safe at knee of knee" in shown
+    assert "The safe torque at knee of knee is unknown" in shown
     assert "nan" not in shown
     results = Path("runs", "benchmark", "results.parquet")
     table = pq.read_table(results)
@@ -171,5 +171,8 @@ def test_a_file_is_benchmarked_and_verified_until_it_changes(
 def test_suites_say_what_they_cannot_play(knee: str) -> None:
     with pytest.raises(CableError, match="motor at its heel"):
         SUITES["v1"].conditions("exosuit")
-    with pytest.raises(CableError, match="no device of your own"):
-        SUITES["v1"].conditions(knee)
+    for scene in (knee, "hand"):
+        with pytest.raises(CableError, match=f"not {scene}: `--suite generic` plays"):
+            SUITES["v1"].conditions(scene)
+    with pytest.raises(CableError, match="did you mean 'wrist'"):
+        SUITES["v1"].conditions("wrst")

@@ -38,7 +38,7 @@ PLAN_SEGMENTS = 16
 DEFAULT_TORQUE_NOISE = 0.005
 """Standard deviation of a torque's noise where none is declared, over its RMS."""
 DEFAULT_ANGLE_NOISE = 1e-4
-"""The same of an angle [rad]."""
+"""Standard deviation of an angle's noise where none is declared [rad]."""
 SATURATED_CLARITY = 10.0 * MIN_CLARITY
 """Clarity from which more is of no further use; noise is not all that is in the way."""
 

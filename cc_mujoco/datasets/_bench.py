@@ -33,7 +33,7 @@ from cc_mujoco.datasets._coupled_route import (
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.device import Axis, load_device
-from cc_mujoco.device._derivation import excursion
+from cc_mujoco.device._derivation import excursion, known_torque_noise
 from cc_mujoco.device._device import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
@@ -61,6 +61,8 @@ class Bench:
         centre: joint angle about which a planned motion goes [rad].
         reach: excursion of the joint from there in a plan [rad]; infinite where it has
             no stops.
+        torque_noise: standard deviation of the joint's torque sensor, 0 where the
+            description gives none [N m].
         exit_angle: around the motor's pulley, from where the agonist leaves it to where
             the antagonist does [rad].
     """
@@ -81,6 +83,7 @@ class Bench:
     axis: str = ""
     centre: float = 0.0
     reach: float = math.inf
+    torque_noise: float = 0.0
 
     @property
     def transmission(self) -> Transmission:
@@ -210,12 +213,13 @@ class Bench:
             reason = " ".join(str(error).split())
             raise CableError(f"scene {path} does not load: {reason}") from None
         present = from_mjcf(spec)
-        described = None
+        described, torque_noise = None, 0.0
         if cables is None and (axis or table or len(present) > 2):
             device = load_device(source).description
             described = device.axis(axis)
             axis = described.name if len(device.axes) > 1 else ""
             cables = described.cables
+            torque_noise = known_torque_noise(device)
         cables = {n: c for n, c in present.items() if cables is None or n in cables}
         if len(cables) not in (1, 2):
             where = f"axis {axis!r} of scene {path}" if axis else f"scene {path}"
@@ -296,6 +300,7 @@ class Bench:
             span=_span(model, joint, lever),
             drawn_radius=abs(distal),
             axis=axis or "",
+            torque_noise=torque_noise,
             **_excursion(model, joint, lever, described),
         )
 

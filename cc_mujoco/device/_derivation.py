@@ -861,6 +861,12 @@ def _sensing(
     return Sensing(**found)
 
 
+def known_torque_noise(description: Description) -> float:
+    """Return the noise of the joint torque sensor, 0 where it is only assumed [N m]."""
+    assumed = description.sources.get("sensors.torque_noise") == ASSUMED
+    return 0.0 if assumed else description.sensing.torque_noise
+
+
 def _rounded(value: float, digits: int = 2) -> float:
     """Return a number with few digits."""
     return float(f"{value:.{digits}g}")

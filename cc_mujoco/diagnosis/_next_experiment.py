@@ -81,7 +81,9 @@ def plan(
         reach: largest angle of the motor to either side [rad], of where the joint is in
             the middle of its named motions; default as far as these go.
         speed: largest speed of the motor [rad/s].
-        dataset_toml: declared constants of the rig and noise of its channels.
+        dataset_toml: declared constants of the rig and noise of its channels; the noise
+            of the joint's torque sensor is that of the device's description unless it
+            is declared here.
         ids: effects to consider; default all.
 
     Raises:
@@ -109,7 +111,7 @@ def plan(
             "in [rig]; a diagnosis compares at least one of the two"
         )
     declared = "" if dataset_toml is None else _read_declarations(Path(dataset_toml))
-    noise = _noise(file)
+    noise = _noise(file, instruments, bench)
     noise |= derived_noise(noise, instruments, file.rig, bench)
     with single_threaded_blas():
         found = planned(bench, swing, speed, file.rig, noise, ids, instruments)
@@ -171,11 +173,8 @@ def _require_possible(bench: Bench, reach: float) -> None:
         )
     limited = bench.lever is not None or math.isfinite(bench.reach)
     if limited and reach > (most := _half_range(bench)):
-        where = (
-            "beyond its stops"
-            if bench.lever is None
-            else ("to where its lever is not known")
-        )
+        lever = "to where its lever is not known"
+        where = "beyond its stops" if bench.lever is None else lever
         raise CableError(
             f"reach is {reach:g} rad, which takes joint {bench.joint!r} {where}; it "
             f"must be at most {most:.3g}, in radians of the motor."
@@ -194,19 +193,24 @@ def _reach(bench: Bench, speed: float) -> float:
     within a second.
     """
     if math.isinf(bench.reach):
-        return (
-            DEFAULT_REACH
-            if bench.lever is None
-            else min(DEFAULT_REACH, _half_range(bench))
+        return min(
+            DEFAULT_REACH, math.inf if bench.lever is None else _half_range(bench)
         )
     ends = bench.centre + bench.reach * np.array([-1.0, 0.0, 1.0])
     sides = np.abs(np.diff(bench.following(ends)))
     return min(float(sides.min()), speed)
 
 
-def _noise(file: DatasetFile) -> dict[str, Noise]:
-    """Return the noise that is declared, by channel."""
+def _noise(
+    file: DatasetFile, instruments: Instruments, bench: Bench
+) -> dict[str, Noise]:
+    """Return the noise that the file declares, or the device's description, by channel.
+
+    The file goes first.
+    """
     found = {}
+    if instruments.joint == "torque sensor" and bench.torque_noise > 0.0:
+        found[channels.JOINT_TORQUE] = Noise(bench.torque_noise, 0.0, "declared")
     for name, source in file.columns.items():
         if source.noise is not None:
             factor = channels.kind_of(name).factors[

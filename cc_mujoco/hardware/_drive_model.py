@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from cc_mujoco.assets import SCENES
-from cc_mujoco.device._derivation import ASSUMED
+from cc_mujoco.device._derivation import known_torque_noise
 from cc_mujoco.device._device import Device, bare_model, find_device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import AxisModel, DeviceModel
@@ -80,14 +80,12 @@ def drive_of(
     device = device_of(scene, folder)
     description = device.description
     drive = axis_model(device, axis).drive(device.cables, device.name, period)
-    # A noise that is only assumed for simulations is none of the rig's sensor.
-    known = description.sources.get("sensors.torque_noise") != ASSUMED
     return dataclasses.replace(
         drive,
         low=-torque,
         high=torque,
         delay=1,
-        torque_noise=description.sensing.torque_noise if known else 0.0,
+        torque_noise=known_torque_noise(description),
         safe_torque=min(drive.safe_torque, joint_torque),
         torque_rate=torque_rate,
         motor_lag=drive.motor_lag if motor_lag is None else motor_lag,

@@ -242,6 +242,21 @@ def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:
         assert low - 1e-3 < motion.joint.min() < motion.joint.max() < high + 1e-3
 
 
+def test_the_noise_of_a_plan_is_declared_or_described(tmp_path: Path) -> None:
+    scene = written(tmp_path, KNEE, "knee.xml")
+    undeclared = plan(scene, tmp_path / "assumed", ids=IDS[:1]).noise["joint_torque_nm"]
+    (tmp_path / "knee.device.toml").write_text("[sensors]\ntorque_noise = 0.7\n")
+    described = plan(scene, tmp_path / "described", ids=IDS[:1])
+    assert undeclared != 0.7 and described.noise["joint_torque_nm"] == 0.7
+    assert "the joint's torque from torque sensor, 0.700 N m of noise" in (
+        tmp_path / "described" / PLAN_PAGE
+    ).read_text(encoding="utf-8")
+    dataset = tmp_path / "dataset.toml"
+    dataset.write_text("[columns.joint_torque_nm]\nnoise = 0.2\n")
+    declared = plan(scene, tmp_path / "declared", dataset_toml=dataset, ids=IDS[:1])
+    assert declared.noise["joint_torque_nm"] == 0.2
+
+
 @pytest.mark.parametrize("text", [KNEE, ARM])
 def test_a_plan_stays_within_the_joints_own_motions(tmp_path: Path, text: str) -> None:
     scene = written(tmp_path, text)

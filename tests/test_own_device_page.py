@@ -22,6 +22,7 @@ from cc_mujoco import cli
 from cc_mujoco.cli._parsing import parse
 from cc_mujoco.device import Sensing
 from cc_mujoco.device import _derivation as derivation
+from cc_mujoco.device._derived_wearers import WEARER_KEYS
 from cc_mujoco.device._description import Cuff
 from hardware.peers import Peer
 
@@ -203,7 +204,7 @@ def test_every_key_of_a_description_is_in_the_table() -> None:
         "axis": set(derivation.AXIS_KEYS) - {"cuff", "observation"},
         "axis.cuff": fields[Cuff] - {"tendon"},
         "axis.observation": {*derivation.UNITS, "phase"},
-        "wearer.JOINT": set(derivation.WEARER_KEYS),
+        "wearer.JOINT": set(WEARER_KEYS),
     }
 
 

@@ -1,7 +1,7 @@
-"""Derivation of a device from its scene: motors, cables, joints, wearer, scales.
+"""Derivation of a device from its scene: motors, cables, joints, scales.
 
 What the scene does not tell has the defaults stated here, unless the file beside the
-scene gives it. The wearer is added to the scene where it has none.
+scene gives it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,15 +20,23 @@ from cc_mujoco import plugin
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._cuff import add_cuff
-from cc_mujoco.device._description import FREE_ROOTS, PERIOD, Axis, Description
-from cc_mujoco.device._moment_arm import moments, neutral_moments, swept_moments
-from cc_mujoco.device._mover import MotorLimits, Mover
+from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE, Reader, rounded
+from cc_mujoco.device._derived_wearers import derive_movers
+from cc_mujoco.device._description import PERIOD, Axis, Description
+from cc_mujoco.device._moment_arm import Arms, moments
+from cc_mujoco.device._mover import MotorLimits
+from cc_mujoco.device._scene_checks import (
+    compile_scene,
+    hold_root,
+    name_parts,
+    names_of,
+    require_targets,
+    warn_of_degrees,
+)
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._config import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._spec import add_element
 
 TORQUE_SHARE = 0.2
 """Share of the largest torque at the joint that the default task demands."""
@@ -38,17 +46,8 @@ MARGIN = 0.1
 """Share of the range of a joint that named motions keep from either stop."""
 DEFAULT_REACH = 0.5
 """Excursion of named motions at a joint without stops [rad]."""
-WEARER_FREQUENCY, WEARER_DAMPING = 25.0, 0.7
-"""Natural frequency [rad/s] and damping ratio of an assumed wearer at the joint."""
 DEAD_SHARE = 0.15
 """Share of its longest arm below which a cable hardly turns its joint."""
-MAX_RANGE = 6.0 * math.pi
-"""Range of a driven hinge that looks like degrees [rad]."""
-EVERY = "*"
-"""Name in `[wearer]` that stands for every joint that nothing else moves."""
-
-GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"
-"""Origins of a property."""
 
 UNITS = {
     "twist": "motor_angle_rad",
@@ -78,7 +77,6 @@ AXIS_KEYS = (
     "cuff",
     "observation",
 )
-WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
 KEYS = (
     "scene",
     "meaning",
@@ -92,6 +90,17 @@ KEYS = (
 )
 
 
+class _Found(NamedTuple):
+    """An axis, its table in the file, and what sets the scale of its sensors."""
+
+    axis: Axis
+    table: Table
+    largest: float
+    """Largest torque at the joint without friction [N m]."""
+    arm: float
+    """Arm of the cable at the joint in the neutral pose [m/rad]."""
+
+
 class _End(NamedTuple):
     """One end of a cable in a compiled model."""
 
@@ -99,35 +108,6 @@ class _End(NamedTuple):
     out: int
     joints: tuple[int, ...]
     """Joints that move it."""
-
-
-class _Reader:
-    """Values of a file, or defaults, whose origins are recorded."""
-
-    def __init__(self) -> None:
-        self.sources: dict[str, str] = {}
-
-    def note(self, key: str, origin: str) -> None:
-        """Record where a value is from."""
-        self.sources[key] = origin
-
-    def number(
-        self,
-        table: Table,
-        key: str,
-        default: float,
-        origin: str,
-        *,
-        low: float = 0.0,
-        high: float = math.inf,
-        label: str = "",
-    ) -> float:
-        """Return a number of a table, or a default of some origin."""
-        given = table.number(key, low)
-        if given is not None and given > high:
-            raise table.wrong(key, f"at most {high:.4g}, in SI units and radians")
-        self.note(label + key, origin if given is None else GIVEN)
-        return default if given is None else given
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
@@ -142,54 +122,47 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         CableError: The scene is no device, or the file says what it does not have.
     """
     table.only(*KEYS)
-    read = _Reader()
-    _hold_root(spec, table, read)
-    _name_parts(spec)
-    _require_targets(spec, scene)
-    model = _compile(spec, scene)
-    _require_radians(model, scene)
+    read = Reader()
+    hold_root(spec, table, read)
+    name_parts(spec)
+    require_targets(spec, scene)
+    model = compile_scene(spec, scene)
+    warn_of_degrees(model, scene)
     cables = plugin.from_mjcf(spec)
     if not cables:
         raise CableError(
             f"scene {scene} has no cable: give it a `plugin` of {PLUGIN!r}, or write "
             "one with `add_cable` or `add_friction`."
         )
-    ends = _ends(model, cables)
-    tables = _axis_tables(table)
-    wearers = table.tables("wearer")
-    for joint, own in wearers.items():
-        own.only(*WEARER_KEYS)
-        if joint != EVERY and spec.joint(joint) is None:
-            raise CableError.unknown(
-                f"joint in {own.where}", joint, _names(spec.joints)
-            )
-    axes = _axes(spec, model, scene, cables, ends, tables, read)
-    movers = _movers(spec, model, axes, wearers, read)
-    for place, axis in enumerate(axes):
-        given = next((t for t in tables if t.text("motor") in (None, axis.motor)), None)
-        if given is not None and "cuff" in given.content:
-            axes[place] = add_cuff(spec, model, axis, given.table("cuff"))
-    description = Description(
+    arms = Arms(model)
+    found = _axes(spec, arms, scene, cables, table, read)
+    axes = [one.axis for one in found]
+    movers = derive_movers(spec, arms, axes, table, read)
+    axes = [
+        add_cuff(spec, model, one.axis, one.table.table("cuff"))
+        if "cuff" in one.table.content
+        else one.axis
+        for one in found
+    ]
+    rope = table.table("rope")
+    rope.only("strength", "diameter")
+    for key in ("meaning", "trajectory"):
+        read.note(key, GIVEN if key in table.content else ASSUMED)
+    return Description(
         scene=scene,
         meaning=table.text("meaning") or f"device of {Path(scene).name}",
         axes=tuple(axes),
         movers=movers,
-        sensing=_sensing(table.table("sensors"), model, axes, ends, read),
+        sensing=_sensing(table.table("sensors"), found, read),
         trajectory=table.text("trajectory") or "sine",
-        strength=read.number(table.table("rope"), "strength", math.nan, ASSUMED),
-        diameter=read.number(
-            table.table("rope"), "diameter", math.nan, ASSUMED, low=1e-6, high=0.1
-        ),
+        strength=read.number(rope, "strength", math.nan, ASSUMED),
+        diameter=read.number(rope, "diameter", math.nan, ASSUMED, low=1e-6, high=0.1),
         period=_period(table, float(spec.option.timestep), scene, read),
         sources=read.sources,
     )
-    table.table("rope").only("strength", "diameter")
-    for key in ("meaning", "trajectory"):
-        read.note(key, GIVEN if key in table.content else ASSUMED)
-    return description
 
 
-def _period(table: Table, timestep: float, scene: str, read: _Reader) -> float:
+def _period(table: Table, timestep: float, scene: str, read: Reader) -> float:
     """Return the control period [s]; warns where it cannot be 1 ms."""
     steps = max(round(PERIOD / timestep), 1)
     fits = abs(steps * timestep - PERIOD) < 1e-9
@@ -199,120 +172,22 @@ def _period(table: Table, timestep: float, scene: str, read: _Reader) -> float:
             f"device {scene}: a time step of {1e3 * timestep:g} ms makes a control "
             f"period of {1e3 * default:g} ms instead of 1 ms; `timestep` in <option> "
             "or `period` in the description sets it.",
+            CableWarning,
             stacklevel=2,
         )
     return read.number(table, "period", default, ASSUMED, low=1e-6)
 
 
-def _compile(spec: mujoco.MjSpec, scene: str) -> mujoco.MjModel:
-    try:
-        # A copy, as elements of what was compiled cannot all be taken out later.
-        return spec.copy().compile()
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise CableError(f"scene {scene} does not compile: {reason}") from None
-
-
-def _names(elements: Iterable[Any]) -> list[str]:
-    return [element.name for element in elements if element.name]
-
-
-def _hold_root(spec: mujoco.MjSpec, table: Table, read: _Reader) -> None:
-    """Take the free joints out, unless the description lets them be free."""
-    choice = table.choice("root", FREE_ROOTS)
-    free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not free:
-        return
-    read.note("root", ASSUMED if choice is None else GIVEN)
-    if choice == "free":
-        return
-    if choice is None:
-        warnings.warn(
-            f"device {table.where}: the body on free joint {free[0].name!r} is held "
-            'where it is; root = "free" or "held" in the description says which.',
-            CableWarning,
-            stacklevel=2,
-        )
-    # Episodes begin in the neutral pose; keyframes count the coordinates of the root.
-    for element in [*spec.keys, *free]:
-        spec.delete(element)
-
-
-def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
-    """Refuse an end of a cable on a joint or a tendon that is not there."""
-    kinds = {
-        mujoco.mjtTrn.mjTRN_JOINT: ("joint", spec.joints),
-        mujoco.mjtTrn.mjTRN_TENDON: ("tendon", spec.tendons),
-    }
-    for actuator in spec.actuators:
-        if actuator.plugin.plugin_name != PLUGIN or actuator.trntype not in kinds:
-            continue
-        kind, elements = kinds[actuator.trntype]
-        names = _names(elements)
-        if actuator.target not in names:
-            where = f"{kind} of cable {actuator.plugin.name!r} in scene {scene}"
-            raise CableError.unknown(where, str(actuator.target), names)
-
-
-def _require_radians(model: mujoco.MjModel, scene: str) -> None:
-    """Warn of the range of a hinge that looks like degrees."""
-    hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
-    driven = [j for j in np.flatnonzero(hinges) if not _is_drum(model, int(j))]
-    for joint in driven:
-        low, high = model.jnt_range[joint].tolist()
-        if high - low > MAX_RANGE:
-            warnings.warn(
-                f"scene {scene}: joint {model.joint(int(joint)).name!r} has a range of "
-                f"{low:g} to {high:g} rad; if these are degrees, `angle` in <compiler> "
-                "must be degree.",
-                CableWarning,
-                stacklevel=2,
-            )
-
-
-def _is_drum(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether a motor other than a cable and a spring turns a joint."""
-    on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
-        model.actuator_trnid[:, 0] == joint
-    )
-    free = (model.actuator_plugin < 0) & (
-        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
-    )
-    return bool((on & free).any())
-
-
-def _name_parts(spec: mujoco.MjSpec) -> None:
-    """Name what a device has to find again: actuators and joints without a name."""
-    taken = {*_names(spec.actuators)}
-    for place, joint in enumerate(spec.joints):
-        if not joint.name:
-            joint.name = f"joint_{place}"
-    for actuator in spec.actuators:
-        if not actuator.name:
-            base = actuator.plugin.name or "actuator"
-            name = f"{base}_{actuator.target}"
-            while name in taken:
-                name += "_"
-            actuator.name = name
-            taken.add(name)
-
-
-def _ends(
-    model: mujoco.MjModel, cables: Mapping[str, Cable]
-) -> dict[str, tuple[_End, _End]]:
+def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End]]:
     """Return both ends of every cable."""
-    moments = np.abs(swept_moments(model)).max(axis=0)
-    found = {}
+    model, found = arms.model, {}
     for name, instance in instances(model).items():
-        used = np.flatnonzero(model.actuator_plugin == instance).tolist()
         ends = []
-        for actuator in used:
+        for actuator in np.flatnonzero(model.actuator_plugin == instance).tolist():
             out = int(model.actuator_outadr[actuator])
-            row = moments[out]
+            row = arms.most[out]
             moved = np.flatnonzero(row > 1e-9 * max(float(row.max()), 1e-12))
-            joints = tuple(
-                dict.fromkeys(int(model.dof_jntid[dof]) for dof in moved.tolist())
-            )
+            joints = tuple(dict.fromkeys(model.dof_jntid[moved].tolist()))
             ends.append(_End(actuator, out, joints))
         found[name] = (ends[0], ends[1])
     return {name: found[name] for name in cables}
@@ -336,14 +211,14 @@ def _axis_tables(table: Table) -> list[Table]:
 
 def _axes(
     spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
+    arms: Arms,
     scene: str,
     cables: Mapping[str, Cable],
-    ends: Mapping[str, tuple[_End, _End]],
-    tables: list[Table],
-    read: _Reader,
-) -> list[Axis]:
+    file: Table,
+    read: Reader,
+) -> list[_Found]:
     """Return the axes: one for each motor that winds cables."""
+    model, ends = arms.model, _ends(arms, cables)
     wound: dict[int, list[str]] = {}
     for name, (proximal, _) in ends.items():
         motor = _motor_of(model, proximal)
@@ -359,7 +234,7 @@ def _axes(
         )
     motors = {model.actuator(motor).name: motor for motor in wound}
     given: dict[str, Table] = {}
-    for table in tables:
+    for table in _axis_tables(file):
         motor_name = table.text("motor")
         if motor_name is None:
             if len(motors) > 1:
@@ -377,51 +252,51 @@ def _axes(
         given[motor_name] = table
     # The order of the file, then that of the scene.
     order = [*given, *(name for name in motors if name not in given)]
-    axes: list[Axis] = []
+    found: list[_Found] = []
     sources = []
     for name in order:
         table = given.get(name, Table(f"scene {scene}, motor {name!r}", {}))
-        one = _axis(spec, model, motors[name], wound[motors[name]], ends, table, read)
+        one = _axis(spec, arms, motors[name], wound[motors[name]], ends, table, read)
         origins = [key for key in read.sources if key.startswith("axis.")]
         sources.append({key: read.sources.pop(key) for key in origins})
-        axes.append(one)
-    _separate(axes, cables, given)
-    for axis, own in zip(axes, sources, strict=True):
-        label = f"{axis.name}." if len(axes) > 1 else ""
+        found.append(one)
+    found = _separated(found, cables)
+    for one, own in zip(found, sources, strict=True):
+        label = f"{one.axis.name}." if len(found) > 1 else ""
         read.sources |= {label + key: origin for key, origin in own.items()}
-    names = [axis.name for axis in axes]
+    names = [one.axis.name for one in found]
     for twice in names:
         if names.count(twice) > 1:
             raise CableError(
                 f"scene {scene} has two axes of the name {twice!r}; give each a `name` "
                 "in [[axis]]."
             )
-    return axes
+    return found
 
 
-def _separate(
-    axes: list[Axis], cables: Mapping[str, Cable], given: Mapping[str, Table]
-) -> None:
-    """Name axes that drive one joint by their motors, unless the file names them.
+def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]:
+    """Return the axes, those of one joint named by their motors unless the file does.
 
     Raises:
         CableError: Their cables pull the joint in one sum, so nothing separates them.
     """
-    joints = [axis.joint for axis in axes]
-    for place, axis in enumerate(axes):
-        if joints.count(axis.joint) == 1:
-            continue
-        for name in axis.cables:
-            if cables[name].path != PATHS[0]:
-                raise CableError(
-                    f"several motors drive joint {axis.joint!r}, and cable {name!r} of "
-                    f"motor {axis.motor!r} has path = {cables[name].path!r}: what each "
-                    "motor contributes is known of guided cables only; lead that "
-                    "cable in a conduit."
-                )
-        table = given.get(axis.motor)
-        if table is None or table.text("name") is None:
-            axes[place] = dataclasses.replace(axis, name=axis.motor)
+    joints = [one.axis.joint for one in found]
+    named = []
+    for one in found:
+        axis = one.axis
+        if joints.count(axis.joint) > 1:
+            for name in axis.cables:
+                if cables[name].path != PATHS[0]:
+                    raise CableError(
+                        f"several motors drive joint {axis.joint!r}, and cable "
+                        f"{name!r} of motor {axis.motor!r} has path = "
+                        f"{cables[name].path!r}: what each motor contributes is known "
+                        "of guided cables only; lead that cable in a conduit."
+                    )
+            if one.table.text("name") is None:
+                axis = dataclasses.replace(axis, name=axis.motor)
+        named.append(one._replace(axis=axis))
+    return named
 
 
 def _motor_of(model: mujoco.MjModel, end: _End) -> int | None:
@@ -439,51 +314,54 @@ def _motor_of(model: mujoco.MjModel, end: _End) -> int | None:
 
 def _axis(
     spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
+    arms: Arms,
     motor: int,
     wound: list[str],
     ends: Mapping[str, tuple[_End, _End]],
     table: Table,
-    read: _Reader,
-) -> Axis:
+    read: Reader,
+) -> _Found:
     """Return the axis of a motor."""
+    model = arms.model
     name = model.actuator(motor).name
     drum = int(model.actuator_trnid[motor, 0])
     _require_hinge(model, drum, f"motor {name!r} turns")
     torque = _torque_limit(spec, model, motor, table, read)
-    joint = _driven_joint(model, wound, ends, drum, table, read)
+    joint = _driven_joint(arms, wound, ends, drum, table, read)
     moved = model.joint(joint).name
     _require_hinge(model, joint, f"motor {name!r} drives")
     own = [n for n in wound if joint in ends[n][1].joints]
-    arms = {n: _arms(model, ends[n], drum, joint) for n in own}
-    proximal, distal = arms[own[0]]
+    drums, joints = (
+        {n: arms.neutral(ends[n][side].out, at) for n in own}
+        for side, at in enumerate((drum, joint))
+    )
+    proximal, distal = drums[own[0]], joints[own[0]]
     if not proximal or not distal:
         raise CableError(
             f"cable {own[0]!r} has no lever arm at joint {moved!r} in the pose `qpos0`;"
             " give the scene a neutral pose in which it pulls."
         )
     largest = torque * abs(distal / proximal)
-    pulls = [p for n in own for p in [arms[n][1] / arms[n][0]]]
-    signs = {p < 0.0 for p, _ in arms.values()}
-    pull_pull = len(own) == 2 and len(signs) == 2 and len({p > 0.0 for p in pulls}) == 1
-    one_way = len(signs) == 1
+    one_way = len({arm < 0.0 for arm in drums.values()}) == 1
+    # Two cables that turn the joint alike hold each other taut.
+    alike = len({joints[n] / drums[n] > 0.0 for n in own}) == 1
+    pull_pull = len(own) == 2 and not one_way and alike
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
     reach = read.number(
         table, "reach", reach, SCENE, low=1e-3, high=2.0 * math.pi, label="axis."
     )
     centre = read.number(table, "centre", centre, SCENE, low=-math.inf, label="axis.")
-    _warn_of_dead_centre(model, ends[own[0]][1], joint, own[0], (centre, reach))
+    _warn_of_dead_centre(model, ends[own[0]][1].out, joint, own[0], centre, reach)
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
-    demanded = _rounded(TORQUE_SHARE * largest)
+    demanded = rounded(TORQUE_SHARE * largest)
     task = table.text("task")
     read.note("axis.task", ASSUMED if task is None else GIVEN)
     gearing = table.number("gearing", 1e-9)
     read.note("axis.gearing", ASSUMED if gearing is None else GIVEN)
     units = _units(table.table("observation"), reach, largest, read)
-    axis_name = table.text("name") or moved
-    return Axis(
-        name=axis_name,
+    axis = Axis(
+        name=table.text("name") or moved,
         motor=name,
         drum=model.joint(drum).name,
         joint=moved,
@@ -504,30 +382,30 @@ def _axis(
         joint_pulley=read.number(table, "joint_pulley", 0.0, ASSUMED, label="axis."),
         lever=_lever(spec, model, ends[own[0]][1], joint, table, read),
     )
+    return _Found(axis, table, largest, abs(distal))
 
 
 def _warn_of_dead_centre(
     model: mujoco.MjModel,
-    end: _End,
+    out: int,
     joint: int,
     cable: str,
-    motion: tuple[float, float],
+    centre: float,
+    reach: float,
 ) -> None:
     """Warn of angles of named motions at which a cable hardly turns its joint."""
-    place, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-    centre, reach = motion
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
-    poses[:, place] = angles
-    arms = moments(model, list(poses))[:, end.out, dof]
-    least = int(np.argmin(arms * math.copysign(1.0, float(arms.sum()))))
-    share = float(arms[least] / np.abs(arms).max())
-    if abs(share) < DEAD_SHARE or share * float(arms.sum()) < 0.0:
+    poses[:, model.jnt_qposadr[joint]] = angles
+    arms = moments(model, list(poses))[:, out, model.jnt_dofadr[joint]]
+    arms = arms * math.copysign(1.0, float(arms.sum()))
+    least, most = int(arms.argmin()), float(np.abs(arms).max())
+    if arms[least] < DEAD_SHARE * most:
         warnings.warn(
             f"cable {cable!r} hardly turns joint {model.joint(joint).name!r} at "
             f"{angles[least]:.3g} rad, where its arm is {1e3 * arms[least]:.2g} mm of "
-            f"{1e3 * np.abs(arms).max():.2g} mm at most; `reach` and `centre` in "
-            "[axis] set where named motions go.",
+            f"{1e3 * most:.2g} mm at most; `reach` and `centre` in [axis] set where "
+            "named motions go.",
             CableWarning,
             stacklevel=2,
         )
@@ -545,7 +423,7 @@ def _torque_limit(
     model: mujoco.MjModel,
     motor: int,
     table: Table,
-    read: _Reader,
+    read: Reader,
 ) -> float:
     """Return the largest torque of a motor [N m]; writes a given one into the scene."""
     name = model.actuator(motor).name
@@ -587,14 +465,15 @@ def _torque_limit(
 
 
 def _driven_joint(
-    model: mujoco.MjModel,
+    arms: Arms,
     wound: list[str],
     ends: Mapping[str, tuple[_End, _End]],
     drum: int,
     table: Table,
-    read: _Reader,
+    read: Reader,
 ) -> int:
     """Return the joint that a motor's cables drive."""
+    model = arms.model
     candidates = [
         joint for name in wound for joint in ends[name][1].joints if joint != drum
     ]
@@ -614,22 +493,9 @@ def _driven_joint(
     if len(names) == 1:
         return int(model.joint(names[0]).id)
     # Of several, the one with the longest arm.
-    moments = np.abs(swept_moments(model)).mean(axis=0)
-    row = moments[ends[wound[0]][1].out]
+    row = arms.mean[ends[wound[0]][1].out]
     joints = [int(model.joint(name).id) for name in names]
     return max(joints, key=lambda joint: float(row[model.jnt_dofadr[joint]]))
-
-
-def _arms(
-    model: mujoco.MjModel, ends: tuple[_End, _End], drum: int, joint: int
-) -> tuple[float, float]:
-    """Return the displacement of both ends per angle in the neutral pose [m/rad]."""
-    dense = neutral_moments(model)
-    proximal, distal = ends
-    return (
-        float(dense[proximal.out, model.jnt_dofadr[drum]]),
-        float(dense[distal.out, model.jnt_dofadr[joint]]),
-    )
 
 
 def excursion(
@@ -650,21 +516,21 @@ def excursion(
     if min(high - neutral, neutral - low) < 0.25 * span:
         neutral = 0.5 * (low + high)
     reach = min(high - neutral, neutral - low)
-    return _rounded(neutral, 6), _rounded(min(reach, 1.0), 3)
+    return rounded(neutral, 6), rounded(min(reach, 1.0), 3)
 
 
 def _units(
-    table: Table, reach: float, largest: float, read: _Reader
+    table: Table, reach: float, largest: float, read: Reader
 ) -> dict[str, float]:
     """Return the sizes that count as 1, by column."""
     table.only(*UNITS, "phase")
     defaults = {
-        "twist": _rounded(0.2 * reach),
+        "twist": rounded(0.2 * reach),
         "motor_velocity": 2.0,
-        "joint_angle": _rounded(0.5 * reach),
+        "joint_angle": rounded(0.5 * reach),
         "joint_velocity": 2.0,
-        "torque_error": _rounded(0.05 * largest),
-        "desired_torque": _rounded(TORQUE_SHARE * largest),
+        "torque_error": rounded(0.05 * largest),
+        "desired_torque": rounded(TORQUE_SHARE * largest),
     }
     units = {
         UNITS[key]: read.number(
@@ -685,7 +551,7 @@ def _lever(
     end: _End,
     joint: int,
     table: Table,
-    read: _Reader,
+    read: Reader,
 ) -> tuple[str, ...]:
     """Return the sites that move with a lever; none for a pulley or an open path."""
     given = table.content.get("lever")
@@ -694,7 +560,7 @@ def _lever(
         for site in listed:
             if not isinstance(site, str) or spec.site(site) is None:
                 raise CableError.unknown(
-                    f"site in {table.where}, lever", str(site), _names(spec.sites)
+                    f"site in {table.where}, lever", str(site), names_of(spec.sites)
                 )
         read.note("axis.lever", GIVEN)
         return tuple(listed)
@@ -711,162 +577,29 @@ def _lever(
     return tuple(own[-1:])
 
 
-def _movers(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    axes: list[Axis],
-    wearers: Mapping[str, Table],
-    read: _Reader,
-) -> dict[str, str]:
-    """Return the actuators by which the wearer moves joints; adds those that lack."""
-    drums = {axis.drum for axis in axes}
-    driven = [axis.joint for axis in axes]
-    others = [
-        model.joint(j).name
-        for j in range(model.njnt)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and model.joint(j).name not in (*drums, *driven)
-    ]
-    every = wearers.get(EVERY)
-    found: dict[str, str] = {}
-    for joint in dict.fromkeys((*driven, *others)):
-        table = wearers.get(joint)
-        label = f"wearer.{joint}"
-        existing = _springs(model, joint)
-        if table is None and not existing and (joint in driven or every is not None):
-            if joint in driven and _is_moved(model, joint, axes):
-                read.note(label, SCENE)
-                continue  # muscles or other actuators move the body by themselves
-            table = every or Table(label, {})
-        if table is None:
-            if existing:
-                found[joint] = existing[0]
-                read.note(label, SCENE)
-            continue
-        read.note(label, GIVEN if table.content else ASSUMED)
-        if table.content.get("none", False):
-            continue
-        name = table.text("actuator")
-        if name is not None and name not in existing:
-            raise CableError.unknown(
-                f"actuator in {table.where} (a position actuator at that joint)",
-                name,
-                existing,
-            )
-        if name is None:
-            name = existing[0] if existing else ""
-        stiffness, damping = table.number("stiffness", 1e-6), table.number("damping", 0)
-        if not name:
-            inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
-            if stiffness is None:
-                stiffness = _rounded(inertia * WEARER_FREQUENCY**2)
-            if damping is None:
-                damping = _rounded(
-                    2.0 * WEARER_DAMPING * math.sqrt(inertia * stiffness)
-                )
-            name = f"wearer_{joint}"
-            added = add_element(
-                spec,
-                "actuator",
-                name=name,
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                target=joint,
-                gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-            )
-            added.gainprm[0] = stiffness
-            added.biasprm[:3] = (0.0, -stiffness, -damping)
-        elif stiffness is not None or damping is not None:
-            mover = Mover.of(model, int(model.actuator(name).id))
-            mover.impose(
-                spec.actuator(name),
-                Wearer(
-                    mover.wearer.stiffness if stiffness is None else stiffness,
-                    mover.wearer.damping if damping is None else damping,
-                ),
-            )
-        found[joint] = name
-    return found
-
-
-def _springs(model: mujoco.MjModel, joint: str) -> list[str]:
-    """Return the actuators that pull a joint to where their control says."""
-    place = model.joint(joint).id
-    return [
-        model.actuator(a).name
-        for a in range(model.nu)
-        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
-        and model.actuator_trnid[a, 0] == place
-        and model.actuator_plugin[a] < 0
-        and model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
-        and model.actuator_biasprm[a, 1] < 0.0
-        and model.actuator_gainprm[a, 0] != 0.0
-        and model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
-    ]
-
-
-def _is_moved(model: mujoco.MjModel, joint: str, axes: list[Axis]) -> bool:
-    """Return whether actuators other than cables move a joint, such as muscles."""
-    dof = int(model.joint(joint).dofadr[0])
-    moments = np.abs(swept_moments(model)).max(axis=0)
-    motors = {axis.motor for axis in axes}
-    return any(
-        model.actuator_plugin[a] < 0
-        and model.actuator(a).name not in motors
-        and model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT
-        and moments[int(model.actuator_outadr[a]), dof] > 1e-9
-        for a in range(model.nu)
-    )
-
-
-def _sensing(
-    table: Table,
-    model: mujoco.MjModel,
-    axes: list[Axis],
-    ends: Mapping[str, tuple[_End, _End]],
-    read: _Reader,
-) -> Sensing:
+def _sensing(table: Table, found: Sequence[_Found], read: Reader) -> Sensing:
     """Return the sensors; noise that is not given goes with the largest torque."""
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)
-    scales = [axis.units["joint_torque_nm"] / 0.05 for axis in axes]
-    arms = [
-        abs(
-            _arms(
-                model,
-                ends[axis.cables[0]],
-                int(model.joint(axis.drum).id),
-                int(model.joint(axis.limb).id),
-            )[1]
-        )
-        or 1.0
-        for axis in axes
-    ]
-    noise = _rounded(NOISE_SHARE * min(scales))
-    defaults = {
-        "torque_noise": noise,
-        "tension_noise": _rounded(
-            NOISE_SHARE * min(s / a for s, a in zip(scales, arms, strict=True))
+    values: dict[str, Any] = {
+        "torque_noise": rounded(NOISE_SHARE * min(one.largest for one in found)),
+        "tension_noise": rounded(
+            NOISE_SHARE * min(one.largest / one.arm for one in found)
         ),
     }
-    found: dict[str, Any] = {}
     for name in names:
         given = table.number(name, 0.0)
         read.note(f"sensors.{name}", ASSUMED if given is None else GIVEN)
         if given is not None:
-            found[name] = int(given) if name == "delay" else given
-        elif name in defaults:
-            found[name] = defaults[name]
-    return Sensing(**found)
+            values[name] = given
+    if "delay" in table.content:
+        if not values["delay"].is_integer():
+            raise table.wrong("delay", "a whole number of control steps")
+        values["delay"] = int(values["delay"])
+    return Sensing(**values)
 
 
 def known_torque_noise(description: Description) -> float:
     """Return the noise of the joint torque sensor, 0 where it is only assumed [N m]."""
     assumed = description.sources.get("sensors.torque_noise") == ASSUMED
     return 0.0 if assumed else description.sensing.torque_noise
-
-
-def _rounded(value: float, digits: int = 2) -> float:
-    """Return a number with few digits."""
-    return float(f"{value:.{digits}g}")

@@ -262,19 +262,29 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
     )
 
 
+class Arms:
+    """Moment arms of all actuators of a model over the ranges of its joints.
+
+    Arms are displacements per angle or length of a joint [m/rad, m/m or 1].
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Sweep the joints together, from the neutral pose."""
+        self.model = model
+        swept = np.abs(moments(model, [model.qpos0, *_poses(model)]))
+        self.most, self.mean = swept.max(axis=0), swept.mean(axis=0)
+        """Largest and mean absolute arms, (outputs, nv)."""
+        self._neutral = neutral_moments(model)
+
+    def neutral(self, out: int, joint: int) -> float:
+        """Return the arm of an output at a joint in the pose `qpos0`."""
+        return float(self._neutral[out, self.model.jnt_dofadr[joint]])
+
+
 def neutral_moments(model: mujoco.MjModel) -> Array:
     """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
     found: Array = moments(model, [model.qpos0])[0]
     return found
-
-
-def swept_moments(model: mujoco.MjModel) -> Array:
-    """Return the moment arms of all actuators over the joints' ranges.
-
-    Returns:
-        Arms [m/rad, m/m or 1], (poses, outputs, nv).
-    """
-    return moments(model, [model.qpos0, *_poses(model)])
 
 
 def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:

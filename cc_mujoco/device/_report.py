@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.device._derivation import ASSUMED, GIVEN, SCENE, UNITS
+from cc_mujoco.device._derivation import UNITS
+from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE
 from cc_mujoco.device._description import Axis
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._model import DeviceModel

@@ -1,0 +1,154 @@
+"""Wearer of a device: the actuators that move its joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+
+from cc_mujoco._utils.toml_table import Table
+from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE, Reader, rounded
+from cc_mujoco.device._description import Axis
+from cc_mujoco.device._moment_arm import Arms
+from cc_mujoco.device._mover import Mover
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Wearer
+from cc_mujoco.plugin._spec import add_element
+
+WEARER_FREQUENCY, WEARER_DAMPING = 25.0, 0.7
+"""Natural frequency [rad/s] and damping ratio of an assumed wearer at the joint."""
+EVERY = "*"
+"""Name in `[wearer]` that stands for every joint that nothing else moves."""
+WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
+
+
+def derive_movers(
+    spec: mujoco.MjSpec,
+    arms: Arms,
+    axes: Sequence[Axis],
+    table: Table,
+    read: Reader,
+) -> dict[str, str]:
+    """Return the actuators by which the wearer moves joints; adds those that lack.
+
+    Args:
+        spec: The scene, which is changed.
+        arms: Of its actuators.
+        axes: Of the device.
+        table: File of the description.
+        read: Takes the origins.
+
+    Raises:
+        CableError: The file names a joint or an actuator that no wearer moves.
+    """
+    model = arms.model
+    drums = {axis.drum for axis in axes}
+    driven = [axis.joint for axis in axes]
+    others = [
+        model.joint(j).name
+        for j in range(model.njnt)
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        and model.joint(j).name not in (*drums, *driven)
+    ]
+    wearers = table.tables("wearer")
+    for joint, own in wearers.items():
+        own.only(*WEARER_KEYS)
+        if joint != EVERY and joint not in (*driven, *others):
+            raise CableError.unknown(
+                f"joint of the body in {own.where}", joint, (*driven, *others)
+            )
+    every = wearers.get(EVERY)
+    found: dict[str, str] = {}
+    for joint in dict.fromkeys((*driven, *others)):
+        one = wearers.get(joint)
+        label = f"wearer.{joint}"
+        existing = _springs(model, joint)
+        if one is None and not existing and (joint in driven or every is not None):
+            if joint in driven and _is_moved(arms, joint, axes):
+                read.note(label, SCENE)
+                continue  # muscles or other actuators move the body by themselves
+            one = every or Table(label, {})
+        if one is None:
+            if existing:
+                found[joint] = existing[0]
+                read.note(label, SCENE)
+            continue
+        read.note(label, GIVEN if one.content else ASSUMED)
+        if one.content.get("none", False):
+            if len(one.content) > 1:
+                raise CableError(
+                    f"{one.where}: with `none` nothing else goes, as nobody moves "
+                    "that joint."
+                )
+            continue
+        name = one.text("actuator")
+        if name is not None and name not in existing:
+            raise CableError.unknown(
+                f"actuator in {one.where} (a position actuator at that joint)",
+                name,
+                existing,
+            )
+        if name is None:
+            name = existing[0] if existing else ""
+        stiffness, damping = one.number("stiffness", 1e-6), one.number("damping", 0)
+        if not name:
+            inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
+            if stiffness is None:
+                stiffness = rounded(inertia * WEARER_FREQUENCY**2)
+            if damping is None:
+                damping = rounded(2.0 * WEARER_DAMPING * math.sqrt(inertia * stiffness))
+            name = f"wearer_{joint}"
+            added = add_element(
+                spec,
+                "actuator",
+                name=name,
+                trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                target=joint,
+                gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            )
+            added.gainprm[0] = stiffness
+            added.biasprm[:3] = (0.0, -stiffness, -damping)
+        elif stiffness is not None or damping is not None:
+            mover = Mover.of(model, int(model.actuator(name).id))
+            mover.impose(
+                spec.actuator(name),
+                Wearer(
+                    mover.wearer.stiffness if stiffness is None else stiffness,
+                    mover.wearer.damping if damping is None else damping,
+                ),
+            )
+        found[joint] = name
+    return found
+
+
+def _springs(model: mujoco.MjModel, joint: str) -> list[str]:
+    """Return the actuators that pull a joint to where their control says."""
+    place = model.joint(joint).id
+    return [
+        model.actuator(a).name
+        for a in range(model.nu)
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
+        and model.actuator_trnid[a, 0] == place
+        and model.actuator_plugin[a] < 0
+        and model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
+        and model.actuator_biasprm[a, 1] < 0.0
+        and model.actuator_gainprm[a, 0] != 0.0
+        and model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
+    ]
+
+
+def _is_moved(arms: Arms, joint: str, axes: Sequence[Axis]) -> bool:
+    """Return whether actuators other than cables move a joint, such as muscles."""
+    model = arms.model
+    dof = int(model.joint(joint).dofadr[0])
+    motors = {axis.motor for axis in axes}
+    return any(
+        model.actuator_plugin[a] < 0
+        and model.actuator(a).name not in motors
+        and model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT
+        and arms.most[int(model.actuator_outadr[a]), dof] > 1e-9
+        for a in range(model.nu)
+    )

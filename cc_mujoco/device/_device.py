@@ -155,6 +155,7 @@ class Device(Nominal):
         timestep: float | None,
         given: Mapping[str, Any],
     ) -> None:
+        self._given = dict(given)
         self._table = table = Table(table.where, _merged(table.content, given))
         description = describe(spec, name, table)
         # After it, since the control period is that of the scene's own time step.
@@ -189,7 +190,7 @@ class Device(Nominal):
                 f"device {self.name!r} was made of a specification, which another "
                 "process cannot have: write it to a file and give its path."
             )
-        return _restored, (self.name, self.timestep)
+        return _restored, (self.name, self.timestep, self._given)
 
     @property
     def frame_skip(self) -> int:
@@ -209,7 +210,7 @@ class Device(Nominal):
 
     def xml(self) -> str:
         """Return the MJCF of the scene."""
-        if self.name in SCENES:
+        if self.name in SCENES and not self._given:
             return scene_path(self.name).read_text(encoding="utf-8")
         return str(self.spec.to_xml())
 
@@ -278,8 +279,9 @@ def _load(name: str, timestep: float | None, stamps: tuple[Any, ...]) -> Device:
     return Device(name, timestep)
 
 
-def _restored(name: str, timestep: float | None) -> Device:
-    return load_device(name, timestep)
+def _restored(name: str, timestep: float | None, given: dict[str, Any]) -> Device:
+    """Return a device in another process."""
+    return Device(name, timestep, **given) if given else load_device(name, timestep)
 
 
 def is_device_file(source: str | Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,6 +141,18 @@ def test_a_description_beside_the_scene_and_arguments_take_precedence(
     assert changed.description.trajectory == "reach"
     by_file = Device(tmp_path / "knee.device.toml")
     assert by_file.description.axis() == Device(path).description.axis()
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_arguments_travel_with_a_device_to_other_processes(
+    own: bool, tmp_path: Path
+) -> None:
+    source = knee(tmp_path, "[axis]\n") if own else "wrist"
+    first = Device(source, axis={"cuff": {"stiffness": 400.0}, "safe_torque": 21.0})
+    again = pickle.loads(pickle.dumps(first))
+    assert again.description == first.description
+    assert again.description.axes[0].safe_torque == 21.0
+    assert again.xml() == first.xml() != Device(source).xml()
 
 
 def test_what_nobody_says_is_unknown_and_listed_as_missing(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ both give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -23,6 +22,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._moment_arm import (
     TabledWinding,
     Winding,
+    neutral_moments,
     open_winding,
     winding_of,
 )
@@ -124,12 +124,14 @@ class AxisModel:
             motor_out=int(model.actuator_outadr[motor.id]),
             wearer_out=-1 if mover is None else mover.out,
         )
-        arms = _arms(model, self.places)
+        arms = neutral_moments(model)
         self._proximal = {
-            name: float(arms[0][ends[0]]) for name, ends in self._ends.items()
+            name: float(arms[proximal, self.places.motor_v])
+            for name, (proximal, _) in self._ends.items()
         }
         self._distal = {
-            name: float(arms[1][ends[1]]) for name, ends in self._ends.items()
+            name: float(arms[distal, self.places.joint_v])
+            for name, (_, distal) in self._ends.items()
         }
         winds = all(arm > 0.0 for arm in self._proximal.values())
         self.sense = -1.0 if winds else 1.0
@@ -143,19 +145,17 @@ class AxisModel:
         self.motor_scale = self.sense * limits.control
         """Control of the motor at an action of 1."""
         self._torques = sorted(self.sense * end for end in limits.torques)
-        own = (ends for ends in self._ends.items() if self._distal[ends[0]])
-        first = next(own)[1]
-        self.first = first
+        self.driven = tuple(name for name in axis.cables if self._distal[name])
+        """Names of the cables from the motor to the joint."""
+        name = self.driven[0]
+        self.first = self._ends[name]
         """Both ends of the first cable of the joint, in `actuator_force`."""
-        self.proximal_arm = float(arms[0][first[0]])
+        self.proximal_arm = self._proximal[name]
         """Displacement of its proximal end per motor angle of the model [m/rad]."""
         self.winding: Winding | TabledWinding | None
         """Winding of the first cable's distal end; None on a round pulley."""
-        self.driven = tuple(name for name in axis.cables if self._distal[name])
-        """Names of the cables from the motor to the joint."""
         self._unknown = False
-        self._find_winding(first[1])
-        name = self.driven[0]
+        self._find_winding(self.first[1])
         self.ratio = self._distal[name] / (self.sense * self._proximal[name])
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
@@ -186,15 +186,6 @@ class AxisModel:
         self.winding = open_winding(self.model, tendon, mouth, self.axis.joint)
         # No controller knows a cable of which other joints wind a part.
         self._unknown = self.winding is None
-
-    @property
-    def joint_range(self) -> tuple[float, float]:
-        """Stops of the joint [rad], infinite where it has none."""
-        joint = self.model.joint(self.axis.limb)
-        if not self.model.jnt_limited[joint.id]:
-            return -math.inf, math.inf
-        low, high = joint.range
-        return float(low), float(high)
 
     @property
     def plain(self) -> bool:
@@ -280,9 +271,10 @@ class AxisModel:
             winding_values = dict(
                 zip(WINDING_COLUMNS, (angle, velocity, 0.0 * angle + 1.0), strict=True)
             )
-        wearer = 0.0 * angle
         if self._mover is not None:
             wearer = force[self._mover.out] * self._mover.gear
+        else:
+            wearer = 0.0 * angle
         # The cables of the axis are all that acts on the joint besides these.
         cables = physics.qfrc_actuator.T[joint]
         if self.axis.cuff is None:
@@ -359,7 +351,6 @@ class DeviceModel:
         """Torques of the motors at an action of 1 [N m]."""
         self.script_controls = [mover.control for mover in self.movers.values()]
         """Controls of the wearer."""
-        self._qpos = [int(model.joint(name).qposadr[0]) for name in self.movers]
         self.cable_outputs = [place for pair in ends.values() for place in pair]
         """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
         self.cables = plugin.from_mjcf(model)
@@ -482,37 +473,20 @@ def _require_parts(description: Description, model: mujoco.MjModel) -> None:
     Raises:
         CableError: It lacks a joint, an actuator or a cable.
     """
+    joints = {model.joint(j).name for j in range(model.njnt)}
+    actuators = {model.actuator(a).name for a in range(model.nu)}
     for axis in description.axes:
-        for kind, names in (
-            ("joint", (axis.drum, axis.joint)),
-            ("actuator", (axis.motor,)),
-            ("cable", axis.cables),
+        for kind, names, there in (
+            ("joint", (axis.drum, axis.joint), joints),
+            ("actuator", (axis.motor,), actuators),
+            ("cable", axis.cables, instances(model)),
         ):
-            there = instances(model) if kind == "cable" else None
             for name in names:
-                try:
-                    found = name in there if there is not None else True
-                    if there is None:
-                        getattr(model, kind)(name)
-                except KeyError:
-                    found = False
-                if not found:
+                if name not in there:
                     raise CableError(
                         f"the model is no variant of the scene {description.scene!r}: "
                         f"it has no {kind} {name!r}."
                     )
-
-
-def _arms(model: mujoco.MjModel, places: Places) -> tuple[Array, Array]:
-    """Return the arms of all actuators at motor and joint in the neutral pose."""
-    arms = []
-    for dof in (places.motor_v, places.joint_v):
-        data = mujoco.MjData(model)
-        data.qvel[dof] = 1.0
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        arms.append(data.actuator_velocity.copy())
-    return arms[0], arms[1]
 
 
 def _other_torques(

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import train_policy
 
+from cc_mujoco.simulation._reference_motion import joint_range
+
 
 def made(scene: str, fixed: bool) -> list[Any]:
     """Return a few short environments of the script."""
@@ -46,5 +48,5 @@ def test_the_bench_has_the_motor_and_the_hand_of_its_scene() -> None:
     (axis,) = device.axes
     assert (axis.ratio, axis.torque_limit) == (pytest.approx(1.0), 10.0)
     assert device.wearers["joint"] == train_policy.HAND
-    assert axis.joint_range == (-np.inf, np.inf)
+    assert joint_range(device.model, "joint") == (-np.inf, np.inf)
     assert (device.frame_skip, device.description.period) == (10, 1e-3)

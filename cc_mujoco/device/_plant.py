@@ -493,13 +493,10 @@ class Plant:
             drum.armature = float(values["rotor_inertia"])
         elif "motor" in values:
             drum.armature = self.motor(axis).rotor_inertia * self.gearing(axis) ** 2
-        for name, field in (
-            ("cuff_stiffness", "stiffness"),
-            ("cuff_damping", "damping"),
-        ):
+        for name in CUFFED:
             if name in values and axis.cuff is not None:
                 strap = spec.tendon(axis.cuff.tendon)
-                getattr(strap, field)[0] = float(values[name])
+                getattr(strap, name.removeprefix("cuff_"))[0] = float(values[name])
         if "motor_damping" in values:
             drum.damping = [float(values["motor_damping"]), 0.0, 0.0]
 

@@ -241,13 +241,17 @@ class Scripts:
     def write(self, environment: int, rng: np.random.Generator) -> Script:
         """Write the script of the next episode of an environment."""
         script = self._author.write(rng)
-        demands = [self._scripted_torque(script, n) for n in range(len(self._tasks))]
+        if script is self._shared:
+            return script
+        axes = range(len(self._tasks))
+        demands = [self._scripted_torque(script, axis) for axis in axes]
         if not self._commands.size:
             # One row is enough for all where every episode is the same.
             self._shared = script
             self._commands, self._marks = script.commands[None], script.marks[None]
             self._demands = [demand[None] for demand in demands]
-        elif self._shared is not None and script is not self._shared:
+            return script
+        if self._shared is not None:
             self._shared = None
             self._rows = np.arange(self._count)
             self._commands = np.repeat(self._commands, self._count, axis=0)
@@ -255,12 +259,11 @@ class Scripts:
             self._demands = [
                 np.repeat(demand, self._count, axis=0) for demand in self._demands
             ]
-        if self._shared is None:
-            row = self._rows[environment]
-            self._commands[row] = script.commands
-            self._marks[row] = script.marks
-            for kept, demand in zip(self._demands, demands, strict=True):
-                kept[row] = demand
+        row = self._rows[environment]
+        self._commands[row] = script.commands
+        self._marks[row] = script.marks
+        for kept, demand in zip(self._demands, demands, strict=True):
+            kept[row] = demand
         return script
 
     def marks(self, steps: NDArray[np.intp]) -> Array:

@@ -20,7 +20,13 @@ from cc_mujoco import plugin
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._cuff import add_cuff
-from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE, Reader, rounded
+from cc_mujoco.device._derived_values import (
+    ASSUMED,
+    GIVEN,
+    SCENE,
+    DescriptionReader,
+    rounded,
+)
 from cc_mujoco.device._derived_wearers import derive_movers
 from cc_mujoco.device._description import PERIOD, Axis, Description
 from cc_mujoco.device._moment_arm import Arms, moments
@@ -122,7 +128,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         CableError: The scene is no device, or the file says what it does not have.
     """
     table.only(*KEYS)
-    read = Reader()
+    read = DescriptionReader()
     hold_root(spec, table, read)
     name_parts(spec)
     require_targets(spec, scene)
@@ -162,7 +168,9 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     )
 
 
-def _period(table: Table, timestep: float, scene: str, read: Reader) -> float:
+def _period(
+    table: Table, timestep: float, scene: str, read: DescriptionReader
+) -> float:
     """Return the control period [s]; warns where it cannot be 1 ms."""
     steps = max(round(PERIOD / timestep), 1)
     fits = abs(steps * timestep - PERIOD) < 1e-9
@@ -215,7 +223,7 @@ def _axes(
     scene: str,
     cables: Mapping[str, Cable],
     file: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> list[_Found]:
     """Return the axes: one for each motor that winds cables."""
     model, ends = arms.model, _ends(arms, cables)
@@ -319,7 +327,7 @@ def _axis(
     wound: list[str],
     ends: Mapping[str, tuple[_End, _End]],
     table: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> _Found:
     """Return the axis of a motor."""
     model = arms.model
@@ -423,7 +431,7 @@ def _torque_limit(
     model: mujoco.MjModel,
     motor: int,
     table: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> float:
     """Return the largest torque of a motor [N m]; writes a given one into the scene."""
     name = model.actuator(motor).name
@@ -470,7 +478,7 @@ def _driven_joint(
     ends: Mapping[str, tuple[_End, _End]],
     drum: int,
     table: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> int:
     """Return the joint that a motor's cables drive."""
     model = arms.model
@@ -520,7 +528,7 @@ def excursion(
 
 
 def _units(
-    table: Table, reach: float, largest: float, read: Reader
+    table: Table, reach: float, largest: float, read: DescriptionReader
 ) -> dict[str, float]:
     """Return the sizes that count as 1, by column."""
     table.only(*UNITS, "phase")
@@ -551,7 +559,7 @@ def _lever(
     end: _End,
     joint: int,
     table: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> tuple[str, ...]:
     """Return the sites that move with a lever; none for a pulley or an open path."""
     given = table.content.get("lever")
@@ -577,7 +585,7 @@ def _lever(
     return tuple(own[-1:])
 
 
-def _sensing(table: Table, found: Sequence[_Found], read: Reader) -> Sensing:
+def _sensing(table: Table, found: Sequence[_Found], read: DescriptionReader) -> Sensing:
     """Return the sensors; noise that is not given goes with the largest torque."""
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)

@@ -10,7 +10,7 @@ GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"
 """Origins of a property."""
 
 
-class Reader:
+class DescriptionReader:
     """Values of a file, or defaults, whose origins are recorded."""
 
     def __init__(self) -> None:

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 import mujoco
 
 from cc_mujoco._utils.toml_table import Table
-from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE, Reader, rounded
+from cc_mujoco.device._derived_values import (
+    ASSUMED,
+    GIVEN,
+    SCENE,
+    DescriptionReader,
+    rounded,
+)
 from cc_mujoco.device._description import Axis
 from cc_mujoco.device._moment_arm import Arms
 from cc_mujoco.device._mover import Mover
@@ -28,7 +34,7 @@ def derive_movers(
     arms: Arms,
     axes: Sequence[Axis],
     table: Table,
-    read: Reader,
+    read: DescriptionReader,
 ) -> dict[str, str]:
     """Return the actuators by which the wearer moves joints; adds those that lack.
 

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.toml_table import Table
-from cc_mujoco.device._derived_values import ASSUMED, GIVEN, Reader
+from cc_mujoco.device._derived_values import ASSUMED, GIVEN, DescriptionReader
 from cc_mujoco.device._description import FREE_ROOTS
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._config import PLUGIN
@@ -39,7 +39,7 @@ def names_of(elements: Iterable[Any]) -> list[str]:
     return [element.name for element in elements if element.name]
 
 
-def hold_root(spec: mujoco.MjSpec, table: Table, read: Reader) -> None:
+def hold_root(spec: mujoco.MjSpec, table: Table, read: DescriptionReader) -> None:
     """Take the free joints out, unless the description lets them be free."""
     choice = table.choice("root", FREE_ROOTS)
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]

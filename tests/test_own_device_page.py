@@ -100,8 +100,8 @@ def play(section: str, monkeypatch: pytest.MonkeyPatch) -> None:
                 run(words, monkeypatch)
 
 
-def described(folder: Path, said: str) -> None:
-    found = dict(re.findall(r"^  ([\w.]+) +\"?([^\s\"]+)", said, re.M))
+def described(folder: Path, output: str) -> None:
+    found = dict(re.findall(r"^  ([\w.]+) +\"?([^\s\"]+)", output, re.M))
     assert found["axis.motor"] == "winder"
     assert found["axis.joint"] == "right_knee"
     assert found["wearer.right_knee.actuator"] == "leg"
@@ -125,17 +125,17 @@ def compared(folder: Path, _: str) -> None:
         assert (folder / "runs" / name).is_file()
 
 
-def diagnosed(folder: Path, said: str) -> None:
-    assert "named: Missing is viscous friction in the conduit" in said
+def diagnosed(folder: Path, output: str) -> None:
+    assert "named: Missing is viscous friction in the conduit" in output
     assert "viscous_friction" in (folder / "runs/diagnosis/scene.xml").read_text()
 
 
-def driven(folder: Path, said: str) -> None:
+def driven(folder: Path, output: str) -> None:
     assert (folder / "runs/c/cc_controller.h").is_file()
-    assert "the 1 s are over" in said
+    assert "the 1 s are over" in output
 
 
-def nothing(folder: Path, said: str) -> None:
+def nothing(folder: Path, output: str) -> None:
     """Require nothing beyond the exit codes."""
 
 
@@ -190,14 +190,14 @@ def test_the_page_is_short_and_the_scene_has_names_of_its_own() -> None:
 
 
 def test_every_key_of_a_description_is_in_the_table() -> None:
-    told: dict[str, set[str]] = {}
+    listed: dict[str, set[str]] = {}
     for table, keys in re.findall(r"^\| ([^|]*) \| ([^|]*) \|", _rows(), re.M):
-        told.setdefault(table.strip("` "), set()).update(re.findall(r"`(\w+)`", keys))
+        listed.setdefault(table.strip("` "), set()).update(re.findall(r"`(\w+)`", keys))
     tables = {"rope", "sensors", "axis", "wearer"}
     fields = {
         kind: {f.name for f in dataclasses.fields(kind)} for kind in (Sensing, Cuff)
     }
-    assert told == {
+    assert listed == {
         "": set(derivation.KEYS) - tables,
         "rope": {"strength", "diameter"},
         "sensors": fields[Sensing],

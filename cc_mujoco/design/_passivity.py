@@ -458,7 +458,7 @@ def _believing(drive: Drive, believed: float) -> Drive:
 def _control(
     law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
 ) -> Controller:
-    """Return the controller of one axis; others command what they are asked for."""
+    """Return the controller of one axis; the others follow their commands."""
     if law in PASSIVITY_REFERENCES:
         return Unpowered(drives[0], axes=len(drives))
     if len(drives) == 1:

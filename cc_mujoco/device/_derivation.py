@@ -351,9 +351,9 @@ def _axis(
         )
     largest = torque * abs(distal / proximal)
     one_way = len({arm < 0.0 for arm in drums.values()}) == 1
-    # Two cables that turn the joint alike hold each other taut.
-    alike = len({joints[n] / drums[n] > 0.0 for n in own}) == 1
-    pull_pull = len(own) == 2 and not one_way and alike
+    # Two cables that turn the joint the same way hold each other taut.
+    one_sense = len({joints[n] / drums[n] > 0.0 for n in own}) == 1
+    pull_pull = len(own) == 2 and not one_way and one_sense
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
     reach = read.number(
         table, "reach", reach, SCENE, low=1e-3, high=2.0 * math.pi, label="axis."

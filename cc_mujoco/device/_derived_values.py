@@ -1,4 +1,4 @@
-"""Values of a description, with their origins: given, told by the scene, assumed."""
+"""Values of a description, with their origins: given, from the scene, assumed."""
 
 from __future__ import annotations
 

@@ -52,8 +52,8 @@ class Physics(NamedTuple):
     actuator_length: Array
     actuator_moment: Array
 
-    def apart(self) -> Physics:
-        """Return the same, with the results in writable arrays of their own."""
+    def detached(self) -> Physics:
+        """Return a copy whose results are writable arrays of their own."""
         return self._replace(
             **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
         )

@@ -571,11 +571,11 @@ def _lever_direction(spec: mujoco.MjSpec, lever: tuple[str, ...]) -> int:
     joint = next(
         (j for j in site.parent.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE), None
     )
-    apart = np.array(site.pos)
+    offset = np.array(site.pos)
     if joint is not None:
-        apart = apart - joint.pos
-        apart -= (apart @ joint.axis) * np.array(joint.axis)
-    return int(np.abs(apart).argmax())
+        offset = offset - joint.pos
+        offset -= (offset @ joint.axis) * np.array(joint.axis)
+    return int(np.abs(offset).argmax())
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:

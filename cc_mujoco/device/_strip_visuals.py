@@ -182,7 +182,7 @@ def _is_named(body: Any, needed: Names) -> bool:
 
 
 def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> bool:
-    """Return whether the physics needs a geom apart from the inertia of its body."""
+    """Return whether the physics needs a geom beyond the inertia of its body."""
     body = geom.parent
     if body.plugin.active or (_moves(body) and _infers_always(body)):
         return True

@@ -93,7 +93,7 @@ def drive_of(
 
 
 def winding_of(axis: AxisModel) -> MeasuredWinding | None:
-    """Return what tells a controller with a model how far the joint winds the cables.
+    """Return the winding of the cables by the joint, for a controller with a model.
 
     Returns:
         None where a round pulley does, or where joints wind the cables that a rig of

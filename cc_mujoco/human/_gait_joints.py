@@ -79,8 +79,8 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
 
 def _words(name: str) -> list[str]:
     """Return the words of a joint's name in lower case, `LeftKnee` for example."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    return [word for word in re.split(r"[^a-z]+", apart.lower()) if word]
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
 
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:

@@ -48,15 +48,14 @@ class UserTask(Task):
         torque: Real = found
         return torque
 
-    # Whether these hold is the user's choice; they are class variables of `Task`.
     @property
-    def of_phase(self) -> bool:  # type: ignore[override]
-        """True if its torque follows from `phase` alone."""
+    def of_phase(self) -> bool:
+        """True if the torque of the user's task follows from `phase` alone."""
         return self.own.of_phase
 
     @property
-    def of_time(self) -> bool:  # type: ignore[override]
-        """True if `phase` is the time since the start of the episode [s] for it."""
+    def of_time(self) -> bool:
+        """True if `phase` is the time since the start [s] for the user's task."""
         return self.own.of_time
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,15 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
 
-    of_phase: ClassVar[bool] = False
-    """True if its torque follows from `phase` alone."""
-    of_time: ClassVar[bool] = False
-    """True if `phase` is the time since the start of the episode [s] for it."""
+    @property
+    def of_phase(self) -> bool:
+        """True if its torque follows from `phase` alone; a subclass may assign it."""
+        return False
+
+    @property
+    def of_time(self) -> bool:
+        """True if `phase` is the time since the start [s]; a subclass may assign it."""
+        return False
 
     @property
     def follows_gait(self) -> bool:

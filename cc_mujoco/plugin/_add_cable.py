@@ -273,7 +273,7 @@ def _drawn_sections(points: NDArray[np.float64], cable: str) -> tuple[Section, .
 def _same_place(cable: str, index: int) -> CableError:
     return CableError(
         f"points {index + 1} and {index + 2} of the route of cable {cable!r} are at "
-        "the same place; every point must be apart from the next."
+        "the same place; every point must differ from the next."
     )
 
 

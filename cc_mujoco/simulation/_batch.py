@@ -54,7 +54,7 @@ class Simulations:
             self.batch.set_models(models)
         self._skip, self._device = exo.frame_skip, device
         self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
-        self._was_reset = self._bound.apart()
+        self._was_reset = self._bound.detached()
         self.physics = self._bound
         """Positions, velocities and the results of the last physics step, (n, ...)."""
         self._control = np.zeros((count, exo.frame_skip, device.model.nu))

@@ -323,7 +323,8 @@ def play(
     Raises:
         CableError: If the simulation diverges or the controller fails.
     """
-    exo: WornDevice = env.unwrapped.exo  # type: ignore[attr-defined]
+    unwrapped: Any = env.unwrapped  # Gymnasium types it as any environment
+    exo: WornDevice = unwrapped.exo
     sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
     device = exo.device
@@ -334,8 +335,7 @@ def play(
 
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
-            made = env.unwrapped.plant  # type: ignore[attr-defined]
-            given: Device = env.unwrapped.device  # type: ignore[attr-defined]
+            made, given = unwrapped.plant, unwrapped.device
             recorder.metadata.update(
                 describe(exo, given, made, sensing, seed, about or {})
             )

@@ -82,8 +82,8 @@ def require_screen(what: str = "--live") -> None:
         warnings.simplefilter("always")
         works = _opens_window()
     if not works:
-        said = " ".join(str(warning.message) for warning in caught)
-        raise _no_screen_error(said, what)
+        reason = " ".join(str(warning.message) for warning in caught)
+        raise _no_screen_error(reason, what)
 
 
 def _viewer(what: str = "--live") -> Any:

@@ -86,7 +86,7 @@ def test_hip_and_knee_feel_the_pieces_that_pass_them(knee: float) -> None:
 
 
 def lever(m: mujoco.MjModel, d: mujoco.MjData, joint: str) -> float:
-    """By how much the thigh's tendon shortens with a joint [m/rad]."""
+    """Return the shortening of the thigh's tendon with a joint [m/rad]."""
     e, step, found = mujoco.MjData(m), 1e-5, []
     for side in (-step, step):
         e.qpos[:] = d.qpos

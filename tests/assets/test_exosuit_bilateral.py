@@ -46,7 +46,7 @@ def felt(m: mujoco.MjModel, d: mujoco.MjData) -> dict[str, float]:
 
 
 def arm(m: mujoco.MjModel, d: mujoco.MjData, cable: str, joint: str) -> float:
-    """By how much the tendon of a cable shortens with a joint [m/rad]."""
+    """Return the shortening of a cable's tendon with a joint [m/rad]."""
     e, step, found = mujoco.MjData(m), 1e-5, []
     for side in (-step, step):
         e.qpos[:] = d.qpos

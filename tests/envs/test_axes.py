@@ -153,8 +153,8 @@ def test_both_legs_walk_half_a_cycle_apart() -> None:
         np.arctan2(log[f"{side}_hip.phase_sine"], log[f"{side}_hip.phase_cosine"])
         for side in ("left", "right")
     ]
-    apart = np.abs(np.angle(np.exp(1j * (phases[0] - phases[1]))))
-    assert apart == pytest.approx(np.pi, abs=1e-6)
+    difference = np.abs(np.angle(np.exp(1j * (phases[0] - phases[1]))))
+    assert difference == pytest.approx(np.pi, abs=1e-6)
 
 
 @pytest.mark.parametrize("axis", ["hip", "ankle"])

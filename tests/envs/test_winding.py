@@ -24,46 +24,46 @@ def walked(name: str, steps: int = 600) -> tuple[Any, dict[str, np.ndarray]]:
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape, np.float32)
     action[0] = 0.2
-    told = [env.exo.axis_columns(env.step(action)[-1], 0) for _ in range(steps)]
-    columns = {n: np.array([info[n] for info in told]) for n in told[0] if n != "qpos"}
+    log = [env.exo.axis_columns(env.step(action)[-1], 0) for _ in range(steps)]
+    columns = {n: np.array([info[n] for info in log]) for n in log[0] if n != "qpos"}
     return env, columns
 
 
 def test_on_a_round_pulley_it_is_the_joint() -> None:
-    env, told = walked(WRIST, 50)
-    assert np.array_equal(told["winding_angle_rad"], told["joint_angle_rad"])
-    assert np.array_equal(told["winding_velocity_rad_s"], told["joint_velocity_rad_s"])
-    assert (told["leverage_ratio"] == 1.0).all()
+    env, log = walked(WRIST, 50)
+    assert np.array_equal(log["winding_angle_rad"], log["joint_angle_rad"])
+    assert np.array_equal(log["winding_velocity_rad_s"], log["joint_velocity_rad_s"])
+    assert (log["leverage_ratio"] == 1.0).all()
     assert env.drives[0].crossed == ()
 
 
 def test_at_a_lever_tension_times_leverage_is_the_torque() -> None:
-    env, told = walked(ANKLE)
+    env, log = walked(ANKLE)
     arm = env.drives[0].cables[0].distal
     ((cable,),) = env.exo.device.driven
-    pull = -arm * told["leverage_ratio"] * told[f"tension_{cable}_distal_n"]
-    assert np.ptp(told["leverage_ratio"]) > 0.005
-    assert pull == pytest.approx(told["joint_torque_nm"], rel=1e-6, abs=1e-6)
+    pull = -arm * log["leverage_ratio"] * log[f"tension_{cable}_distal_n"]
+    assert np.ptp(log["leverage_ratio"]) > 0.005
+    assert pull == pytest.approx(log["joint_torque_nm"], rel=1e-6, abs=1e-6)
     assert env.drives[0].crossed == ()
 
 
 @pytest.mark.parametrize("name", [ANKLE, EXOSUIT])
 def test_the_angle_moves_with_the_velocity(name: str) -> None:
-    env, told = walked(name)
-    angle, velocity = told["winding_angle_rad"], told["winding_velocity_rad_s"]
+    env, log = walked(name)
+    angle, velocity = log["winding_angle_rad"], log["winding_velocity_rad_s"]
     between = 0.5 * (velocity[1:] + velocity[:-1]) * env.exo.period
     assert np.diff(angle) == pytest.approx(between, abs=2e-5)
     assert np.ptp(angle) > 0.03
 
 
 def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
-    env, told = walked(EXOSUIT)
-    off = told["winding_angle_rad"] - told["joint_angle_rad"]
+    env, log = walked(EXOSUIT)
+    off = log["winding_angle_rad"] - log["joint_angle_rad"]
     assert env.drives[0].crossed == ("knee",)
     assert np.ptp(off) > 0.2
     for name in set(CONTROLLERS) & {"model", "stiction", "predictive", "disturbance"}:
         law = controller(name, env.drives[0])
-        seen = {n: v[-1] for n, v in told.items() if n not in WINDING_COLUMNS}
+        seen = {n: v[-1] for n, v in log.items() if n not in WINDING_COLUMNS}
         with pytest.raises(CableError, match="joint knee winds the cables too"):
             law.torque(seen)
 
@@ -74,14 +74,14 @@ def test_several_devices_are_read_with_their_own_arms() -> None:
     longer = device.winding._replace(arm=2.0 * device.winding.arm)
     both = type(longer).over([device.winding, longer])
     physics = physics_of(env.data)
-    one, told = device.winding.read(physics), both.read(physics)
+    one, doubled = device.winding.read(physics), both.read(physics)
     for name, factor in zip(WINDING_COLUMNS, (0.5, 0.5, 0.5), strict=True):
-        assert told[name] == pytest.approx(one[name] * np.array([1.0, factor]))
+        assert doubled[name] == pytest.approx(one[name] * np.array([1.0, factor]))
 
 
 def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
-    env, told = walked(ANKLE, 3)
-    seen = {name: values[-1] for name, values in told.items()}
+    env, log = walked(ANKLE, 3)
+    seen = {name: values[-1] for name, values in log.items()}
     seen["leverage_ratio"] = 0.5
     found = as_round_pulley(seen, env.drives[0])
     assert found["joint_torque_nm"] == 2.0 * seen["joint_torque_nm"]

@@ -329,8 +329,8 @@ def test_the_other_leg_is_half_a_cycle_later() -> None:
     assert tuple(motion.companions) == names[:4]
     right, left = motion.companions["knee_r"], motion.companions["knee_l"]
     assert np.array_equal(motion.angle, right.angle)
-    apart = np.mod(left.phase - right.phase, 1.0)
-    np.testing.assert_allclose(apart, 0.5, atol=1e-12)
+    difference = np.mod(left.phase - right.phase, 1.0)
+    np.testing.assert_allclose(difference, 0.5, atol=1e-12)
     assert left.velocity[0] == right.velocity[0] == 0.0
     check_consistent(left)
     assert isinstance(walk, Walk)

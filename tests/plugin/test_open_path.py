@@ -157,7 +157,7 @@ def test_every_joint_of_a_finger_feels_the_pieces_that_pass_it(friction: float) 
 
 
 def test_a_finger_closes_as_the_chain_says() -> None:
-    """The same chain as the only cable of a simulation of its own."""
+    """Compare a closing finger with the chain, the only cable of a simulation."""
     friction = 0.3
     m, sites = finger(friction, timestep=2e-4)
     bare = finger(-1.0, timestep=2e-4)[0]

@@ -17,7 +17,7 @@ MOTION_DURATION = 40.0
 TURN_ROUNDING_TIME = 0.03
 """Time over which a triangle is rounded where it turns [s]."""
 QUARTER_TURN = 0.5 * np.pi
-"""By how much a rig is turned, so that its weights pull otherwise [rad]."""
+"""Angle that a rig is turned by, so that its weights pull otherwise [rad]."""
 SPRING_LOAD_SHARE = 0.8
 """Change of the tensions over the pretension where a spring holds the joint."""
 

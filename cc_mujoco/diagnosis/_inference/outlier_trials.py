@@ -25,7 +25,7 @@ MIN_OUTLIER_TRIALS = 3
 OUTLIER_RATIO = 2.0
 """Error of a trial that stands out, over that of the rest fitted without it."""
 OUTLIER_FLOOR_RATIO = 3.0
-"""The same over the noise floor."""
+"""Error of a trial that stands out, over the noise floor."""
 MAX_SUSPECTS = 2
 """Trials that are left out in turn, the worst first."""
 MAX_REMAINING_RATIO = 1.25

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import doctest
-import importlib.util
 import math
-from pathlib import Path
 from typing import Any
 
-import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -18,8 +15,7 @@ from cc_mujoco.cable import Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import _add_cable as add_cable
 from cc_mujoco.plugin import from_mjcf, read, segment_wrap, settle, stored_energy
-
-GYMNASIUM = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+from public_models import with_knee_exoskeleton
 
 LEG = """<mujoco>
   <compiler angle="degree"/>
@@ -338,43 +334,10 @@ def test_a_second_cable_needs_its_own_name() -> None:
         cc_mujoco.add_cable(wrong, "cord", **again)
 
 
-def humanoid(maker: str) -> mujoco.MjSpec:
-    """Return the humanoid of Gymnasium or of dm_control, whose bodies agree."""
-    if maker == "gymnasium":
-        spec = mujoco.MjSpec.from_file(str(GYMNASIUM / "humanoid.xml"))
-    else:
-        found = importlib.util.find_spec("dm_control")
-        if found is None or found.origin is None:
-            pytest.skip("dm_control is not installed")
-        folder = Path(found.origin).parent / "suite"
-        spec = mujoco.MjSpec.from_file(str(folder / "humanoid.xml"))
-    # It hangs by the torso.
-    spec.delete(spec.joint("root"))
-    return spec
-
-
-@pytest.mark.parametrize("maker", ["gymnasium", "dm_control"])
-def test_a_humanoid_wears_a_knee_exoskeleton(maker: str) -> None:
-    spec = humanoid(maker)
-    shin = "right_shin"
-    cc_mujoco.add_cable(
-        spec,
-        "extensor",
-        motor="pelvis",
-        drum=0.03,
-        torque_limit=20.0,
-        joint="right_knee",
-        route=[
-            ("pelvis", (-0.12, -0.05, 0.1)),
-            ("pelvis", (-0.05, -0.19, 0.0)),
-            ("right_thigh", (0.08, -0.04, -0.1)),
-            ("right_thigh", (0.08, 0.0, -0.3)),
-        ],
-        lever=(shin, (0.08, 0.0, -0.05)),
-        replace="right_knee",
-        friction=0.1,
-        axial_stiffness=40e3,
-    )
+@pytest.mark.parametrize("package", ["gymnasium", "dm_control"])
+def test_a_humanoid_wears_a_knee_exoskeleton(package: str) -> None:
+    spec = with_knee_exoskeleton(package)
+    spec.delete(spec.joint("root"))  # it hangs by the torso
     model = spec.compile()
     data = mujoco.MjData(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

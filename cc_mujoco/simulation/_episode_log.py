@@ -163,7 +163,10 @@ class EpisodeLog:
         Raises:
             CableError: If there is no such column.
         """
-        if isinstance(self._columns, _FileColumns) and name in self._columns:
+        if (
+            isinstance(self._columns, _FileColumns | _KeptRows)
+            and name in self._columns
+        ):
             yield from self._columns.pieces(name)
             return
         column = self[name]
@@ -345,6 +348,11 @@ class _KeptRows(Mapping[str, NDArray[Any]]):
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
         """Return some rows of a column; see `EpisodeLog.rows`."""
         return self._log.rows(name, self._kept[samples])
+
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield a column, at most `PIECE_ROWS` rows at a time."""
+        for start in range(0, len(self._kept), PIECE_ROWS):
+            yield self._log.rows(name, self._kept[start : start + PIECE_ROWS])
 
 
 class LogFile:

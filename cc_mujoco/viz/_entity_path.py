@@ -25,8 +25,12 @@ class Branch:
     def send_columns(
         self, path: str, index: Iterable[Any], columns: Sequence[Any]
     ) -> None:
-        """Log a whole series at a path below the root."""
+        """Log a whole series at a path below the root, and wait until it is encoded.
+
+        Else all series of a long episode would queue up in memory.
+        """
         self.rec.send_columns(self._full_path(path), index, columns)
+        self.rec.flush()
 
     def _full_path(self, path: str) -> str:
         return f"{self.root}/{path.removeprefix('/')}"

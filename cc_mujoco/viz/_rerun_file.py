@@ -11,8 +11,12 @@ import itertools
 import json
 import math
 import os
+import shutil
+import sys
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from types import MappingProxyType
 
 import mujoco
@@ -41,6 +45,9 @@ from cc_mujoco.viz._tendon3d import log_tendons
 APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
 """Rate of what is drawn in space; the time series keep every sample."""
+WINDOWS = sys.platform == "win32"
+PIPE_BYTES = 1 << 20
+"""Part of a recording that is moved to its file at once."""
 MAX_FRAMES = 18_000
 """Most frames that are drawn in space: of a longer episode fewer in every second."""
 
@@ -90,8 +97,9 @@ def recording(
 ) -> Iterator[rr.RecordingStream]:
     """Yield a stream whose content becomes a file, whole or not at all.
 
-    It is kept in memory until then: Rerun's own writer does not report when the disk is
-    full, and then waits for ever.
+    Memory holds what is logged at once: Rerun writes to a pipe, and a thread moves it
+    on to the file, for Rerun's own writer waits for ever when the disk is full. On
+    Windows, which has no such pipe, all of it is held until the end.
 
     Args:
         path: Of the file.
@@ -102,13 +110,51 @@ def recording(
         rec = rr.RecordingStream(
             APPLICATION, recording_id=identity, send_properties=False
         )
-        memory = rec.memory_recording()
-        rec.send_blueprint(blueprint, make_active=False, make_default=True)
-        try:
+        with _saved_on_windows(rec, partial) if WINDOWS else _saved(rec, partial):
+            rec.send_blueprint(blueprint, make_active=False, make_default=True)
             yield rec
-            partial.write_bytes(memory.drain_as_bytes())
-        finally:
-            rec.disconnect()
+
+
+@contextmanager
+def _saved(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
+    """Save what is logged in the block; raise what prevents it, such as a full disk."""
+    failures: list[OSError] = []
+
+    def move_on(pipe: int) -> None:
+        with open(pipe, "rb", buffering=0) as source:
+            try:
+                with path.open("wb") as file:
+                    shutil.copyfileobj(source, file, PIPE_BYTES)
+            except OSError as error:
+                failures.append(error)
+                while source.read(PIPE_BYTES):  # else Rerun would wait for a reader
+                    pass
+
+    reading, writing = os.pipe()
+    mover = threading.Thread(target=move_on, args=(reading,), daemon=True)
+    mover.start()
+    try:
+        rec.save(f"/dev/fd/{writing}")
+    finally:
+        os.close(writing)
+    try:
+        yield
+    finally:
+        rec.disconnect()
+        mover.join()
+    if failures:
+        raise failures[0]
+
+
+@contextmanager
+def _saved_on_windows(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
+    """Save what was logged in the block; see `_saved`."""
+    memory = rec.memory_recording()
+    try:
+        yield
+        path.write_bytes(memory.drain_as_bytes())
+    finally:
+        rec.disconnect()
 
 
 def recording_id(log: EpisodeLog) -> str:

@@ -130,9 +130,9 @@ def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
-def _nearest_nodes(log: EpisodeLog, cable: str) -> NDArray[np.intp]:
-    """Return the node nearest to each of many even steps along a cable."""
-    shares = np.linspace(0.0, 1.0, log[f"tension_{cable}_nodes_n"].shape[1])
+def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
+    """Return the node nearest to each of many even steps along a cable of n nodes."""
+    shares = np.linspace(0.0, 1.0, nodes)
     config = log.metadata.get("cables", {}).get(cable)
     if config is not None:
         described = Cable.from_config(config)
@@ -141,21 +141,40 @@ def _nearest_nodes(log: EpisodeLog, cable: str) -> NDArray[np.intp]:
     return np.rint(np.interp(along, shares, np.arange(shares.size))).astype(np.intp)
 
 
+def _tension_means(
+    log: EpisodeLog, cable: str, every: int
+) -> tuple[NDArray[np.float64], float]:
+    """Return mean tensions of so many samples each, (columns, nodes), and the highest.
+
+    The tensions of all samples together would be the largest array of a long episode.
+    """
+    means, highest = [], 0.0
+    left: list[NDArray[np.float64]] = []
+    for piece in log.pieces(f"tension_{cable}_nodes_n"):
+        rows = np.concatenate([*left, piece])
+        highest = max(highest, float(piece.max()))
+        whole = len(rows) // every * every
+        means.append(rows[:whole].reshape(-1, every, rows.shape[1]).mean(axis=1))
+        left = [rows[whole:]]
+    return np.concatenate(means), highest
+
+
 def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     """Draw one heat map per cable, place on the cable upwards, time to the right."""
     import matplotlib
 
     time = log["time_s"]
-    nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
-    highest = max(float(values.max()) for values in nodes.values())
-    colors = matplotlib.colormaps[TENSION_COLORS].with_extremes(bad="#BDBDBD")
     every = max(1, len(time) // MAX_COLUMNS)
-    panels = part.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
-        whole = len(values) // every * every
-        means = values[:whole].reshape(-1, every, values.shape[1]).mean(axis=1)
-        rows = _nearest_nodes(log, cable)
-        shown = np.ma.masked_less_equal(means.T[rows], 0.0)
+    means: dict[str, NDArray[np.float64]] = {}
+    highest = 1e-9
+    for cable in log.cables:
+        means[cable], peak = _tension_means(log, cable, every)
+        highest = max(highest, peak)
+    colors = matplotlib.colormaps[TENSION_COLORS].with_extremes(bad="#BDBDBD")
+    panels = part.subplots(len(means), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (cable, values) in zip(panels, means.items(), strict=True):
+        rows = _nearest_nodes(log, cable, values.shape[1])
+        shown = np.ma.masked_less_equal(values.T[rows], 0.0)
         image = axes.imshow(
             shown,
             aspect="auto",
@@ -164,7 +183,7 @@ def _draw_tensions(part: Any, log: EpisodeLog) -> None:
             extent=(time[0], time[-1], 0.0, 1.0),
             cmap=colors,
             vmin=0.0,
-            vmax=max(highest, 1e-9),
+            vmax=highest,
         )
         axes.grid(False)
         axes.set_yticks([0, 1], ["motor end", "joint end"])

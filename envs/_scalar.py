@@ -18,7 +18,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import load, physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
-from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._reference_motion import PART_STEPS, Script
 from cc_mujoco.simulation._worn_device import (
     REWARD_TERMS,
     TaskChoice,
@@ -234,7 +234,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         """Return what the task demands beyond the motor; see `WornDevice.beyond`."""
         if self._script is None:
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
-        return self.exo.beyond(self._script.marks)
+        return self.exo.beyond(self._script)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -260,8 +260,9 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self._sample = 0
         self._action = np.zeros(len(exo.drives))
         self._film.cut()
-        exo.device.start(self.data, script.angles, script.commands[0])
-        marks = script.marks[0]
+        begun = script.part(0)
+        exo.device.start(self.data, script.angles, begun.commands[0])
+        marks = begun.marks[0]
         columns, _ = exo.feel(self._physics, marks)
         measured = exo.measured(self._sensors, columns)
         for sight, seen in zip(self._sights, measured, strict=True):
@@ -286,15 +287,18 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         data.ctrl[exo.device.motor_controls] = normalised * exo.device.motor_scales
         tracking, diverged = 0.0, False
         for _ in range(exo.hold):
-            first = self._sample * exo.frame_skip
-            for command in script.commands[first : first + exo.frame_skip]:
+            number, row = divmod(self._sample, PART_STEPS)
+            first = row * exo.frame_skip
+            commands = script.part(number).commands
+            for command in commands[first : first + exo.frame_skip]:
                 data.ctrl[exo.device.script_controls] = command
                 mujoco.mj_step(self.model, data)
                 diverged = bool(data.warning.number.any())
                 if diverged:
                     break
             self._sample += 1
-            marks = script.marks[self._sample]
+            number, row = divmod(self._sample, PART_STEPS)
+            marks = script.part(number).marks[row]
             columns, reward = exo.feel(self._physics, marks)
             tracking += exo.sampling * reward
             measured = exo.measured(self._sensors, columns)

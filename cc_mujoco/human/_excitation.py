@@ -20,6 +20,7 @@ from cc_mujoco.human._motion import (
     cycle_fraction,
     episode_fraction,
     minimum_jerk,
+    pointwise,
 )
 
 
@@ -42,6 +43,7 @@ class Sine(Scripted):
         require_parameter(self, "frequency", 1e-3, 50.0, "Hz")
         require_parameter(self, "fade", 0.01, 1e4, "s")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         omega = 2 * math.pi * self.frequency
         sine, cosine = np.sin(omega * time), np.cos(omega * time)
@@ -75,6 +77,7 @@ class Chirp(Scripted):
         require_parameter(self, "fade", 0.01, 1e4, "s")
         _require_band(self)
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         growth = math.log(self.high / self.low) / duration
         omega = 2 * math.pi * self.low * np.exp(growth * time)
@@ -130,6 +133,7 @@ class Multisine(Scripted):
         last = math.floor(self.high * self.period + 1e-9)
         return np.arange(first, last + 1, dtype=np.float64)
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         lines = self._lines()
         # Between equidistant samples a trigonometric polynomial of degree n rises at

@@ -16,11 +16,12 @@ recorded ones start at their first angle.
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,30 @@ class Motion:
     """Phase of the measured walk in which the leg is as far; None where that is
     `phase`."""
 
+    def part(self, first: int, end: int) -> Motion:
+        """Return the samples from `first` until before `end`."""
+        arrays = {
+            one.name: value[first:end]
+            for one in fields(self)
+            if isinstance(value := getattr(self, one.name), np.ndarray)
+        }
+        others = {name: one.part(first, end) for name, one in self.companions.items()}
+        return replace(self, companions=others, **arrays)
+
+
+MotionFunction = Callable[[Any, Array, float, np.random.Generator], Motion]
+
+_POINTWISE: set[MotionFunction] = set()
+
+
+def pointwise(function: MotionFunction) -> MotionFunction:
+    """Declare of a `Trajectory._motion` that it evaluates each time by itself.
+
+    What it draws must not depend on the times. A long motion is then sampled in parts.
+    """
+    _POINTWISE.add(function)
+    return function
+
 
 class Trajectory(ABC):
     """A recipe for a motion; subclasses are frozen dataclasses of its parameters."""
@@ -72,22 +97,76 @@ class Trajectory(ABC):
             CableError: If `duration` or `dt` is not a positive finite number, or if
                 `dt` is longer than the episode.
         """
-        for name, value in (("duration", duration), ("dt", dt)):
-            if not (math.isfinite(value) and value > 0):
-                raise CableError(
-                    f"{name} must be a positive number of seconds, not {value!r}."
-                )
-        if dt > duration:
-            raise CableError(
-                f"dt must not exceed the duration of {duration:g} s, but is {dt:g} s."
-            )
-        steps = round(duration / dt)
+        steps = _sample_steps(duration, dt)
         time: Array = np.arange(steps + 1, dtype=np.float64) * dt
         return self._motion(time, steps * dt, rng)
+
+    @property
+    def is_pointwise(self) -> bool:
+        """Return whether each time is evaluated by itself; see `pointwise`."""
+        return type(self)._motion in _POINTWISE
 
     @abstractmethod
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         """Evaluate the trajectory at the times (n + 1,) of an episode."""
+
+
+class SampledMotion:
+    """Motion of one episode in parts, with the bits of `Trajectory.sample`.
+
+    Only parts that are asked for are in memory if the trajectory `is_pointwise`.
+    """
+
+    def __init__(
+        self,
+        source: Trajectory,
+        duration: float,
+        dt: float,
+        rng: np.random.Generator,
+        rows: int,
+    ) -> None:
+        """Draw all that is random.
+
+        Args:
+            source: The trajectory.
+            duration: As of `Trajectory.sample`.
+            dt: As of `Trajectory.sample`.
+            rng: As of `Trajectory.sample`.
+            rows: Samples that may be in memory; a motion of no more is sampled once.
+
+        Raises:
+            CableError: As of `Trajectory.sample`.
+        """
+        self._source, self._dt = source, dt
+        self._steps = _sample_steps(duration, dt)
+        self._rng = copy.deepcopy(rng)
+        self._whole: Motion | None = None
+        if self._steps < rows or not source.is_pointwise:
+            self._whole = source.sample(duration, dt, rng)
+        else:
+            source._motion(np.zeros(1), self._steps * dt, rng)
+
+    def part(self, first: int, end: int) -> Motion:
+        """Return the samples from `first` until before `end`."""
+        if self._whole is not None:
+            return self._whole.part(first, end)
+        time: Array = np.arange(first, end, dtype=np.float64) * self._dt
+        rng = copy.deepcopy(self._rng)
+        return self._source._motion(time, self._steps * self._dt, rng)
+
+
+def _sample_steps(duration: float, dt: float) -> int:
+    """Return the number of whole steps of an episode; refuse one that has none."""
+    for name, value in (("duration", duration), ("dt", dt)):
+        if not (math.isfinite(value) and value > 0):
+            raise CableError(
+                f"{name} must be a positive number of seconds, not {value!r}."
+            )
+    if dt > duration:
+        raise CableError(
+            f"dt must not exceed the duration of {duration:g} s, but is {dt:g} s."
+        )
+    return round(duration / dt)
 
 
 @dataclass(frozen=True)

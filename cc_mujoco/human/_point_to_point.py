@@ -18,6 +18,7 @@ from cc_mujoco.human._motion import (
     cycle_fraction,
     episode_fraction,
     minimum_jerk,
+    pointwise,
 )
 
 
@@ -41,6 +42,7 @@ class Sweep(Scripted):
         require_parameter(self, "move", 0.01, 1e4, "s")
         require_parameter(self, "hold", 0.0, 1e4, "s")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         leg = self.move + self.hold
         index = np.floor(time / leg)
@@ -79,6 +81,7 @@ class Ramp(Scripted):
         require_parameter(self, "leg", 0.01, 1e4, "s")
         require_parameter(self, "corner", 0.001, self.leg / 2, "s")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         index = np.floor(time / self.leg)
         back = index % 2 == 1
@@ -120,6 +123,7 @@ class Reach(Scripted):
         _require_range(self)
         require_parameter(self, "longest_dwell", 0.0, 1e4, "s")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         starts, spans, targets, clock = [], [], [], 0.0
         while clock < duration:
@@ -152,6 +156,7 @@ class Reversals(Scripted):
         _require_range(self)
         require_parameter(self, "smallest", 0.0, 1.0, "of the amplitude")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         starts, spans, targets, clock = [], [], [], 0.0
         side, target = (1.0 if rng.random() < 0.5 else -1.0), 0.0

@@ -20,7 +20,13 @@ import numpy as np
 from cc_mujoco._utils import opensim_files, tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._motion import Array, Motion, Trajectory, episode_fraction
+from cc_mujoco.human._motion import (
+    Array,
+    Motion,
+    Trajectory,
+    episode_fraction,
+    pointwise,
+)
 
 _MIN_SAMPLES = 4
 _MIN_INTERVAL = 1e-6
@@ -81,6 +87,7 @@ class Recorded(Trajectory):
             self.times, found[joints[0]], joints[0], tuple(others), self.source
         )
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         phase = episode_fraction(time, duration)
         own = self._played(self.angles, time, phase, {})

@@ -54,6 +54,11 @@ class Centred(Trajectory):
     centre: float
     """Angle that is added [rad]."""
 
+    @property
+    def is_pointwise(self) -> bool:
+        """Return whether the trajectory about 0 is."""
+        return self.base.is_pointwise
+
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         motion = self.base._motion(time, duration, rng)
         return replace(motion, angle=motion.angle + self.centre)

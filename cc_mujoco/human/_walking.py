@@ -14,7 +14,13 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._body import SCENE_WEARER, Body
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
-from cc_mujoco.human._motion import Array, Motion, Scripted, minimum_jerk
+from cc_mujoco.human._motion import (
+    Array,
+    Motion,
+    Scripted,
+    minimum_jerk,
+    pointwise,
+)
 from cc_mujoco.human._pace import MEASURED_SPEED, Pace
 
 _PHASE_GRID = np.linspace(0.0, 1.0, 10_001)
@@ -103,6 +109,7 @@ class Walk(Scripted):
         require_parameter(self, "period", 0.2, 20.0, "s")
         require_parameter(self, "start", 0.01, 1e4, "s")
 
+    @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         step = minimum_jerk(time / self.start)
         cycles = step.integral * self.start / self.period

@@ -19,7 +19,7 @@ from cc_mujoco.device._model import DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation._loop import Columns, missing_torque_error, unstable
-from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._reference_motion import PART_STEPS, Script
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class Simulations:
         """
         same = device is self._device
         data = self._data if same else mujoco.MjData(device.model)
-        device.start(data, script.angles, script.commands[0])
+        device.start(data, script.angles, script.part(0).commands[0])
         prepare(data)
         mujoco.mj_getState(device.model, data, self.batch.state[row], _STATE)
         if self.physics is self._bound:
@@ -182,8 +182,8 @@ class Fleet:
             for axes in zip(*(device.axes for device in devices), strict=True)
         )
         self._scripts = scripts
-        self._commands = _stacked([script.commands for script in scripts])
-        self._marks = _stacked([script.marks for script in scripts])
+        self._part_number = -1
+        self._commands = self._marks = np.zeros((0, 0, 0))
         self._scale = np.stack([device.motor_scales for device in devices])
         self._limit = np.stack([device.torque_limits for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
@@ -213,7 +213,7 @@ class Fleet:
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
         # The actions of the environments are of single precision.
         share = share.astype(np.float32).astype(np.float64)
-        first = self._step * self._exo.frame_skip
+        first = self._step % PART_STEPS * self._exo.frame_skip
         commands = self._commands[:, first : first + self._exo.frame_skip]
         # What raised shows in the status of the batch.
         with contextlib.suppress(SimulationError):
@@ -225,8 +225,9 @@ class Fleet:
 
     def _columns(self, now: Physics) -> Columns:
         """Return what can be measured now, and what is kept of it beside."""
-        state, count, marks = now.plugin_state, self.going.size, self._marks
-        columns = self._exo.read(now, marks[:, self._step], None, self._windings)
+        state, count = now.plugin_state, self.going.size
+        marks = self._read_marks()
+        columns = self._exo.read(now, marks, None, self._windings)
         for prefix in self.prefixes:
             names = ("desired_torque_nm", "phase_sine", "phase_cosine")
             for name in names:
@@ -234,7 +235,7 @@ class Fleet:
                 columns[key] = np.array(np.broadcast_to(columns[key], (count,)))
         if self._whole:
             steps = np.full(count, self._step)
-            each = np.broadcast_to(marks[:, self._step], (count, marks.shape[2]))
+            each = np.broadcast_to(marks, (count, marks.shape[1]))
             columns = self._exo.told(now, columns, steps, each)
             return columns
         least = np.empty((count, len(self.cables)))
@@ -245,6 +246,16 @@ class Fleet:
         columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
         columns["dissipated_j"] = state[:, self._energies]
         return columns
+
+    def _read_marks(self) -> Array:
+        """Return the marks of this step, (n or 1, 4 axes); they begin a new part."""
+        number, row = divmod(self._step, PART_STEPS)
+        if number != self._part_number:
+            parts = [script.part(number) for script in self._scripts]
+            self._commands = _stacked([part.commands for part in parts])
+            self._marks = _stacked([part.marks for part in parts])
+            self._part_number = number
+        return self._marks[:, row]
 
     def _refuse(self, finite: Mask) -> None:
         time = self._step * self._exo.period

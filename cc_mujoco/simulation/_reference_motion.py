@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,6 +24,7 @@ from cc_mujoco.human import (
     Trajectory,
     Walk,
 )
+from cc_mujoco.human._motion import SampledMotion
 
 Array = NDArray[np.float64]
 
@@ -32,20 +34,73 @@ MARKS = 4
 time, sine and cosine of the phase."""
 
 
-@dataclass(frozen=True, eq=False)
-class Script:
-    """The wearer's part in an episode of n control steps and m physics steps."""
+PART_STEPS = 16_384
+"""Control steps of a script that are worked out at once."""
 
-    angles: Mapping[str, float]
-    """First angle of each joint that the wearer moves [rad]."""
+
+class ScriptPart(NamedTuple):
+    """`PART_STEPS` control steps of a script, or its last ones."""
+
     commands: Array
-    """Controls of the wearer before every physics step, (m + 1, k).
+    """Controls of the wearer before every physics step, (physics steps, k).
 
     One per physics step: a command that is held over a control period would be a
     staircase, which a stiff wearer follows as one.
     """
     marks: Array
-    """`MARKS` of every axis in turn at every control step, (n + 1, 4 axes)."""
+    """`MARKS` of every axis in turn at every control step, (control steps, 4 axes)."""
+
+
+class Script:
+    """The wearer's part in an episode of n control steps and m physics steps.
+
+    A long one is worked out in parts when they are needed, and holds the last of them.
+    """
+
+    def __init__(
+        self,
+        angles: Mapping[str, float],
+        count: int,
+        work_out: Callable[[int], ScriptPart],
+    ) -> None:
+        """Take what is known before the episode.
+
+        Args:
+            angles: First angle of each joint that the wearer moves [rad].
+            count: Number of parts.
+            work_out: Returns the part of a number.
+        """
+        self.angles = angles
+        self._count, self._work_out = count, work_out
+        self._latest: tuple[int, ScriptPart] | None = None
+
+    def part(self, number: int) -> ScriptPart:
+        """Return the control steps from `PART_STEPS` times a number on."""
+        latest = self._latest
+        if latest is None or latest[0] != number:
+            self._latest = latest = (number, self._work_out(number))
+        return latest[1]
+
+    @cached_property
+    def commands(self) -> Array:
+        """Return the commands of all parts, (m + 1, k)."""
+        return _joined([part.commands for part in self._parts()])
+
+    @cached_property
+    def marks(self) -> Array:
+        """Return the marks of all parts, (n + 1, 4 axes)."""
+        return _joined([part.marks for part in self._parts()])
+
+    def mark(self, place: int) -> Array:
+        """Return one column of the marks, (n + 1,), without the others in memory."""
+        return np.concatenate([part.marks[:, place] for part in self._parts()])
+
+    def _parts(self) -> Iterator[ScriptPart]:
+        return map(self.part, range(self._count))
+
+
+def _joined(arrays: Sequence[Array]) -> Array:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 class Author:
@@ -111,13 +166,73 @@ class Author:
         return script
 
     def _write(self, rng: np.random.Generator) -> Script:
-        device = self._device
+        device, skip = self._device, self.frame_skip
         dt = float(device.model.opt.timestep)
-        substeps = self._steps * self.frame_skip
-        sampled: dict[int, Motion] = {}
+        duration, rows = self._steps * skip * dt, PART_STEPS * skip
+        sampled: dict[int, SampledMotion] = {}
         for source in self._sources:
             if id(source) not in sampled:
-                sampled[id(source)] = source.sample(substeps * dt, dt, rng)
+                sampled[id(source)] = SampledMotion(source, duration, dt, rng, rows)
+        movers = dict(device.movers)  # of this episode; the next wearer has others
+        count = self._steps // PART_STEPS + 1
+
+        def motions(number: int) -> tuple[dict[str, Motion], list[Motion]]:
+            first = number * rows
+            end = min(first + rows, self._steps * skip + 1)
+            return self._motions(
+                {key: one.part(first, end) for key, one in sampled.items()}
+            )
+
+        def work_out(number: int) -> ScriptPart:
+            return self._part(movers, *motions(number))
+
+        # What cannot be evaluated anew, and a short script, are kept instead.
+        kept = count == 1 or not all(source.is_pointwise for source in self._sources)
+        parts: list[ScriptPart] = []
+        angles: dict[str, float] = {}
+        reach: dict[str, tuple[float, float]] = {}
+        for number in range(count):
+            moved, own = motions(number)
+            angles = angles or self._first_angles(movers, moved)
+            for joint, part in moved.items():
+                low, high = reach.get(joint, (math.inf, -math.inf))
+                low = min(low, float(part.angle.min()))
+                reach[joint] = low, max(high, float(part.angle.max()))
+            if kept:
+                parts.append(self._part(movers, moved, own))
+        for joint, ends in reach.items():
+            if joint in movers:
+                _require_range(device.model, joint, *ends)
+        for joint, mover in movers.items():
+            if joint in reach:
+                _warn_of_limit(joint, mover, *reach[joint])
+        return Script(angles, count, parts.__getitem__ if kept else work_out)
+
+    def _first_angles(
+        self, movers: Mapping[str, Mover], moved: Mapping[str, Motion]
+    ) -> dict[str, float]:
+        """Return the first angle of each joint that the wearer moves [rad]."""
+        angles = {  # a frame starts where its limb does
+            axis.axis.joint: float(moved[axis.axis.limb].angle[0])
+            for axis in self._device.axes
+        }
+        for joint in movers:
+            angles[joint] = (
+                float(moved[joint].angle[0])
+                if joint in moved
+                else self._device.neutral(joint)
+            )
+        return angles
+
+    def _motions(
+        self, sampled: Mapping[int, Motion]
+    ) -> tuple[dict[str, Motion], list[Motion]]:
+        """Return the motion of every joint that is moved, and that of every axis.
+
+        Args:
+            sampled: Motion of every source, or a part of it, by `id`.
+        """
+        device = self._device
         moved: dict[str, Motion] = {}
         motions: list[Motion] = []
         for axis, source in zip(device.axes, self._sources, strict=True):
@@ -132,22 +247,23 @@ class Author:
                 own = resting(motion, device.neutral(joint))
             moved[joint] = own
             motions.append(own)
-        for joint, part in moved.items():
-            if joint in device.movers:
-                _require_range(device.model, joint, part)
-        angles: dict[str, float] = {}
-        commands = np.zeros((substeps + 1, len(device.movers)))
-        for axis in device.axes:  # a frame starts where its limb does
-            angles[axis.axis.joint] = float(moved[axis.axis.limb].angle[0])
-        for place, (joint, mover) in enumerate(device.movers.items()):
-            if joint not in moved:
-                angles[joint] = device.neutral(joint)
-                commands[:, place] = mover.command(angles[joint], 0.0)
-                continue
-            part = moved[joint]
-            _warn_of_limit(joint, mover, part)
-            angles[joint] = float(part.angle[0])
-            commands[:, place] = mover.command(part.angle, part.velocity)
+        return moved, motions
+
+    def _part(
+        self,
+        movers: Mapping[str, Mover],
+        moved: Mapping[str, Motion],
+        motions: Sequence[Motion],
+    ) -> ScriptPart:
+        """Return the part of a script of such motions; see `_motions`."""
+        commands = np.zeros((motions[0].time.size, len(movers)))
+        for place, (joint, mover) in enumerate(movers.items()):
+            if joint in moved:
+                part = moved[joint]
+                commands[:, place] = mover.command(part.angle, part.velocity)
+            else:
+                still = self._device.neutral(joint)
+                commands[:, place] = mover.command(still, 0.0)
         marks = []
         for motion, of_time in zip(motions, self._of_time, strict=True):
             phase = motion.phase[:: self.frame_skip]
@@ -155,7 +271,7 @@ class Author:
             angle = motion.angle[:: self.frame_skip]
             clock = motion.time[:: self.frame_skip] if of_time else phase
             marks += [angle, clock, np.sin(turn), np.cos(turn)]
-        return Script(angles, commands, np.stack(marks, axis=-1))
+        return ScriptPart(commands, np.stack(marks, axis=-1))
 
 
 def _warn_of_end(recorded: object, duration: float) -> None:
@@ -177,9 +293,8 @@ def _warn_of_end(recorded: object, duration: float) -> None:
     )
 
 
-def _warn_of_limit(joint: str, mover: Mover, motion: Motion) -> None:
+def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:
     """Warn of a motion that the control of the wearer does not reach."""
-    low, high = float(motion.angle.min()), float(motion.angle.max())
     aims = mover.scale * low + mover.offset, mover.scale * high + mover.offset
     if min(aims) < mover.low - 1e-6 or max(aims) > mover.high + 1e-6:
         warnings.warn(
@@ -200,10 +315,9 @@ def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _require_range(model: mujoco.MjModel, name: str, motion: Motion) -> None:
+def _require_range(model: mujoco.MjModel, name: str, least: float, most: float) -> None:
     """Refuse a motion that leaves the range of its joint."""
     low, high = joint_range(model, name)
-    least, most = float(motion.angle.min()), float(motion.angle.max())
     if least < low or most > high:
         raise CableError(
             f"the trajectory moves joint {name!r} from {least:g} to {most:g} rad, but "

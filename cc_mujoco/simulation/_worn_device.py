@@ -39,7 +39,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
 
-from ._reference_motion import MARKS, Author, joint_range, unperturbed
+from ._reference_motion import MARKS, Author, Script, joint_range, unperturbed
 
 TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 """Task of all axes, or by the name of an axis; None for that of the device."""
@@ -365,7 +365,7 @@ class WornDevice:
 
         Args:
             physics: The simulation, or several.
-            marks: Row of `Script.marks` at that sample.
+            marks: Row of `ScriptPart.marks` at that sample.
             demands: Torque that the task of each axis demands there, where it is known
                 already [N m].
             windings: Those of each axis, where several simulations differ.
@@ -431,7 +431,7 @@ class WornDevice:
             physics: The simulation, or several.
             columns: Of `feel`.
             step: Number of samples since the reset.
-            marks: Row of `Script.marks` at that sample.
+            marks: Row of `ScriptPart.marks` at that sample.
         """
         columns = columns | self.device.read_cables(physics)
         columns["time_s"] = step * self.sampling
@@ -450,16 +450,16 @@ class WornDevice:
         change = -self.smoothness * np.abs(action - before)
         return effort.mean(axis=-1), change.mean(axis=-1)
 
-    def beyond(self, marks: Array) -> str:
+    def beyond(self, script: Script) -> str:
         """Return a sentence if a task exceeds its motor, else "".
 
         Args:
-            marks: `Script.marks`; the demand is that along the reference.
+            script: Of an episode; the demand is that along the reference.
         """
         for n, (axis, task, drive) in enumerate(
             zip(self.description.axes, self.tasks, self.drives, strict=True)
         ):
-            reference, phase = marks[:, MARKS * n], marks[:, MARKS * n + 1]
+            reference, phase = script.mark(MARKS * n), script.mark(MARKS * n + 1)
             velocity = np.gradient(reference, self.sampling)
             demand = task.torque(reference, velocity, phase)
             least, most = drive.reach

@@ -35,6 +35,8 @@ TENSION_COLORS = "viridis"
 
 SOFTWARE_TAG = "cc_mujoco"
 """Origin that a figure of ours states."""
+POINTS_AT_ONCE = 10_000
+"""Points of a line that are drawn at once; a long one to and fro needs much memory."""
 
 _STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -81,13 +83,15 @@ def set_ticks(axis: Axis, values: Iterable[float]) -> None:
 
 def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -> None:
     """Write a figure as PNG, whole or not at all."""
+    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.image import imsave
 
     # `savefig` draws all of it twice, once for the layout, with the same bits.
     canvas: Any = FigureCanvasAgg(drawing)
     drawing.set_dpi(dpi)
-    canvas.draw()
+    with matplotlib.rc_context({"agg.path.chunksize": POINTS_AT_ONCE}):
+        canvas.draw()
     about = {"Software": SOFTWARE_TAG}
     with replacing(path) as partial:
         imsave(partial, canvas.buffer_rgba(), format="png", dpi=dpi, metadata=about)

@@ -494,8 +494,16 @@ class AxisLog:
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column of the axis, or of the device; see `EpisodeLog`."""
+        return self._whole[self._own_name(name)]
+
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a column in order; see `EpisodeLog.pieces`."""
+        return self._whole.pieces(self._own_name(name))
+
+    def _own_name(self, name: str) -> str:
         own = self._prefix + name
-        return self._whole[own if own in self._whole.columns else name]
+        names = (column.name for column in self._whole.schema)
+        return own if own in names else name
 
 
 class Recorder:

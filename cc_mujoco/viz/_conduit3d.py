@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -13,14 +13,13 @@ from cc_mujoco import plugin
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._parameters import PATHS
 from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._frame_times import frame_slices
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD
 
 Array = NDArray[np.float64]
 
 MIN_PIECES = 60
 """Straight pieces that a cable is drawn with, at least."""
-FRAMES_AT_ONCE = 1800
-"""Frames of a line that are prepared for a recording at the same time."""
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -132,8 +131,8 @@ def log_conduit(
     rec: Branch,
     place: Sequence[str],
     time: Array,
-    points: Array,
-    tension: Array,
+    points: Callable[[slice], Array],
+    tension: Callable[[slice], Array],
     highest: float,
     radius: float,
 ) -> None:
@@ -143,29 +142,26 @@ def log_conduit(
         rec: Where to, in an open recording.
         place: Name of the cable, and of the rope at an end.
         time: Times of the frames (T,), s.
-        points: Ends of the parts of the line (T, P, 3), m.
-        tension: Tensions of its parts (T, P-1), N.
+        points: Ends of the parts of the line in some frames (t, P, 3), m.
+        tension: Tensions of its parts in some frames (t, P-1), N.
         highest: Tension of the brightest colour, N.
         radius: Radius of the line, m.
     """
     path = rr.new_entity_path([WORLD, "conduit", *place])
-    count = points.shape[1] - 1
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
-    still = np.allclose(points, points[0], rtol=0.0, atol=1e-6)
-    if still:  # only its colours change
-        rec.log(
-            path, rr.LineStrips3D.from_fields(strips=_parts(points[:1])), static=True
-        )
-    for start in range(0, len(time), FRAMES_AT_ONCE):
-        some = slice(start, start + FRAMES_AT_ONCE)
-        index = [rr.TimeColumn(TIMELINE, duration=time[some])]
-        lengths = [count] * len(time[some])
-        colors = tension_colors(tension[some], highest).reshape(-1, 4)
+    for some in frame_slices(len(time)):
+        index, ends = rr.TimeColumn(TIMELINE, duration=time[some]), points(some)
+        lengths = [ends.shape[1] - 1] * len(ends)
+        colors = tension_colors(tension(some), highest).reshape(-1, 4)
         columns = [*rr.LineStrips3D.columns(colors=colors).partition(lengths)]
-        if not still:
-            strips = rr.LineStrips3D.columns(strips=_parts(points[some]))
+        if np.allclose(ends, ends[0], rtol=0.0, atol=1e-6):  # only its colours change
+            first = [rr.TimeColumn(TIMELINE, duration=time[some][:1])]
+            strips = rr.LineStrips3D.columns(strips=_parts(ends[:1]))
+            rec.send_columns(path, first, [*strips.partition(lengths[:1])])
+        else:
+            strips = rr.LineStrips3D.columns(strips=_parts(ends))
             columns = [*strips.partition(lengths), *columns]
-        rec.send_columns(path, index, columns)
+        rec.send_columns(path, [index], columns)
 
 
 def _parts(points: Array) -> NDArray[np.float32]:

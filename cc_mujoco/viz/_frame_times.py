@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,14 @@ FRAME_RATE = 30
 MAX_SAMPLES = 60_000
 """Most samples that a recording, a page or a figure plots: of a longer episode every
 k-th one, so that they need no more memory for it."""
+FRAMES_AT_ONCE = 1800
+"""Frames that are prepared for a recording at the same time."""
+
+
+def frame_slices(count: int) -> Iterator[slice]:
+    """Yield slices of `FRAMES_AT_ONCE` that together are all of so many frames."""
+    for start in range(0, count, FRAMES_AT_ONCE):
+        yield slice(start, start + FRAMES_AT_ONCE)
 
 
 def frame_samples(

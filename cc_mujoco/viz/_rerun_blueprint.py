@@ -6,15 +6,21 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from cc_mujoco.metrics._metric import driven_cables
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import plot, time_axis
 from cc_mujoco.viz._rerun_series import plotted_series
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
 
 Array = NDArray[np.float64]
+View = rrb.View | rrb.Container
+
+ENDS = ("motor", "joint")
+"""Ends of a cable."""
 
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
@@ -26,20 +32,20 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     """
     scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
-    axes = [_axis_plots(log, axis) for axis, _ in log.each_axis()]
-    plots = rrb.Vertical(
-        axes[0] if len(axes) == 1 else rrb.Tabs(*axes),
-        lines(log, "Tension at the ends [N]", "tension"),
-        rrb.Tabs(
-            rrb.StateTimelineView(
-                origin="/slip",
-                name="Stick, slip, slack",
-                time_view=time_axis(log["time_s"]),
-            ),
-            lines(log, "Part of the cable that slips", "moving"),
-        ),
-        row_shares=[16, 6, 7],
-    )
+    if log.axes:
+        tabs = []
+        left = dict.fromkeys(log.cables)
+        for axis, own in log.each_axis():
+            cables = driven_cables(own)
+            parts = [*_axis_plots(log, axis), *_cable_plots(log, cables)]
+            tabs.append(rrb.Vertical(*parts, row_shares=ROW_SHARES, name=axis))
+            left = {cable: None for cable in left if cable not in cables}
+        if left:
+            tabs.append(rrb.Vertical(*_cable_plots(log, [*left]), name="other cables"))
+        plots: rrb.Tabs | rrb.Vertical = rrb.Tabs(*tabs)
+    else:
+        parts = [*_axis_plots(log, ""), *_cable_plots(log, log.cables)]
+        plots = rrb.Vertical(*parts, row_shares=ROW_SHARES)
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Tabs(scene, about), plots, column_shares=[1, 1]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing"),
@@ -47,7 +53,11 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     )
 
 
-def _axis_plots(log: EpisodeLog, axis: str) -> rrb.Vertical:
+ROW_SHARES = (6, 4, 6, 6, 7)
+"""Heights of the plots of an axis and of its cables."""
+
+
+def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:
     """Return the plots of torque and angle of an axis; its name is "" if single."""
 
     def paths(*names: str) -> tuple[str, ...]:
@@ -55,16 +65,37 @@ def _axis_plots(log: EpisodeLog, axis: str) -> rrb.Vertical:
         return tuple(f"{kind}/{name}" for name in names)
 
     angle = f"angle/{axis}" if axis else "angle"
-    return rrb.Vertical(
+    return [
         lines(log, "Joint torque [N m]", "torque", paths("joint", "desired")),
         rrb.Tabs(
             lines(log, "Motor torque [N m]", "torque", paths("motor")),
             lines(log, "Wearer's torque [N m]", "torque", paths("wearer")),
         ),
         lines(log, "Angle [deg]", angle),
-        row_shares=[6, 4, 6],
-        name=axis or None,
-    )
+    ]
+
+
+def _cable_plots(log: EpisodeLog, cables: Sequence[str]) -> list[View]:
+    """Return the plots of the tension and of the slip of some cables."""
+    ends = [f"tension/{cable}/{end}_end" for cable in cables for end in ENDS]
+    lanes = [
+        rr.new_entity_path(["slip", cable, f"{end}_end"])
+        for cable in cables
+        for end in ENDS
+    ]
+    moving = [f"moving/{cable}" for cable in cables]
+    return [
+        lines(log, "Tension at the ends [N]", "tension", ends),
+        rrb.Tabs(
+            rrb.StateTimelineView(
+                origin="/slip",
+                contents=lanes,
+                name="Stick, slip, slack",
+                time_view=time_axis(log["time_s"]),
+            ),
+            lines(log, "Part of the cable that slips", "moving", moving),
+        ),
+    ]
 
 
 def lines(
@@ -79,7 +110,7 @@ def lines(
         paths: Those that are shown, all of them unless given.
     """
     shown = line_values(log, origin, paths)
-    contents = [f"/{path}" for path in paths]
+    contents = [rr.new_entity_path(path.split("/")) for path in paths]
     return plot(f"/{origin}", name, log["time_s"], shown, contents=contents)
 
 
@@ -102,15 +133,14 @@ def scene_view(
         log: The episode.
         model: The model that it was played on.
         root: Path under which it is logged.
-        name: Of the view; scene, trajectory and task unless given.
+        name: Of the view; scene, trajectory and, of a single axis, task unless given.
     """
     position, target = viewpoint(model)
     eye = rrb.EyeControls3D(
         position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)
     )
-    name = name or " · ".join(
-        str(log.metadata[key])
-        for key in ("scene", "trajectory", "task")
-        if key in log.metadata
-    )
+    # The tasks of several axes would push the tab beside it out of sight.
+    keys = ("scene", "trajectory", *(() if log.axes else ("task",)))
+    known = [str(log.metadata[key]) for key in keys if key in log.metadata]
+    name = name or " · ".join(known)
     return rrb.Spatial3DView(origin=f"{root}/{WORLD}", name=name, eye_controls=eye)

@@ -31,16 +31,18 @@ from cc_mujoco.metrics import Metric
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
-from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines
+from cc_mujoco.viz._cable_lines import CONDUIT, CableLine, cable_lines
 from cc_mujoco.viz._conduit3d import log_conduit
 from cc_mujoco.viz._entity_path import Branch
-from cc_mujoco.viz._frame_times import MAX_SAMPLES, frame_rate
+from cc_mujoco.viz._frame_times import MAX_SAMPLES, frame_rate, frame_slices
 from cc_mujoco.viz._panels import highest_tension
 from cc_mujoco.viz._rerun_blueprint import blueprint
 from cc_mujoco.viz._rerun_series import plotted_series
 from cc_mujoco.viz._scene3d import TIMELINE, log_motion, log_static
 from cc_mujoco.viz._state_timeline import log_lanes
 from cc_mujoco.viz._tendon3d import log_tendons
+
+Array = NDArray[np.float64]
 
 APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
@@ -199,31 +201,37 @@ def _log_scene(
     time, qpos = log["time_s"][frames], log.rows("qpos", frames)
     log_static(rec, model)
     log_motion(rec, model, time, qpos)
-    tensions = {c: log.rows(f"tension_{c}_nodes_n", frames) for c in log.cables}
-    lines = cable_lines(model, tensions)
+    lines = cable_lines(model, log.cables)
     followed = [line.source for line in lines if isinstance(line.source, int)]
     log_tendons(rec, model, time, qpos, followed)
     for line in lines:
-        points = line.all_points(model, qpos)
-        parts = line.tensions(tensions[line.cable])
+
+        def points(some: slice, line: CableLine = line) -> Array:
+            return line.all_points(model, qpos[some])
+
+        def tension(some: slice, line: CableLine = line) -> Array:
+            name = f"tension_{line.cable}_nodes_n"
+            return line.tensions(log.rows(name, frames[some]))
+
         path = [line.cable] if line.part == CONDUIT else [line.cable, line.part]
-        log_conduit(rec, path, time, points, parts, highest, line.radius)
+        log_conduit(rec, path, time, points, tension, highest, line.radius)
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
     """Log tension and slip along each cable as data: one list per frame."""
-    index = [rr.TimeColumn(TIMELINE, duration=log["time_s"][frames])]
+    time = log["time_s"][frames]
     for cable in log.cables:
         for kind, column in (
             ("tension", f"tension_{cable}_nodes_n"),
             ("slip", f"slip_{cable}_direction"),
         ):
-            values = log.rows(column, frames).astype(np.float64)
-            rows = rr.Scalars.columns(scalars=values.reshape(-1))
-            lists = rows.partition([values.shape[1]] * len(values))
-            rec.send_columns(
-                rr.new_entity_path(["nodes", cable, kind]), index, [*lists]
-            )
+            path = rr.new_entity_path(["nodes", cable, kind])
+            for some in frame_slices(len(frames)):
+                values = log.rows(column, frames[some]).astype(np.float64)
+                index = [rr.TimeColumn(TIMELINE, duration=time[some])]
+                rows = rr.Scalars.columns(scalars=values.reshape(-1))
+                lists = rows.partition([values.shape[1]] * len(values))
+                rec.send_columns(path, index, [*lists])
 
 
 def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.metrics._metric import RATIO, driven_cables
 from cc_mujoco.simulation._episode_log import EpisodeLog
 
 # Okabe and Ito's colours, as in the summary figure.
@@ -31,7 +31,7 @@ CABLE_SERIES = (
     ("moving/{}", "moving_{}_fraction", 0),
 )
 CABLE_COLORS = ((BLUE, SKY), (ORANGE, YELLOW), (GREEN, PURPLE))
-"""Motor end and joint end of the first, second, ... cable."""
+"""Motor end and joint end of the first, second, ... cable of an axis."""
 
 
 class Series(NamedTuple):
@@ -59,8 +59,12 @@ def plotted_series(log: EpisodeLog) -> Iterator[Series]:
                 name, values = f"{name}, at the joint", ratio * values
             kind, line = path.split("/")
             yield Series((kind, *([axis] if axis else []), line), name, values, color)
-    for number, cable in enumerate(log.cables):
-        colors = CABLE_COLORS[number % len(CABLE_COLORS)]
+    places = {cable: number for number, cable in enumerate(log.cables)}
+    if log.axes:  # the plots of each show its own cables
+        for _, own in log.each_axis():
+            places |= {cable: n for n, cable in enumerate(driven_cables(own))}
+    for cable in log.cables:
+        colors = CABLE_COLORS[places[cable] % len(CABLE_COLORS)]
         for path, column, shade in CABLE_SERIES:
             parts = tuple(part.format(cable) for part in path.split("/"))
             name = ", ".join(parts[1:]).replace("_", " ")

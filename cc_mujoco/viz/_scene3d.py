@@ -16,6 +16,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._frame_times import frame_slices
 
 Array = NDArray[np.float64]
 
@@ -89,14 +90,16 @@ def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> 
         qpos: Generalized coordinates of the frames (T, nq).
     """
     moving = np.flatnonzero(model.body_weldid != 0)
-    position, quaternion = body_poses(model, qpos)
-    index = [rr.TimeColumn(TIMELINE, duration=time)]
-    for body in moving.tolist():
-        columns = rr.Transform3D.columns(
-            translation=position[:, body],
-            quaternion=np.roll(quaternion[:, body], -1, axis=1),
-        )
-        rec.send_columns(rr.new_entity_path(_body_path(model, body)), index, [*columns])
+    for some in frame_slices(len(time)):
+        position, quaternion = body_poses(model, qpos[some])
+        index = [rr.TimeColumn(TIMELINE, duration=time[some])]
+        for body in moving.tolist():
+            path = rr.new_entity_path(_body_path(model, body))
+            columns = rr.Transform3D.columns(
+                translation=position[:, body],
+                quaternion=np.roll(quaternion[:, body], -1, axis=1),
+            )
+            rec.send_columns(path, index, [*columns])
 
 
 def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._frame_times import frame_slices
 from cc_mujoco.viz._scene3d import DEFAULT_RGBA, TIMELINE, WORLD, own_color
 
 Array = NDArray[np.float64]
@@ -42,8 +43,10 @@ def log_tendons(
         radius = float(model.tendon_width[tendon])
         look = rr.LineStrips3D.from_fields(radii=[radius], colors=[rgba])
         rec.log(path, look, static=True)
-        strips = rr.LineStrips3D.columns(strips=tendon_paths(model, tendon, qpos))
-        rec.send_columns(path, [rr.TimeColumn(TIMELINE, duration=time)], [*strips])
+        for some in frame_slices(len(time)):
+            paths = tendon_paths(model, tendon, qpos[some])
+            index = [rr.TimeColumn(TIMELINE, duration=time[some])]
+            rec.send_columns(path, index, [*rr.LineStrips3D.columns(strips=paths)])
 
 
 def visible_tendons(

@@ -15,7 +15,7 @@ from cc_mujoco import Plant, simulate
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, expand_cable_metrics, measure
 from cc_mujoco.simulation import EpisodeLog, columns_for, log_file
-from cc_mujoco.simulation._episode_log import PIECE_ROWS
+from cc_mujoco.simulation._episode_log import PIECE_ROWS, _FileColumns
 
 NODES = 5
 METRIC_NAMES = ("rms_torque_error", "slack_margin", "slack_time_{cable}")
@@ -146,3 +146,26 @@ def test_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_file_is_for_one_plant(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="file takes the log of one plant"):
         simulate([Plant("wrist")], duration=0.01, file=tmp_path / "a")  # type: ignore[call-overload]
+
+
+def test_an_axis_reads_no_column_but_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = simulate("exosuit", "pi", duration=0.05, file=tmp_path / "run.parquet")
+    read: list[str] = []
+    columns = log._columns
+    assert isinstance(columns, _FileColumns)
+    whole = columns._read
+
+    def noted(name: str, *rest: Any) -> Any:
+        read.append(name)
+        return whole(name, *rest)
+
+    monkeypatch.setattr(columns, "_read", noted)
+    axis = log.axis("ankle")
+    cable = axis.cables[0]
+    pieces = [*axis.pieces(f"tension_{cable}_nodes_n")]
+    assert len(axis["joint_torque_nm"]) == len(axis["time_s"]) == len(pieces[0])
+    wanted = [f"tension_{cable}_nodes_n", "ankle.joint_torque_nm", "time_s"]
+    assert read == wanted
+    assert METRICS["slack_margin"].compute(axis) >= 0.0

@@ -71,7 +71,7 @@ class Script:
             work_out: Returns the part of a number.
         """
         self.angles = angles
-        self._count, self._work_out = count, work_out
+        self.count, self._work_out = count, work_out
         self._latest: tuple[int, ScriptPart] | None = None
 
     def part(self, number: int) -> ScriptPart:
@@ -96,7 +96,7 @@ class Script:
         return np.concatenate([part.marks[:, place] for part in self._parts()])
 
     def _parts(self) -> Iterator[ScriptPart]:
-        return map(self.part, range(self._count))
+        return map(self.part, range(self.count))
 
 
 def _joined(arrays: Sequence[Array]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 
 import cc_mujoco.simulation._batch as batch
 import cc_mujoco.simulation._reference_motion as reference_motion
-from cc_mujoco import simulate
+from cc_mujoco import Plant, simulate
 from cc_mujoco.human import Motion, Perturbed, Recorded, Sine, Trajectory, Walk
 from cc_mujoco.human._motion import SampledMotion
 from cc_mujoco.human._trajectories import TRAJECTORIES, Centred
+from cc_mujoco.simulation._worn_device import WornDevice
 
 STEPS, DT = 1000, 0.01
 ROWS = 128
@@ -92,3 +94,23 @@ def test_episode_of_many_parts_is_that_of_one(
     for module in (batch, reference_motion):
         monkeypatch.setattr(module, "PART_STEPS", 20)  # the last has one step
     assert play() == whole
+
+
+def test_memory_of_a_script_does_not_grow_with_the_duration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(reference_motion, "PART_STEPS", 500)
+    plant = Plant("ankle")
+
+    def peak(duration: float) -> int:
+        exo = WornDevice(plant.description, plant.model(), "walk", None, duration)
+        tracemalloc.start()
+        script = exo.author.write(np.random.default_rng(0))
+        for number in range(script.count):
+            script.part(number)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(1.0)  # what is made once
+    assert peak(16.0) < 1.1 * peak(4.0)

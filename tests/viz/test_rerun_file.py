@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 from rerun.error_utils import strict_mode
 
@@ -20,7 +21,8 @@ from cc_mujoco.metrics._metric import RATIO
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
 from cc_mujoco.viz._conduit3d import MIN_PIECES, resample
-from cc_mujoco.viz._rerun_file import recording_id, write_recording
+from cc_mujoco.viz._entity_path import Branch
+from cc_mujoco.viz._rerun_file import recording, recording_id, write_recording
 from cc_mujoco.viz._rerun_series import plotted_series
 from cc_mujoco.viz._state_timeline import END_STATES, state_changes
 
@@ -327,3 +329,28 @@ def test_colors_grow_brighter_with_tension_and_grey_is_slack() -> None:
     assert colors[0].tolist() == [150, 150, 150, 255]
     brightness = colors[1:, :3] @ [299, 587, 114]
     assert (np.diff(brightness) > 0).all()
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="memory is not counted here"
+)
+def test_a_recording_is_written_while_it_is_made(tmp_path: Path) -> None:
+    def memory() -> float:
+        status = Path("/proc/self/status").read_text()
+        return float(status.split("RssAnon:")[1].split()[0]) / 1024  # MiB
+
+    numbers = np.random.default_rng(0).normal(size=20_000)
+    index = [rr.TimeColumn("sim_time", duration=0.001 * np.arange(20_000))]
+    with recording(tmp_path / "run.rrd", "a", rrb.Blueprint()) as rec:
+
+        def send(count: int) -> None:
+            for _ in range(count):
+                columns = [*rr.Scalars.columns(scalars=numbers)]
+                Branch(rec).send_columns("line", index, columns)
+
+        send(10)
+        before = memory()
+        send(150)
+        grown = memory() - before
+    assert (tmp_path / "run.rrd").stat().st_size > 30e6
+    assert grown < 10.0

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from cc_mujoco.simulation import _episode_log as episode_log
 from cc_mujoco.viz import draw_summary, write_summary
+from cc_mujoco.viz._summary import _tension_means
 
 
 @pytest.mark.parametrize("cables", [("one",), ("flexor", "extensor")])
@@ -40,3 +42,17 @@ def test_global_state_is_left_alone(make_log: Any) -> None:
     sys.modules.pop("matplotlib.pyplot", None)
     draw_summary(make_log())
     assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_mean_tensions_of_a_long_episode_are_taken_in_parts(
+    make_log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(episode_log, "PIECE_ROWS", 64)
+    log = make_log(cables=("flexor",))
+    nodes = log["tension_flexor_nodes_n"]
+    for every in (1, 7, 100):
+        means, highest = _tension_means(log, "flexor", every)
+        whole = len(nodes) // every * every
+        expected = nodes[:whole].reshape(-1, every, nodes.shape[1]).mean(axis=1)
+        assert np.array_equal(means, expected)
+        assert highest == nodes.max()

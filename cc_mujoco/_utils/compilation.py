@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import update_wrapper
 from pathlib import Path
@@ -192,11 +192,20 @@ def bitcode(name: str, function: Any, signature: Any) -> list[Bitcode]:
         code = cfunc(signature, cache=True, error_model="numpy")(function)
     except RuntimeError:
         code = cfunc(signature, error_model="numpy")(function)
-    codes = {name: code, **{name: code for name, (_, code) in _EXPORTED.items()}}
+    return bitcode_of({name: code})
+
+
+def bitcode_of(codes: Mapping[str, Any]) -> list[Bitcode]:
+    """Return the bitcode of functions callable from C, and of every exported function.
+
+    Args:
+        codes: What Numba compiled, by its name in the bitcode.
+    """
+    exported = {name: code for name, (_, code) in _EXPORTED.items()}
     # What Numba read from its cache has no other form than the one meant for linking.
     return [
         Bitcode(name, code.native_name, _module(code).as_bitcode())
-        for name, code in codes.items()
+        for name, code in {**codes, **exported}.items()
     ]
 
 

@@ -16,6 +16,7 @@ from cc_mujoco.cli._diagnose import Diagnose
 from cc_mujoco.cli._export import Export
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._play import Play
+from cc_mujoco.cli._plugin import WritePlugin
 from cc_mujoco.cli._reproduce import Reproduce
 from cc_mujoco.cli._run import RunRig
 from cc_mujoco.cli._view import View
@@ -32,6 +33,7 @@ COMMANDS = {
     "whatif-show": WhatIfShow,
     "benchmark": Benchmark,
     "export": Export,
+    "plugin": WritePlugin,
     "run": RunRig,
     "view": View,
     "list": Listing,
@@ -49,6 +51,7 @@ Command = (
     | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[WritePlugin, tyro.conf.subcommand("plugin")]
     | Annotated[RunRig, tyro.conf.subcommand("run")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Listing, tyro.conf.subcommand("list")]

@@ -56,13 +56,22 @@ TARGETS = {
 """Targets that `--target` takes."""
 
 
-def emit(target: Target, interface: str, functions: Iterable[Bitcode]) -> bytes:
+def emit(
+    target: Target,
+    interface: str,
+    functions: Iterable[Bitcode],
+    runtime: str | None = None,
+    provided: frozenset[str] = LIBM,
+) -> bytes:
     """Compile an interface in C with all the functions that it calls.
 
     Args:
         target: The machine.
         interface: LLVM assembly of what C sees; all else becomes invisible.
         functions: What it calls by name, and what these call.
+        runtime: LLVM assembly that takes the place of Numba's runtime; by default one
+            for functions that allocate nothing.
+        provided: Functions that may remain to be linked.
 
     Returns:
         An object file.
@@ -79,20 +88,24 @@ def emit(target: Target, interface: str, functions: Iterable[Bitcode]) -> bytes:
     seen = {
         function.name for function in program.functions if not function.is_declaration
     }
-    modules = [llvm.parse_assembly(_NO_REFERENCES), *_named_modules(functions)]
+    modules = [
+        llvm.parse_assembly(runtime or _NO_REFERENCES),
+        *_named_modules(functions),
+    ]
     for module in [program, *modules]:
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for module in modules:
         program.link_in(module)
     for value in [*program.functions, *program.global_variables]:
-        if value.name not in seen and not value.is_declaration:
+        own = value.name not in seen and not value.name.startswith("llvm.")
+        if own and not value.is_declaration:
             value.linkage = "internal"
     program.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     builder = llvm.create_pass_builder(machine, options)
     for _ in range(2):  # the first finds that no error can be raised, the second gains
         builder.getModulePassManager().run(program, builder)
-    _require_self_contained(program)
+    _require_self_contained(program, provided)
     if target.bits == 32:
         _require_numbers_only(program)
     return bytes(machine.emit_object(program))
@@ -116,16 +129,16 @@ def _named_modules(functions: Iterable[Bitcode]) -> list[Any]:
     return modules
 
 
-def _require_self_contained(program: Any) -> None:
+def _require_self_contained(program: Any, provided: frozenset[str]) -> None:
     names = {function.name for function in program.functions if function.is_declaration}
     other = {
-        name for name in names - LIBM
+        name for name in names - provided
         if not name.startswith("llvm.") or name.startswith("llvm.x86")
     }  # fmt: skip
     if other:
         raise CableError(
-            f"the compiled controller needs {', '.join(sorted(other))}, which is not "
-            "there without Python; export another controller."
+            f"the compiled code needs {', '.join(sorted(other))}, which is not "
+            "there without Python."
         )
 
 

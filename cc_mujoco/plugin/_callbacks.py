@@ -72,7 +72,7 @@ from cc_mujoco.plugin._ffi import (
     clear,
     copy,
     copy_words,
-    export,
+    export_callback,
     floats,
     load_real,
     load_word,
@@ -226,7 +226,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             warn(message, used)
         return used > start
 
-    export("cc_mujoco_refused", refused.address)
+    export_callback("cc_mujoco_refused", refused)
 
     @cfunc(_REFUSED_SIGNATURE, **options)
     def route(model: int, instance: int) -> int:
@@ -236,7 +236,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         written = config.key_text(attributes, config.ROUTE)
         return attachments.find_route(model, instance, written)
 
-    export("cc_mujoco_route", route.address)
+    export_callback("cc_mujoco_route", route)
 
     @cfunc(PACK, **options)
     def pack(block: int, model: int, instance: int) -> int:
@@ -292,7 +292,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             store_word(block + TEXT_SIZE, size)
         return 1
 
-    export("cc_mujoco_pack", pack.address)
+    export_callback("cc_mujoco_pack", pack)
 
     @cfunc(_TURN_SIGNATURE, **options)
     def turn(model: int, data: int, tendon: int) -> float:
@@ -304,7 +304,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         path.bend(model, data, tendon, points, length, whole, total)
         return float(total[0])
 
-    export("cc_mujoco_turn", turn.address)
+    export_callback("cc_mujoco_turn", turn)
 
     @cfunc(_WRAP_SIGNATURE, **options)
     def wrap(model: int, data: int, instance: int, out: int) -> None:
@@ -318,7 +318,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         assign(floats(out, n), kernel.segment_angles(prm, n))
 
-    export("cc_mujoco_wrap", wrap.address)
+    export_callback("cc_mujoco_wrap", wrap)
 
     @cfunc(_WRAP_SIGNATURE, **options)
     def compliance(model: int, data: int, instance: int, out: int) -> None:
@@ -347,7 +347,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         assign(found[: n + 1], layout.node_compliance(prm, n))
         found[n + 1] = kernel.stored_energy(prm, n, state)
 
-    export("cc_mujoco_compliance", compliance.address)
+    export_callback("cc_mujoco_compliance", compliance)
 
     @cfunc(_WRAP_SIGNATURE, **options)
     def limits(model: int, data: int, instance: int, out: int) -> None:
@@ -356,7 +356,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         follow_all_paths(model, data, instance)
         stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
-    export("cc_mujoco_limits", limits.address)
+    export_callback("cc_mujoco_limits", limits)
 
     @cfunc(_WRAP_SIGNATURE, **options)
     def aim(model: int, data: int, instance: int, out: int) -> None:
@@ -373,7 +373,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         block = mj_struct.block(data, instance)
         implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 4))
 
-    export("cc_mujoco_aim", aim.address)
+    export_callback("cc_mujoco_aim", aim)
 
     @cfunc(_CHECK_SIGNATURE, **options)
     def missed(model: int, data: int, instance: int) -> None:
@@ -394,7 +394,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 used = guides.explain(message, start, model, tendon, place)
                 warn(message, used)
 
-    export("cc_mujoco_missed", missed.address)
+    export_callback("cc_mujoco_missed", missed)
 
     @cfunc(_CHECK_SIGNATURE, **options)
     def check(model: int, data: int, instance: int) -> None:
@@ -432,7 +432,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 stability_limits.append_limit(message, start, worst, limit, step),
             )
 
-    export("cc_mujoco_check", check.address)
+    export_callback("cc_mujoco_check", check)
 
     @cfunc(_CHECK_SIGNATURE, **options)
     def pull_early(model: int, data: int, instance: int) -> None:
@@ -466,7 +466,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             pull(block, model, data)
             store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
 
-    export("cc_mujoco_pull_early", pull_early.address)
+    export_callback("cc_mujoco_pull_early", pull_early)
 
     @cfunc(_CHECK_SIGNATURE, **options)
     def undo_early(model: int, data: int, instance: int) -> None:
@@ -499,7 +499,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             store_word(block + PASSIVE_FRESH, 1)
             store_word(block + EARLY_PULL, 0)
 
-    export("cc_mujoco_undo_early", undo_early.address)
+    export_callback("cc_mujoco_undo_early", undo_early)
 
     @cfunc(types.void(types.intp, types.intp, types.int32), **options)
     def settle(model: int, data: int, instance: int) -> None:
@@ -524,7 +524,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
             open_path.save_path(shape, n, path_memory(state, n))
 
-    export("cc_mujoco_settle", settle.address)
+    export_callback("cc_mujoco_settle", settle)
 
     address = types.intp
     integer = types.int32

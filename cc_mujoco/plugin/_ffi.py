@@ -51,11 +51,23 @@ def export(name: str, address: int | None) -> None:
     llvmlite.binding.add_symbol(name, address)
 
 
-for _name in (
+CALLBACKS: dict[str, Any] = {}
+"""Compiled functions that other compiled code calls by name."""
+
+
+def export_callback(name: str, code: Any) -> None:
+    """Let compiled code find a compiled function by name, and keep it."""
+    export(name, code.address)
+    CALLBACKS[name] = code
+
+
+ENGINE_FUNCTIONS = (
     "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
     "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
     "mju_cholSolve",
-):  # fmt: skip
+)  # fmt: skip
+"""Functions of MuJoCo that compiled code calls by name."""
+for _name in ENGINE_FUNCTIONS:
     _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
     export(_name, _function.value)
 
@@ -104,13 +116,15 @@ _DECIMAL_POINT = np.frombuffer(b".", np.uint8)
 _MILLISECONDS = np.frombuffer(b" ms", np.uint8)
 _MILLIMETRES = np.frombuffer(b" mm", np.uint8)
 
-_DIGEST_SLOTS = 256  # digests of messages that are remembered, a power of 2
+DIGEST_SLOTS = 256  # digests of messages that are remembered, a power of 2
 LIBRARY.mju_malloc.restype = ctypes.c_void_p
 LIBRARY.mju_malloc.argtypes = (ctypes.c_size_t,)
 # Compiled code outlives this module, and so must what it writes to.
-_digests = LIBRARY.mju_malloc(8 * _DIGEST_SLOTS)
-ctypes.memset(_digests, 0, 8 * _DIGEST_SLOTS)
-export("cc_mujoco_said", _digests)
+_digests = LIBRARY.mju_malloc(8 * DIGEST_SLOTS)
+ctypes.memset(_digests, 0, 8 * DIGEST_SLOTS)
+DIGEST_TABLE = "cc_mujoco_said"
+"""Name of the table of digests in compiled code."""
+export(DIGEST_TABLE, _digests)
 
 
 @intrinsic
@@ -118,7 +132,7 @@ def _digest_address(context: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = ir.FunctionType(ir.VoidType(), [])
         declare: Any = cgutils.get_or_insert_function
-        symbol = declare(builder.module, kind, "cc_mujoco_said")
+        symbol = declare(builder.module, kind, DIGEST_TABLE)
         return builder.ptrtoint(symbol, ir.IntType(64))
 
     return types.intp(), codegen
@@ -389,7 +403,7 @@ def warned_once(message: Bytes, used: int, about: int) -> bool:
     digest = 1469598103934665603 ^ about
     for i in range(used):
         digest = (digest ^ message[i]) * 1099511628211
-    place = _digest_table() + 8 * (digest & (_DIGEST_SLOTS - 1))
+    place = _digest_table() + 8 * (digest & (DIGEST_SLOTS - 1))
     if load_word(place) == digest:
         return True
     store_word(place, digest)

@@ -35,14 +35,17 @@ def _stamp() -> str:
 _CAPABILITIES = ENUMS["mjtPluginCapabilityBit"].values
 _ACTUATOR = int(_CAPABILITIES["mjPLUGIN_ACTUATOR"])
 _PASSIVE = int(_CAPABILITIES["mjPLUGIN_PASSIVE"])
-_CALLBACKS = (
+CAPABILITIES = _ACTUATOR | _PASSIVE
+"""Capabilities of the plugin, `mjtPluginCapabilityBit`."""
+NEEDED_STAGE = int(mujoco.mjtStage.mjSTAGE_ACC)
+CALLBACK_FIELDS = (
     "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute", "advance",
     "visualize", "actuator_act_dot", "sdf_distance", "sdf_gradient",
     "sdf_staticdistance", "sdf_attribute", "sdf_aabb",
 )  # fmt: skip
 
 
-class _Plugin(ctypes.Structure):
+class PluginRecord(ctypes.Structure):
     """`mjpPlugin` of mjplugin.h."""
 
     _fields_ = (
@@ -51,7 +54,7 @@ class _Plugin(ctypes.Structure):
         ("attributes", ctypes.POINTER(ctypes.c_char_p)),
         ("capabilityflags", ctypes.c_int),
         ("needstage", ctypes.c_int),
-        *((name, ctypes.c_void_p) for name in _CALLBACKS),
+        *((name, ctypes.c_void_p) for name in CALLBACK_FIELDS),
     )
 
 
@@ -61,7 +64,7 @@ def register() -> None:
     Raises:
         ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
     """
-    LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(_Plugin)
+    LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(PluginRecord)
     LIBRARY.mjp_getPlugin.argtypes = (ctypes.c_char_p, ctypes.POINTER(ctypes.c_int))
     present = LIBRARY.mjp_getPlugin(PLUGIN.encode(), None)
     if present:
@@ -74,12 +77,16 @@ def register() -> None:
             )
         return
     mj_offsets.verify()
+    add_plugin(PLUGIN, compiled_callbacks(), KEYS, CAPABILITIES)
+
+
+def compiled_callbacks() -> dict[str, Any]:
+    """Return the compiled callbacks by their names in `mjpPlugin`."""
     stamp = _stamp()
     try:
-        callbacks = compile_callbacks(stamp, cache=True)
+        return compile_callbacks(stamp, cache=True)
     except RuntimeError:  # Numba finds no folder for its cache.
-        callbacks = compile_callbacks(stamp, cache=False)
-    add_plugin(PLUGIN, callbacks, KEYS, _ACTUATOR | _PASSIVE)
+        return compile_callbacks(stamp, cache=False)
 
 
 def add_plugin(
@@ -96,13 +103,13 @@ def add_plugin(
         keys: of its configuration.
         capabilities: what it is, `mjtPluginCapabilityBit`.
     """
-    plugin = _Plugin()
+    plugin = PluginRecord()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = name.encode()
     plugin.nattribute = len(keys)
     plugin.attributes = (ctypes.c_char_p * len(keys))(*(k.encode() for k in keys))
     plugin.capabilityflags = capabilities
-    plugin.needstage = int(mujoco.mjtStage.mjSTAGE_ACC)
+    plugin.needstage = NEEDED_STAGE
     for which, callback in callbacks.items():
         setattr(plugin, which, callback.address)
     # MuJoCo keeps the addresses for the life of the process, whatever happens to this

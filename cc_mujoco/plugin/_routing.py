@@ -26,7 +26,7 @@ from cc_mujoco.plugin._ffi import (
     assign,
     evaluate_bodies,
     evaluate_tendons,
-    export,
+    export_callback,
     fill,
     floats,
     internal,
@@ -127,7 +127,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             contact = open_path.contacts(reference, n)[:guided]
             path.bend(model, data, tendon, points, length, contact, seen[:guided])
 
-    export("cc_mujoco_survey", survey_path.address)
+    export_callback("cc_mujoco_survey", survey_path)
 
     @cfunc(_REFER_SIGNATURE, **options)
     def refer_path(block: int, model: int, data: int) -> None:
@@ -182,7 +182,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         invalidate(block)
         store_word(block + REFERENCE_KNOWN, 1)
 
-    export("cc_mujoco_refer", refer_path.address)
+    export_callback("cc_mujoco_refer", refer_path)
 
     @cfunc(_LAY_SIGNATURE, **options)
     def lay_path(block: int, shape: int, state: int) -> None:
@@ -207,7 +207,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         if prepare.set_path(prm, n, floats(shape, n), contacts) or changed:
             invalidate(block)
 
-    export("cc_mujoco_lay", lay_path.address)
+    export_callback("cc_mujoco_lay", lay_path)
 
     @cfunc(_FOLLOW_SIGNATURE, **options)
     def follow_path(block: int, model: int, data: int, state: int) -> None:
@@ -230,7 +230,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             path.bend(model, data, tendon, points, length, inside, floats(now, n))
         lay(block, now, state)
 
-    export("cc_mujoco_follow", follow_path.address)
+    export_callback("cc_mujoco_follow", follow_path)
 
     @cfunc(_PULL_SIGNATURE, **options)
     def pull_path(block: int, model: int, data: int) -> None:
@@ -264,4 +264,4 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         assign(last, forces)
         store_word(block + PASSIVE_FRESH, 0)
 
-    export("cc_mujoco_pull", pull_path.address)
+    export_callback("cc_mujoco_pull", pull_path)

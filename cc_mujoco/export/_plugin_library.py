@@ -1,0 +1,220 @@
+"""The engine plugin as a shared library, for MuJoCo without Python.
+
+    write_plugin(folder)  # libcc_mujoco_cable.so, for mj_loadPluginLibrary
+
+The library holds the compiled functions that `cc_mujoco.plugin` registers, and a
+constructor that registers them when the library is loaded.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.compilation import bitcode_of
+from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.errors import CableError
+from cc_mujoco.export._targets import LIBM, Target, emit
+from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._ffi import (
+    CALLBACKS,
+    DIGEST_SLOTS,
+    DIGEST_TABLE,
+    ENGINE_FUNCTIONS,
+    LIBRARY,
+)
+from cc_mujoco.plugin._registration import (
+    CALLBACK_FIELDS,
+    CAPABILITIES,
+    NEEDED_STAGE,
+    compiled_callbacks,
+)
+
+PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
+"""File name of the shared library."""
+_TARGET = Target("x86_64-unknown-linux-gnu", "x86-64", "", "any Linux on x86-64")
+_PROVIDED = (
+    LIBM
+    | frozenset(ENGINE_FUNCTIONS)
+    | {"mj_version", "mjp_registerPlugin", "mju_error", "mju_warning", "strlen"}
+)
+
+# Memory of Numba's arrays as its runtime lays it out: the data's address at byte 24.
+# `mju_malloc` reports that memory is exhausted, so no error reaches the other branches.
+_RUNTIME = """
+declare ptr @mju_malloc(i64)
+declare void @mju_free(ptr)
+declare double @ldexp(double, i32)
+define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
+  %wide = zext i32 %align to i64
+  %more = add i64 %wide, 48
+  %total = add i64 %size, %more
+  %block = call ptr @mju_malloc(i64 %total)
+  %start = ptrtoint ptr %block to i64
+  %end = add i64 %start, %more
+  %over = urem i64 %end, %wide
+  %data = sub i64 %end, %over
+  store i64 1, ptr %block
+  %place = getelementptr i8, ptr %block, i64 24
+  store i64 %data, ptr %place
+  ret ptr %block
+}
+define void @NRT_incref(ptr %block) {
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %end, label %count
+count:
+  %before = load i64, ptr %block
+  %after = add i64 %before, 1
+  store i64 %after, ptr %block
+  br label %end
+end:
+  ret void
+}
+define void @NRT_decref(ptr %block) {
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %end, label %count
+count:
+  %before = load i64, ptr %block
+  %after = sub i64 %before, 1
+  store i64 %after, ptr %block
+  %last = icmp eq i64 %after, 0
+  br i1 %last, label %free, label %end
+free:
+  call void @mju_free(ptr %block)
+  br label %end
+end:
+  ret void
+}
+define void @NRT_MemInfo_call_dtor(ptr %block) {
+  call void @mju_free(ptr %block)
+  ret void
+}
+define void @NRT_Free(ptr %block) { ret void }
+define double @numba_ldexp(double %x, i32 %exponent) {
+  %y = call double @ldexp(double %x, i32 %exponent)
+  ret double %y
+}
+@failed = internal constant [40 x i8] c"cc_mujoco: an array could not be made.\\0A\\00"
+declare void @mju_error(ptr, ...)
+define void @numba_gil_ensure(ptr %0) {
+  call void (ptr, ...) @mju_error(ptr @failed)
+  ret void
+}
+define void @numba_gil_release(ptr %0) { ret void }
+define void @numba_do_raise(ptr %0) { ret void }
+define ptr @numba_unpickle(ptr %0, i32 %1, ptr %2) { ret ptr null }
+define ptr @numba_runtime_build_excinfo_struct(ptr %0, ptr %1) { ret ptr null }
+define ptr @PyBytes_FromStringAndSize(ptr %0, i64 %1) { ret ptr null }
+define ptr @PyUnicode_FromString(ptr %0) { ret ptr null }
+define void @PyErr_Clear() { ret void }
+define void @PyErr_SetNone(ptr %0) { ret void }
+define void @PyErr_SetString(ptr %0, ptr %1) { ret void }
+define void @PyErr_WriteUnraisable(ptr %0) { ret void }
+define void @Py_DecRef(ptr %0) { ret void }
+@PyExc_StopIteration = constant i64 0
+@PyExc_SystemError = constant i64 0
+@PyExc_RuntimeError = constant i64 0
+"""
+
+
+def write_plugin(folder: str | os.PathLike[str]) -> Path:
+    """Write the engine plugin as a shared library for this version of MuJoCo.
+
+    Args:
+        folder: Where; no file of that name may be there.
+
+    Returns:
+        The path of the library.
+
+    Raises:
+        CableError: The machine is not Linux on x86-64, it has no linker, or the file is
+            there already.
+    """
+    path = Path(folder) / PLUGIN_LIBRARY
+    if path.exists():
+        raise CableError(f"{path} exists; remove it or choose another folder.")
+    if sys.platform != "linux" or os.uname().machine != "x86_64":
+        raise CableError(
+            "the plugin is written as a shared library on Linux on x86-64 only; "
+            "elsewhere use it from Python."
+        )
+    linker = shutil.which("ld")
+    if linker is None:
+        raise CableError(
+            "the linker `ld` is missing; install the package `binutils` of this system."
+        )
+    callbacks = compiled_callbacks()
+    functions = bitcode_of({**CALLBACKS, **callbacks})
+    content = emit(_TARGET, _interface(list(callbacks)), functions, _RUNTIME, _PROVIDED)
+    with atomic_io.replacing_folder(folder) as partial:
+        compiled = partial / "plugin.o"
+        compiled.write_bytes(content)
+        done = subprocess.run(
+            [
+                *(linker, "-shared", "-z", "noexecstack", "-z", "now", "-z", "defs"),
+                *("-soname", PLUGIN_LIBRARY, "-o", str(partial / PLUGIN_LIBRARY)),
+                *(str(compiled), str(LIBRARY._name), "-l:libm.so.6", "-l:libc.so.6"),
+            ],
+            capture_output=True,
+            text=True,
+        )
+        compiled.unlink()
+        if done.returncode != 0:
+            raise CableError(f"`ld` cannot link the plugin: {done.stderr.strip()}")
+    return path
+
+
+def _text(name: str, content: str) -> str:
+    """Return the LLVM assembly of a constant text."""
+    data = content.encode() + b"\0"
+    written = "".join(f"\\{byte:02X}" for byte in data)
+    return f'@{name} = internal constant [{len(data)} x i8] c"{written}"'
+
+
+def _interface(callbacks: list[str]) -> str:
+    """Return the LLVM assembly of the record of the plugin and its constructor."""
+    keys = ", ".join(f"ptr @key_{i}" for i in range(len(KEYS)))
+    fields = ", ".join(
+        f"ptr @{name}" if name in callbacks else "ptr null" for name in CALLBACK_FIELDS
+    )
+    version = mujoco.mj_version()
+    layout = ", ".join(["ptr, i32, ptr, i32, i32", *["ptr"] * len(CALLBACK_FIELDS)])
+    return "\n".join(
+        [
+            _text("plugin_name", PLUGIN),
+            _text(
+                "other_version",
+                f"{PLUGIN_LIBRARY} is for MuJoCo {mujoco.__version__}, not for this "
+                "version; it registers no cables.",
+            ),
+            *(_text(f"key_{i}", key) for i, key in enumerate(KEYS)),
+            f"@keys = internal constant [{len(KEYS)} x ptr] [{keys}]",
+            f"@{DIGEST_TABLE} = global [{DIGEST_SLOTS} x i64] zeroinitializer",
+            *(f"declare void @{name}()" for name in callbacks),
+            f"@record = internal global {{ {layout} }} {{ ptr @plugin_name, "
+            f"i32 {len(KEYS)}, ptr @keys, i32 {CAPABILITIES}, i32 {NEEDED_STAGE}, "
+            f"{fields} }}",
+            "declare i32 @mj_version()",
+            "declare i32 @mjp_registerPlugin(ptr)",
+            "declare void @mju_warning(ptr, ...)",
+            "define void @cc_mujoco_load() {",
+            "  %version = call i32 @mj_version()",
+            f"  %fits = icmp eq i32 %version, {version}",
+            "  br i1 %fits, label %register, label %refuse",
+            "register:",
+            "  %slot = call i32 @mjp_registerPlugin(ptr @record)",
+            "  ret void",
+            "refuse:",
+            "  call void (ptr, ...) @mju_warning(ptr @other_version)",
+            "  ret void",
+            "}",
+            "@llvm.global_ctors = appending global [1 x { i32, ptr, ptr }] "
+            "[{ i32, ptr, ptr } { i32 65535, ptr @cc_mujoco_load, ptr null }]",
+        ]
+    )

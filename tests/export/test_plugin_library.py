@@ -1,0 +1,139 @@
+"""The engine plugin as a shared library computes the same bits without Python."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.errors import CableError
+from cc_mujoco.export import PLUGIN_LIBRARY, write_plugin
+
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux" or os.uname().machine != "x86_64" or not shutil.which("ld"),
+    reason="the library is for Linux on x86-64 and linked by `ld`",
+)
+SCENES = sorted(scene_path("wrist").parent.glob("*.xml"))
+
+STEPS = """
+import hashlib, sys
+import mujoco
+import numpy as np
+from mujoco import rollout
+if sys.argv[1]:
+    mujoco.mj_loadPluginLibrary(sys.argv[1])
+else:
+    import cc_mujoco.plugin
+for file in sys.argv[2:]:
+    spec = mujoco.MjSpec.from_file(file)
+    for integrator in range(4):
+        spec.option.integrator = integrator
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        total = hashlib.sha256()
+        for step in range(30):
+            data.ctrl[:] = np.sin(0.3 * step + np.arange(model.nu))
+            mujoco.mj_step(model, data)
+            for seen in (data.qpos, data.qvel, data.plugin_state, data.actuator_force):
+                total.update(seen.tobytes())
+        physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        start = np.empty(mujoco.mj_stateSize(model, physics))
+        mujoco.mj_getState(model, data, start, physics)
+        states, _ = rollout.rollout(
+            model, data, np.stack([start] * 3), nstep=10
+        )
+        total.update(states.tobytes())
+        print(file, integrator, total.hexdigest())
+assert not sys.argv[1] or not {"cc_mujoco", "numba"} & set(sys.modules)
+"""
+
+REFUSED = """
+import sys, mujoco
+if sys.argv[1]:
+    mujoco.mj_loadPluginLibrary(sys.argv[1])
+else:
+    import cc_mujoco.plugin
+spec = mujoco.MjSpec.from_file(sys.argv[2])
+for plugin in spec.plugins:
+    plugin.config = dict(plugin.config) | {"friction": "-1"}
+try:
+    spec.compile()
+except ValueError as error:
+    print(error)
+"""
+
+HOST = """
+#include <stdio.h>
+#include <mujoco/mujoco.h>
+int main(int count, char** given) {
+  char error[1000] = "";
+  mj_loadPluginLibrary(given[1]);
+  mjModel* model = mj_loadXML(given[2], NULL, error, sizeof(error));
+  if (!model) { printf("%s\\n", error); return 1; }
+  mjData* data = mj_makeData(model);
+  for (int i = 0; i < 100; i++) mj_step(model, data);
+  for (int i = 0; i < model->nq; i++) printf("%a ", data->qpos[i]);
+  return 0;
+}
+"""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, text=True, capture_output=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_plugin(tmp_path_factory.mktemp("plugin"))
+
+
+def test_library_computes_the_bits_of_python(library: Path, tmp_path: Path) -> None:
+    native, python = (
+        run(sys.executable, "-P", "-c", STEPS, loaded, *SCENES, cwd=tmp_path)
+        for loaded in (library, "")
+    )
+    assert len(native.splitlines()) == 4 * len(SCENES)
+    assert native == python
+
+
+def test_library_refuses_a_configuration_as_python_does(
+    library: Path, tmp_path: Path
+) -> None:
+    scene = scene_path("wrist")
+    native, python = (
+        run(sys.executable, "-P", "-c", REFUSED, loaded, scene, cwd=tmp_path)
+        for loaded in (library, "")
+    )
+    assert "key `friction` is '-1'" in native
+    assert native == python
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="there is no C compiler `cc`")
+def test_library_works_in_a_host_in_c(library: Path, tmp_path: Path) -> None:
+    home = Path(mujoco.__file__).parent
+    (engine,) = home.glob("libmujoco.so*")
+    (tmp_path / "host.c").write_text(HOST)
+    include = f"-I{home / 'include'}"
+    run(
+        *("cc", "host.c", include, engine, f"-Wl,-rpath,{home}", "-o", "host"),
+        cwd=tmp_path,
+    )
+    scene = scene_path("wrist")
+    written = run(tmp_path / "host", library, scene, cwd=tmp_path)
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    assert [float.fromhex(text) for text in written.split()] == data.qpos.tolist()
+
+
+def test_library_that_exists_is_kept(library: Path) -> None:
+    with pytest.raises(CableError, match=f"{PLUGIN_LIBRARY} exists"):
+        write_plugin(library.parent)

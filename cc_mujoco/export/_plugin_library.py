@@ -32,7 +32,10 @@ from cc_mujoco.plugin._ffi import (
 from cc_mujoco.plugin._registration import (
     CALLBACK_FIELDS,
     CAPABILITIES,
+    DIGEST_NAME,
     NEEDED_STAGE,
+    PYTHON_FUNCTIONS,
+    code_digest,
     compiled_callbacks,
 )
 
@@ -151,7 +154,15 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         )
     callbacks = compiled_callbacks()
     functions = bitcode_of({**CALLBACKS, **callbacks})
-    content = emit(_TARGET, _interface(list(callbacks)), functions, _RUNTIME, _PROVIDED)
+    visible = {DIGEST_NAME, *(f"cc_mujoco_{name}" for name in PYTHON_FUNCTIONS)}
+    content = emit(
+        _TARGET,
+        _interface(list(callbacks)),
+        functions,
+        _RUNTIME,
+        _PROVIDED,
+        frozenset(visible),
+    )
     with atomic_io.replacing_folder(folder) as partial:
         compiled = partial / "plugin.o"
         compiled.write_bytes(content)
@@ -170,11 +181,11 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _text(name: str, content: str) -> str:
+def _text(name: str, content: str, kind: str = "internal constant") -> str:
     """Return the LLVM assembly of a constant text."""
     data = content.encode() + b"\0"
     written = "".join(f"\\{byte:02X}" for byte in data)
-    return f'@{name} = internal constant [{len(data)} x i8] c"{written}"'
+    return f'@{name} = {kind} [{len(data)} x i8] c"{written}"'
 
 
 def _interface(callbacks: list[str]) -> str:
@@ -188,6 +199,7 @@ def _interface(callbacks: list[str]) -> str:
     return "\n".join(
         [
             _text("plugin_name", PLUGIN),
+            _text(DIGEST_NAME, code_digest(), "constant"),
             _text(
                 "other_version",
                 f"{PLUGIN_LIBRARY} is for MuJoCo {mujoco.__version__}, not for this "

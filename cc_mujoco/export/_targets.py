@@ -62,6 +62,7 @@ def emit(
     functions: Iterable[Bitcode],
     runtime: str | None = None,
     provided: frozenset[str] = LIBM,
+    visible: frozenset[str] = frozenset(),
 ) -> bytes:
     """Compile an interface in C with all the functions that it calls.
 
@@ -72,6 +73,7 @@ def emit(
         runtime: LLVM assembly that takes the place of Numba's runtime; by default one
             for functions that allocate nothing.
         provided: Functions that may remain to be linked.
+        visible: What else C sees.
 
     Returns:
         An object file.
@@ -85,7 +87,7 @@ def emit(
     llvm.initialize_all_asmprinters()
     machine = _machine(target)
     program = llvm.parse_assembly(interface)
-    seen = {
+    seen = visible | {
         function.name for function in program.functions if not function.is_declaration
     }
     modules = [

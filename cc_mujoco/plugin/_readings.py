@@ -10,11 +10,9 @@ MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
 
-import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +25,9 @@ from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._instance_data import STATE_PATH
 from cc_mujoco.plugin._mjcf import cable_of, instances
+from cc_mujoco.plugin._registration import plugin_function
 
 Floats = NDArray[np.float64]
-_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 
 
 @dataclass(frozen=True)
@@ -216,9 +214,7 @@ def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
     Raises:
         CableError: the model has no such cable, or the cable no route.
     """
-    call = ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER)(
-        llvmlite.binding.address_of_symbol("cc_mujoco_turn")
-    )
+    call = plugin_function("turn")
     return float(call(model._address, data._address, route_tendon(model, name)))
 
 
@@ -235,9 +231,7 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
     cable = cable_of(model, instance, name)
     if cable.bend == BENDS[0] and cable.path == PATHS[0]:
         return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
-    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
-        llvmlite.binding.address_of_symbol("cc_mujoco_wrap")
-    )
+    call = plugin_function("wrap")
     out = np.empty(cable.segments)
     call(model._address, data._address, instance, out.ctypes.data)
     return out
@@ -258,9 +252,7 @@ def _node_compliance(
     model: mujoco.MjModel, data: mujoco.MjData, instance: int, segments: int
 ) -> Floats:
     """Return the compliance of the nodes [m/N], then the elastic energy [J]."""
-    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
-        llvmlite.binding.address_of_symbol("cc_mujoco_compliance")
-    )
+    call = plugin_function("compliance")
     out = np.empty(segments + 2)
     call(model._address, data._address, instance, out.ctypes.data)
     return out
@@ -281,9 +273,7 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
         raise CableError(
             f"cable {name!r} has no route; set its key `route` to a spatial tendon"
         )
-    find = ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER)(
-        llvmlite.binding.address_of_symbol("cc_mujoco_route")
-    )
+    find = plugin_function("route")
     tendon = int(find(model._address, index))
     if tendon < 0:
         raise CableError(f"cable {name!r}: the model has no spatial tendon {wanted!r}")

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import os
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
 from mujoco.introspect.enums import ENUMS
 
+from cc_mujoco._utils.code_stamp import digest
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
@@ -44,6 +48,19 @@ CALLBACK_FIELDS = (
     "sdf_staticdistance", "sdf_attribute", "sdf_aabb",
 )  # fmt: skip
 
+_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
+PYTHON_FUNCTIONS = {
+    "settle": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER),
+    "limits": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
+    "turn": ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER),
+    "wrap": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
+    "compliance": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
+    "route": ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER),
+}
+"""Compiled functions that Python calls, in compiled code `cc_mujoco_<name>`."""
+DIGEST_NAME = "cc_mujoco_digest"
+"""Name of the text in a shared library of the plugin that identifies its code."""
+
 
 class PluginRecord(ctypes.Structure):
     """`mjpPlugin` of mjplugin.h."""
@@ -58,12 +75,19 @@ class PluginRecord(ctypes.Structure):
     )
 
 
+_library: ctypes.CDLL | None = None
+"""Shared library that holds the registered plugin, if it is not compiled here."""
+
+
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
+
+    A plugin that the process has from a shared library of the same code stays.
 
     Raises:
         ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
     """
+    global _library
     LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(PluginRecord)
     LIBRARY.mjp_getPlugin.argtypes = (ctypes.c_char_p, ctypes.POINTER(ctypes.c_int))
     present = LIBRARY.mjp_getPlugin(PLUGIN.encode(), None)
@@ -75,9 +99,68 @@ def register() -> None:
                 f"MuJoCo already has a plugin `{PLUGIN}` with other keys "
                 f"({', '.join(keys)}); only one version can be loaded in a process"
             )
+        file = _file_of(plugin.init)
+        if file is not None:
+            _library = _require_same_code(file)
         return
     mj_offsets.verify()
     add_plugin(PLUGIN, compiled_callbacks(), KEYS, CAPABILITIES)
+
+
+def plugin_function(name: str) -> Any:
+    """Return a compiled function of the registered plugin, see `PYTHON_FUNCTIONS`."""
+    kind, symbol = PYTHON_FUNCTIONS[name], f"cc_mujoco_{name}"
+    if _library is not None:
+        return kind((symbol, _library))
+    return kind(llvmlite.binding.address_of_symbol(symbol))
+
+
+def code_digest() -> str:
+    """Return the digest of the plugin's sources and of the version of MuJoCo."""
+    sources = digest(Path(__file__), Path(__file__).parents[1])
+    return hashlib.sha256(f"{sources} {mujoco.__version__}".encode()).hexdigest()
+
+
+class _SymbolInfo(ctypes.Structure):
+    """`Dl_info` of dlfcn.h."""
+
+    _fields_ = (
+        ("file", ctypes.c_char_p),
+        ("base", ctypes.c_void_p),
+        ("symbol", ctypes.c_char_p),
+        ("address", ctypes.c_void_p),
+    )
+
+
+def _file_of(address: int) -> str | None:
+    """Return the shared library that an address lies in; none has what Numba made."""
+    if sys.platform != "linux":
+        return None
+    info = _SymbolInfo()
+    found = ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(info))
+    return os.fsdecode(info.file) if found and info.file else None
+
+
+def _require_same_code(file: str) -> ctypes.CDLL:
+    """Return a loaded library of the plugin if it was made of these sources.
+
+    Raises:
+        ImportError: it was made of others.
+    """
+    library = ctypes.CDLL(file)
+    try:
+        made_of = ctypes.c_char.in_dll(library, DIGEST_NAME)
+    except ValueError:
+        same = False
+    else:
+        same = ctypes.string_at(ctypes.addressof(made_of)).decode() == code_digest()
+    if not same:
+        raise ImportError(
+            f"the plugin `{PLUGIN}` of this process is that of {file}, written by "
+            "another version of cc_mujoco; write it anew with `cc-mujoco plugin`, or "
+            "do not load it"
+        )
+    return library
 
 
 def compiled_callbacks() -> dict[str, Any]:

@@ -7,17 +7,14 @@ step_limits(model, data)["flexor"].distal  # [s]
 
 from __future__ import annotations
 
-import ctypes
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
 import numpy as np
 
 from cc_mujoco.plugin._mjcf import instances
-
-_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
+from cc_mujoco.plugin._registration import plugin_function
 
 
 class StepLimits(NamedTuple):
@@ -51,7 +48,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data: its simulation.
     """
     mujoco.mj_fwdPosition(model, data)
-    lay = _plugin_function("settle")
+    lay = plugin_function("settle")
     for instance in instances(model).values():
         lay(model._address, data._address, instance)
     mujoco.mj_forward(model, data)
@@ -80,16 +77,10 @@ def step_limits(
     if data is None:
         data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
-    ask = _plugin_function("limits", _ADDRESS)
+    ask = plugin_function("limits")
     found = {}
     for name, instance in instances(model).items():
         out = np.empty(3)
         ask(model._address, data._address, instance, out.ctypes.data)
         found[name] = StepLimits(*out.tolist())
     return found
-
-
-def _plugin_function(name: str, *more: Any) -> Any:
-    """Return a compiled plugin function that takes model, data and instance."""
-    kind = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, *more)
-    return kind(llvmlite.binding.address_of_symbol(f"cc_mujoco_{name}"))

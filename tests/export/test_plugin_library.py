@@ -14,6 +14,7 @@ import pytest
 from cc_mujoco.assets import scene_path
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import PLUGIN_LIBRARY, write_plugin
+from cc_mujoco.plugin._registration import code_digest
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or os.uname().machine != "x86_64" or not shutil.which("ld"),
@@ -51,6 +52,39 @@ for file in sys.argv[2:]:
         total.update(states.tobytes())
         print(file, integrator, total.hexdigest())
 assert not sys.argv[1] or not {"cc_mujoco", "numba"} & set(sys.modules)
+"""
+
+FUNCTIONS = """
+import sys
+import mujoco
+if sys.argv[1]:
+    mujoco.mj_loadPluginLibrary(sys.argv[1])
+from cc_mujoco import plugin
+for file in sys.argv[2:]:
+    model = mujoco.MjModel.from_xml_path(file)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 20)
+    data.qpos[:] += 0.01
+    plugin.settle(model, data)
+    print(data.plugin_state.tobytes().hex(), plugin.step_limits(model, data))
+    for name in plugin.cables(model):
+        print(plugin.stored_energy(model, data, name), plugin.read(model, data, name))
+        print(plugin.segment_wrap(model, data, name).tobytes().hex())
+        try:
+            print(plugin.route_tendon(model, name))
+            print(plugin.route_wrap(model, data, name))
+        except ValueError as error:
+            print(error)
+"""
+
+STALE = """
+import sys
+import mujoco
+mujoco.mj_loadPluginLibrary(sys.argv[1])
+try:
+    import cc_mujoco.plugin
+except ImportError as error:
+    print(error)
 """
 
 REFUSED = """
@@ -102,6 +136,29 @@ def test_library_computes_the_bits_of_python(library: Path, tmp_path: Path) -> N
     )
     assert len(native.splitlines()) == 4 * len(SCENES)
     assert native == python
+
+
+def test_functions_in_python_use_the_loaded_library(
+    library: Path, tmp_path: Path
+) -> None:
+    native, python = (
+        run(sys.executable, "-P", "-c", FUNCTIONS, loaded, *SCENES, cwd=tmp_path)
+        for loaded in (library, "")
+    )
+    assert "StepLimits" in native
+    assert native == python
+
+
+def test_library_of_other_code_is_no_plugin_for_python(
+    library: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.so"
+    content = library.read_bytes()
+    digest = code_digest().encode()
+    assert content.count(digest) == 1
+    other.write_bytes(content.replace(digest, b"0" * len(digest)))
+    said = run(sys.executable, "-P", "-c", STALE, other, cwd=tmp_path)
+    assert f"that of {other}, written by another version of cc_mujoco" in said
 
 
 def test_library_refuses_a_configuration_as_python_does(

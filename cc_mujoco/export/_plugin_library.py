@@ -8,10 +8,12 @@ constructor that registers them when the library is loaded.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -37,10 +39,12 @@ from cc_mujoco.plugin._registration import (
     PYTHON_FUNCTIONS,
     code_digest,
     compiled_callbacks,
+    file_of,
 )
 
 PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
 """File name of the shared library."""
+_CONSTRUCTOR = "cc_mujoco_load"
 _TARGET = Target("x86_64-unknown-linux-gnu", "x86-64", "", "any Linux on x86-64")
 _PROVIDED = (
     LIBM
@@ -136,8 +140,8 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         The path of the library.
 
     Raises:
-        CableError: The machine is not Linux on x86-64, it has no linker, or the file is
-            there already.
+        CableError: The machine is not Linux with glibc on x86-64, it has no linker, or
+            the file is there already.
     """
     path = Path(folder) / PLUGIN_LIBRARY
     if path.exists():
@@ -147,11 +151,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
             "the plugin is written as a shared library on Linux on x86-64 only; "
             "elsewhere use it from Python."
         )
-    linker = shutil.which("ld")
-    if linker is None:
-        raise CableError(
-            "the linker `ld` is missing; install the package `binutils` of this system."
-        )
+    linker = _linker()
     callbacks = compiled_callbacks()
     functions = bitcode_of({**CALLBACKS, **callbacks})
     visible = {DIGEST_NAME, *(f"cc_mujoco_{name}" for name in PYTHON_FUNCTIONS)}
@@ -168,17 +168,57 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         compiled.write_bytes(content)
         done = subprocess.run(
             [
-                *(linker, "-shared", "-z", "noexecstack", "-z", "now", "-z", "defs"),
-                *("-soname", PLUGIN_LIBRARY, "-o", str(partial / PLUGIN_LIBRARY)),
-                *(str(compiled), str(LIBRARY._name), "-l:libm.so.6", "-l:libc.so.6"),
+                *(*linker, "-shared", "-z", "noexecstack", "-z", "now", "-z", "defs"),
+                *("-init", _CONSTRUCTOR, "-soname", PLUGIN_LIBRARY),
+                *("-o", str(partial / PLUGIN_LIBRARY), str(compiled)),
+                *(str(LIBRARY._name), *_system_libraries()),
             ],
             capture_output=True,
             text=True,
         )
         compiled.unlink()
         if done.returncode != 0:
-            raise CableError(f"`ld` cannot link the plugin: {done.stderr.strip()}")
+            raise CableError(
+                f"`{' '.join(linker)}` cannot link the plugin: {done.stderr.strip()}"
+            )
     return path
+
+
+def _linker() -> list[str]:
+    """Return the command of a linker.
+
+    Raises:
+        CableError: There is none.
+    """
+    found = shutil.which("ld")
+    if found is not None:
+        return [found]
+    if find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "ld.lld"]
+    raise CableError(
+        "the plugin cannot be linked without a linker; install `ld`, of the package "
+        "`binutils` of this system, or `pip install 'cc_mujoco[native]'`."
+    )
+
+
+def _system_libraries() -> list[str]:
+    """Return the files of C's library and of its library of mathematics.
+
+    Raises:
+        CableError: They are no glibc.
+    """
+    found = []
+    for name, symbol in (("libm.so.6", "cos"), ("libc.so.6", "strlen")):
+        try:
+            function = getattr(ctypes.CDLL(name), symbol)
+        except OSError:
+            raise CableError(
+                f"the plugin is written as a shared library where there is {name}, on "
+                "a Linux with glibc."
+            ) from None
+        address = ctypes.cast(function, ctypes.c_void_p).value or 0
+        found.append(str(file_of(address)))
+    return found
 
 
 def _text(name: str, content: str, kind: str = "internal constant") -> str:
@@ -215,7 +255,7 @@ def _interface(callbacks: list[str]) -> str:
             "declare i32 @mj_version()",
             "declare i32 @mjp_registerPlugin(ptr)",
             "declare void @mju_warning(ptr, ...)",
-            "define void @cc_mujoco_load() {",
+            f"define void @{_CONSTRUCTOR}() {{",
             "  %version = call i32 @mj_version()",
             f"  %fits = icmp eq i32 %version, {version}",
             "  br i1 %fits, label %register, label %refuse",
@@ -226,7 +266,5 @@ def _interface(callbacks: list[str]) -> str:
             "  call void (ptr, ...) @mju_warning(ptr @other_version)",
             "  ret void",
             "}",
-            "@llvm.global_ctors = appending global [1 x { i32, ptr, ptr }] "
-            "[{ i32, ptr, ptr } { i32 65535, ptr @cc_mujoco_load, ptr null }]",
         ]
     )

@@ -99,7 +99,7 @@ def register() -> None:
                 f"MuJoCo already has a plugin `{PLUGIN}` with other keys "
                 f"({', '.join(keys)}); only one version can be loaded in a process"
             )
-        file = _file_of(plugin.init)
+        file = file_of(plugin.init)
         if file is not None:
             _library = _require_same_code(file)
         return
@@ -132,7 +132,7 @@ class _SymbolInfo(ctypes.Structure):
     )
 
 
-def _file_of(address: int) -> str | None:
+def file_of(address: int) -> str | None:
     """Return the shared library that an address lies in; none has what Numba made."""
     if sys.platform != "linux":
         return None

@@ -12,6 +12,7 @@ import mujoco
 import pytest
 
 from cc_mujoco.assets import scene_path
+from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import PLUGIN_LIBRARY, write_plugin
 from cc_mujoco.plugin._registration import code_digest
@@ -26,7 +27,7 @@ STEPS = """
 import hashlib, sys
 import mujoco
 import numpy as np
-from mujoco import rollout
+from mujoco import batch, rollout
 if sys.argv[1]:
     mujoco.mj_loadPluginLibrary(sys.argv[1])
 else:
@@ -50,6 +51,10 @@ for file in sys.argv[2:]:
             model, data, np.stack([start] * 3), nstep=10
         )
         total.update(states.tobytes())
+        many = batch.Batch(model, 3, nthread=2)
+        qpos, plugin_state = many.bind("qpos"), many.bind("plugin_state")
+        many.step(nstep=10)
+        total.update(qpos.tobytes() + plugin_state.tobytes())
         print(file, integrator, total.hexdigest())
 assert not sys.argv[1] or not {"cc_mujoco", "numba"} & set(sys.modules)
 """
@@ -94,12 +99,31 @@ if sys.argv[1]:
 else:
     import cc_mujoco.plugin
 spec = mujoco.MjSpec.from_file(sys.argv[2])
-for plugin in spec.plugins:
-    plugin.config = dict(plugin.config) | {"friction": "-1"}
-try:
-    spec.compile()
-except ValueError as error:
-    print(error)
+kept = [dict(plugin.config) for plugin in spec.plugins]
+for key in sys.argv[3:]:
+    for plugin, config in zip(spec.plugins, kept):
+        plugin.config = config | {key: "?"}
+    try:
+        spec.compile()
+    except ValueError as error:
+        print(error)
+"""
+
+WARNED = """
+import sys, mujoco
+if sys.argv[1]:
+    mujoco.mj_loadPluginLibrary(sys.argv[1])
+else:
+    import cc_mujoco.plugin
+for file in sys.argv[2:]:
+    spec = mujoco.MjSpec.from_file(file)
+    spec.option.timestep = 0.05
+    for plugin in spec.plugins:
+        plugin.config = dict(plugin.config) | {"ends": "explicit"}
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] += 0.5
+    mujoco.mj_step(model, data, 2)
 """
 
 HOST = """
@@ -166,11 +190,43 @@ def test_library_refuses_a_configuration_as_python_does(
 ) -> None:
     scene = scene_path("wrist")
     native, python = (
-        run(sys.executable, "-P", "-c", REFUSED, loaded, scene, cwd=tmp_path)
+        run(sys.executable, "-P", "-c", REFUSED, loaded, scene, *KEYS, cwd=tmp_path)
         for loaded in (library, "")
     )
-    assert "key `friction` is '-1'" in native
+    assert all(f"key `{key}` is '?'" in native for key in KEYS)
     assert native == python
+
+
+def test_library_warns_as_python_does(library: Path, tmp_path: Path) -> None:
+    said = []
+    for loaded in (library, ""):
+        folder = tmp_path / ("native" if loaded else "python")
+        folder.mkdir()
+        run(sys.executable, "-P", "-c", WARNED, loaded, *SCENES, cwd=folder)
+        log = (folder / "MUJOCO_LOG.TXT").read_text().splitlines()
+        said.append([line.partition("plugin")[2] for line in log])
+    assert any("stable only with a `timestep` below" in line for line in said[0])
+    assert said[0] == said[1]
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_machine_without_ld_needs_ziglang(
+    found: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    if found:
+        pytest.importorskip("ziglang")
+        linked = write_plugin(tmp_path / "plugin")
+        scene = scene_path("wrist")
+        said = run(sys.executable, "-P", "-c", STEPS, linked, scene, cwd=tmp_path)
+        assert len(said.splitlines()) == 4
+    else:
+        monkeypatch.setattr(
+            "cc_mujoco.export._plugin_library.find_spec", lambda _: None
+        )
+        with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[native\]'"):
+            write_plugin(tmp_path / "plugin")
+        assert not (tmp_path / "plugin").exists()
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="there is no C compiler `cc`")

@@ -27,6 +27,7 @@ from .plugin import add_friction as add_friction
 from .plugin import from_mjcf as from_mjcf
 from .plugin import read as read
 from .plugin import step_limits as step_limits
+from .plugin import tendon_report as tendon_report
 from .plugin import to_mjcf as to_mjcf
 from .simulation import EpisodeLog as EpisodeLog
 from .simulation import play as play

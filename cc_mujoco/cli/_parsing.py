@@ -19,6 +19,7 @@ from cc_mujoco.cli._play import Play
 from cc_mujoco.cli._plugin import WritePlugin
 from cc_mujoco.cli._reproduce import Reproduce
 from cc_mujoco.cli._run import RunRig
+from cc_mujoco.cli._tendons import ShowTendons
 from cc_mujoco.cli._view import View
 from cc_mujoco.cli._whatif import WhatIf
 from cc_mujoco.cli._whatif_show import WhatIfShow
@@ -26,6 +27,7 @@ from cc_mujoco.errors import CableError, look_up
 
 COMMANDS = {
     "device": ShowDevice,
+    "tendons": ShowTendons,
     "play": Play,
     "reproduce": Reproduce,
     "diagnose": Diagnose,
@@ -39,11 +41,12 @@ COMMANDS = {
     "list": Listing,
 }
 
-POSITIONAL = ("device", "play", "diagnose", "view")
+POSITIONAL = ("device", "tendons", "play", "diagnose", "view")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
 Command = (
     Annotated[ShowDevice, tyro.conf.subcommand("device")]
+    | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
     | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]

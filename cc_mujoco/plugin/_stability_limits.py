@@ -88,8 +88,7 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
             count += _spring_count(mj_struct.block(data, other))
-    moment, solved = np.zeros((count, nv)), np.zeros((count, nv))
-    square = np.zeros(count)
+    moment = np.zeros((count, nv))
     begin = end = row = 0  # of the rows of this instance
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
@@ -101,19 +100,36 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
             if other == instance:
                 begin, end = row, row + rows
             row += rows
-    for i in range(count):
+    fill(out, math.inf)
+    limit = np.empty(end - begin)
+    spring_timesteps(model, data, moment, begin, limit)
+    for i in range(limit.size):
+        near = min(i, 2)
+        out[near] = min(out[near], limit[i])
+
+
+@internal
+def spring_timesteps(
+    model: int, data: int, moment: Floats, begin: int, out: Floats
+) -> None:
+    """Compute the longest stable time steps [s] of springs that act together.
+
+    `moment` has their moments on the joints, times the root of their stiffness (k, nv).
+    The limits are those of the springs from `begin` on, as many as `out` takes.
+    """
+    solved, square = np.zeros(moment.shape), np.zeros(moment.shape[0])
+    for i in range(square.size):
         if not is_zero(moment[i]):
             solve_inertia(model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1)
             square[i] = max(dot(moment[i], solved[i]), 0.0)
     fill(out, math.inf)
-    for i in range(begin, end):
+    for i in range(begin, begin + out.size):
         total = 0.0
-        for j in range(count if square[i] > 0.0 else 0):
+        for j in range(square.size if square[i] > 0.0 else 0):
             shared = abs(dot(moment[i], solved[j]))
             total += shared * math.sqrt(square[j] / square[i])
         if total > 0.0:
-            near = min(i - begin, 2)
-            out[near] = min(out[near], 2.0 / math.sqrt(total))
+            out[i - begin] = 2.0 / math.sqrt(total)
 
 
 @internal
@@ -154,8 +170,31 @@ def _piece_moments(model: int, data: int, block: int, out: Floats) -> None:
         return
     n = load_word(block + SEGMENTS)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
-    stiffness = kernel.node_stiffness(prm, n)
     shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+    tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
+    node_moments(
+        model, data, tendon, mouth, shape, n, load_word(block + GUIDED),
+        kernel.node_stiffness(prm, n), block + SCRATCH, out,
+    )  # fmt: skip
+
+
+@internal
+def node_moments(
+    model: int,
+    data: int,
+    tendon: int,
+    mouth: int,
+    shape: Floats,
+    n: int,
+    guided: int,
+    stiffness: Floats,
+    scratch: int,
+    out: Floats,
+) -> None:
+    """Compute the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv).
+
+    Other arguments are those of `open_path.apply_pulls`; `out` is 0 before.
+    """
     node = np.zeros(n + 1)
     tried, solved = np.empty(out.shape[1]), np.empty(out.shape[1])
     for i in range(n + 1):
@@ -165,9 +204,8 @@ def _piece_moments(model: int, data: int, block: int, out: Floats) -> None:
         while aside < 3 and (aside < 0 or is_zero(out[i]) or worst > 0.0):
             fill(tried, 0.0)
             open_path.apply_pulls(
-                model, data, load_word(block + ROUTE), load_word(block + MOUTH), shape,
-                n, load_word(block + GUIDED), node, 0.0, aside, block + SCRATCH,
-                tried.ctypes.data,
+                model, data, tendon, mouth, shape, n, guided, node, 0.0, aside,
+                scratch, tried.ctypes.data,
             )  # fmt: skip
             solve_inertia(model, data, solved.ctypes.data, tried.ctypes.data, 1)
             square = dot(tried, solved)

@@ -19,6 +19,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from numbers import Real
 from typing import Any
 
@@ -26,11 +27,12 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.cable._parameters import KEYS, MAX_SEGMENTS, Cable, Section
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._open_path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import route_wrap
 from cc_mujoco.plugin._spec import compile_spec, require_spec
+from cc_mujoco.plugin._tendon_report import tendon_report
 
 _ALLOWED_KEYS = [key for key in KEYS if key not in ("route", "bend", "path", "mouth")]
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
@@ -49,6 +51,7 @@ def add_friction(
     joint: tuple[Any, float] | None = None,
     friction: float | None = None,
     segments: int | None = None,
+    report: bool = False,
     **parameters: Any,
 ) -> None:
     """Make a spatial tendon a cable with friction wherever it bends.
@@ -68,6 +71,7 @@ def add_friction(
         friction: coefficient mu of Coulomb friction at every site and geom; must be
             given, since a tendon has none of its own.
         segments: friction elements; by default one for a site and four for a geom.
+        report: print the turns and losses of the tendon, see `tendon_report`.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`.
 
@@ -77,6 +81,9 @@ def add_friction(
             `armature` or equality of its own), a drum is on a joint that is no hinge, a
             parameter cannot be used, or the model does not compile. The specification
             is as before.
+
+    Warns:
+        CableWarning: friction takes much of the tension as the tendon lies in `qpos0`.
     """
     require_spec(spec)
     if friction is None:
@@ -154,3 +161,8 @@ def add_friction(
     if wrap > 0.0:
         given["conduit"] = (Section(length, length / wrap),)
     write(spec)
+    turns = tendon_report(model, tendon)
+    if report:
+        print(turns)
+    elif turns.tendons[0].warning:
+        warnings.warn(turns.tendons[0].warning, CableWarning, stacklevel=2)

@@ -54,6 +54,23 @@ def scene_file(scene: str) -> Path:
     return scene_path(scene)
 
 
+def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
+    """Return the file of a scene, see `scene_file`, its specification and its model.
+
+    The model has room for other configurations of its cables.
+
+    Raises:
+        CableError: The scene cannot be loaded.
+    """
+    path = scene_file(scene)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        make_room(spec)
+        return path, spec, spec.compile()
+    except ValueError as error:
+        raise CableError(f"{path}: {' '.join(str(error).split())}") from None
+
+
 def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:
     """Simulate a scene in a window until it is closed.
 
@@ -64,13 +81,9 @@ def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:
     Raises:
         CableError: The scene cannot be loaded or has no joint, or there is no screen.
     """
-    path = scene_file(scene)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        make_room(spec)
-        model = spec.compile()
-    except ValueError as error:
-        raise CableError(f"{path}: {' '.join(str(error).split())}") from None
+    path, spec, model = read_scene(scene)
+    if model.ntendon:
+        print(plugin.tendon_report(model).overview())
     if not model.njnt:
         raise CableError(f"{path} has no joint; there is nothing to simulate.")
     Viewing(path, spec, model).run(screen)

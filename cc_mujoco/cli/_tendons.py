@@ -1,0 +1,38 @@
+"""`cc-mujoco tendons`: the turns of a model's tendons and what friction takes there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Flag, Names, option_help
+
+
+@dataclass(frozen=True)
+class ShowTendons:
+    """Show where the spatial tendons of a scene turn and what friction takes there.
+
+    The scene needs no cables: so friction can be judged before it is added.
+    """
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """An MJCF file, the description of a device, or the name of a scene."""
+    tendon: Names = ()
+    """Tendons to show; by default all."""
+    friction: Annotated[float | None, option_help("MU")] = None
+    """Coefficient of friction; by default that of the cables, 0.1 without."""
+    brief: Flag = False
+    """Show one line for every tendon."""
+
+    def run(self) -> None:
+        """Print the report."""
+        from cc_mujoco.plugin import tendon_report
+        from cc_mujoco.viz._view import read_scene
+
+        model = read_scene(self.scene)[2]
+        report = tendon_report(model, self.tendon or None, friction=self.friction)
+        print(report.overview() if self.brief else report)

@@ -1,0 +1,570 @@
+"""Turns and friction losses of the tendons of a model, with or without cables.
+
+    print(tendon_report(model))
+    tendon_report(model, friction=0.1).table()  # of pyarrow
+
+A tendon that slips over a site or geom by which its path turns by an angle theta loses
+1 - exp(-mu theta) of its tension there. The report needs no cable: it reads the path
+that MuJoCo gives every spatial tendon.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable._parameters import PATHS, Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._guides import RANDOM_POSES
+from cc_mujoco.plugin._mjcf import cable_of, instances
+from cc_mujoco.plugin._open_path import MIN_NODE_LENGTH
+from cc_mujoco.plugin._readings import route_tendon
+from cc_mujoco.plugin._settle import step_limits
+from cc_mujoco.plugin._spec import compile_spec
+from cc_mujoco.plugin._tendon_survey import (
+    SWEEP_POSES,
+    piece_timestep,
+    spanned_joints,
+    survey,
+    sweep,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Floats = NDArray[np.float64]
+
+ASSUMED_FRICTION = 0.1
+"""Coefficient of friction of a tendon that has none of its own."""
+LARGE_LOSS = 0.3
+"""Part of its tension of which a tendon without load should not lose more."""
+MIN_ZIGZAG = 0.5
+"""Part of the turning that sites make to and fro of which a user should know."""
+_MAX_JOINTS = 4
+"""Most joints that a line lists."""
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+_SITE = mujoco.mjtWrap.mjWRAP_SITE
+_PULLEY = mujoco.mjtWrap.mjWRAP_PULLEY
+_GEOMS = (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
+
+
+class TendonPlace(NamedTuple):
+    """A site or geom between the ends of a tendon.
+
+    Attributes:
+        kind: `"site"` or `"geom"`.
+        name: its name, or its index in the model where it has none.
+        turn: turning angle of the path there in the present pose [rad].
+        min_turn: the smallest over the ranges of the joints [rad].
+        max_turn: the largest [rad].
+        contact: length over which the tendon touches a geom in the present pose [m].
+        loss: part of the tension that friction takes there in the present pose.
+        total_loss: the same from the first site of the tendon up to this place.
+        max_total_loss: the largest of that over the ranges of the joints.
+        touched: True unless it is a geom that the path never touches.
+    """
+
+    kind: str
+    name: str
+    turn: float
+    min_turn: float
+    max_turn: float
+    contact: float
+    loss: float
+    total_loss: float
+    max_total_loss: float
+    touched: bool
+
+
+@dataclass(frozen=True)
+class TendonSummary:
+    """Turns and losses of one tendon.
+
+    Attributes:
+        name: its name, or its index in the model where it has none.
+        joints: the joints that move one part of it against another.
+        unlimited_joints: how many of these have no range.
+        places: its sites and geoms from the first site to the last, without these two.
+        length: its length in the present pose [m].
+        piece_lengths: lengths of its pieces in the present pose, with half of the arcs
+            beside them [m].
+        min_piece_length: the smallest over the ranges of the joints [m].
+        turn: sum of the turning angles in the present pose [rad].
+        min_turn: the smallest sum over the ranges of the joints [rad].
+        max_turn: the largest [rad].
+        zigzag: part of the turning in the present pose that its sites make to and fro,
+            so that it cancels along the tendon.
+        friction: coefficient of friction.
+        friction_source: where that is from: `"given"`, `"cable"` or `"assumed"`.
+        axial_stiffness: EA for which `step_limit` holds [N].
+        step_limit: time step below which its pieces are stable in the present pose [s];
+            infinite where nothing moves.
+        timestep: time step of the model [s].
+        cable: the cable on it, if there is one.
+        in_conduit: True if that cable is in a conduit, at least up to its mouth, where
+            friction is that of the conduit and not of these places.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    unlimited_joints: int
+    places: tuple[TendonPlace, ...]
+    length: float
+    piece_lengths: tuple[float, ...]
+    min_piece_length: float
+    turn: float
+    min_turn: float
+    max_turn: float
+    zigzag: float
+    friction: float
+    friction_source: str
+    axial_stiffness: float
+    step_limit: float
+    timestep: float
+    cable: str | None
+    in_conduit: bool
+
+    @property
+    def loss(self) -> float:
+        """Part of its tension that friction takes in the present pose."""
+        return _loss(self.friction, self.turn)
+
+    @property
+    def min_loss(self) -> float:
+        """Smallest loss over the ranges of the joints."""
+        return _loss(self.friction, self.min_turn)
+
+    @property
+    def max_loss(self) -> float:
+        """Largest loss over the ranges of the joints."""
+        return _loss(self.friction, self.max_turn)
+
+    @property
+    def untouched(self) -> tuple[str, ...]:
+        """Geoms that its path never touches."""
+        geoms = [place for place in self.places if place.kind == "geom"]
+        touched = {place.name for place in geoms if place.touched}
+        return tuple(dict.fromkeys(p.name for p in geoms if p.name not in touched))
+
+    @property
+    def warning(self) -> str:
+        """One sentence if it loses much in the present pose, else empty."""
+        if self.in_conduit or self.loss <= LARGE_LOSS:
+            return ""
+        return loss_sentence(self.name, self.friction, self.turn, self.zigzag)
+
+    def __str__(self) -> str:
+        """Return its table, with a line on what it is and on the time step."""
+        rows: list[tuple[str, ...]] = [
+            ("", "turn", "[rad]", "", "contact", "loss", "up to", "here"),
+            ("", "now", "min", "max", "[mm]", "here", "now", "at most"),
+        ]
+        for place in self.places:
+            label = f"{place.kind} {place.name}"
+            if not place.touched:
+                rows.append((label, "never touched", "", "", "", "", "", ""))
+                continue
+            rows.append(
+                (
+                    label,
+                    *(f"{x:.2f}" for x in (place.turn, place.min_turn, place.max_turn)),
+                    f"{1e3 * place.contact:.1f}" if place.kind == "geom" else "",
+                    *map(_percent, place[6:9]),
+                )
+            )
+        contact = 1e3 * sum(place.contact for place in self.places)
+        rows.append(
+            (
+                "whole tendon",
+                *(f"{x:.2f}" for x in (self.turn, self.min_turn, self.max_turn)),
+                f"{contact:.1f}" if contact else "",
+                "",
+                _percent(self.loss),
+                _percent(self.max_loss),
+            )
+        )
+        return "\n".join((self._head(), *_aligned(rows), *self._notes()))
+
+    def _head(self) -> str:
+        count = len(self.piece_lengths)
+        pieces = f"{count} piece{'s' * (count != 1)}"
+        joints = ", ".join(self.joints) or "no joint"
+        if len(self.joints) > _MAX_JOINTS:
+            first, last = self.joints[0], self.joints[-1]
+            joints = f"{len(self.joints)} joints, {first} to {last}"
+        cable = ""
+        if self.cable is not None:
+            cable = f"; cable {self.cable!r}" + " in a conduit" * self.in_conduit
+        return (
+            f"tendon {self.name!r}: {1e3 * self.length:.1f} mm in {pieces}, "
+            f"{1e3 * self.min_piece_length:.1f} mm or more each; friction "
+            f"{self.friction:g} ({self.friction_source}){cable}; moved by {joints}"
+        )
+
+    def _notes(self) -> Iterable[str]:
+        if math.isfinite(self.step_limit):
+            verdict = "too long" if self.timestep > self.step_limit else "short enough"
+            yield (
+                f"  with EA = {self.axial_stiffness:g} N its pieces are stable below "
+                f"{1e3 * self.step_limit:.3g} ms; the `timestep` of "
+                f"{1e3 * self.timestep:.3g} ms is {verdict}"
+            )
+        if self.unlimited_joints:
+            yield (
+                f"  joints without a range, {self.unlimited_joints} here, make half a "
+                "turn, or slide by its length, to either side"
+            )
+        if self.in_conduit:
+            yield (
+                "  the cable is in a conduit, at least up to its mouth: friction there "
+                "is that of the conduit"
+            )
+        if self.warning:
+            yield f"  warning: {self.warning}"
+
+
+@dataclass(frozen=True)
+class TendonReport:
+    """Turns and losses of the tendons of a model; `print` shows them.
+
+    Attributes:
+        tendons: the tendons, in the order of the model.
+        skipped: why others are left out, by name.
+    """
+
+    tendons: tuple[TendonSummary, ...]
+    skipped: dict[str, str]
+
+    def __str__(self) -> str:
+        """Return a table for every tendon."""
+        return "\n\n".join((*map(str, self.tendons), self._foot()))
+
+    def overview(self) -> str:
+        """Return one line for every tendon, and the warnings."""
+        if not self.tendons:
+            return self._foot()
+        rows: list[tuple[str, ...]] = [
+            ("", "", "turn", "[rad]", "", "", "loss", "", "step"),
+            (
+                "tendon",
+                "places",
+                "now",
+                "min",
+                "max",
+                "friction",
+                "now",
+                "at most",
+                "[ms]",
+            ),
+        ]
+        for tendon in self.tendons:
+            turns = (tendon.turn, tendon.min_turn, tendon.max_turn)
+            stable = tendon.step_limit
+            rows.append(
+                (
+                    tendon.name,
+                    str(len(tendon.places)),
+                    *(f"{turn:.2f}" for turn in turns),
+                    f"{tendon.friction:g}",
+                    _percent(tendon.loss),
+                    _percent(tendon.max_loss),
+                    f"{1e3 * stable:.3g}" if math.isfinite(stable) else "any",
+                )
+            )
+        warnings = [f"warning: {t.warning}" for t in self.tendons if t.warning]
+        untouched = [
+            f"tendon {t.name!r} never touches geom {', '.join(t.untouched)}"
+            for t in self.tendons
+            if t.untouched
+        ]
+        return "\n".join((*_aligned(rows), *untouched, *warnings, self._foot()))
+
+    def table(self) -> pa.Table:
+        """Return a table of pyarrow with a row for every place of every tendon."""
+        import pyarrow as pa  # takes long to load
+
+        rows = [(tendon, place) for tendon in self.tendons for place in tendon.places]
+        names = {
+            "turn_rad": "turn", "min_turn_rad": "min_turn", "max_turn_rad": "max_turn",
+            "contact_m": "contact", "loss": "loss", "total_loss": "total_loss",
+            "max_total_loss": "max_total_loss",
+        }  # fmt: skip
+        columns: dict[str, pa.Array] = {
+            "tendon": pa.array([t.name for t, _ in rows], pa.string()),
+            "kind": pa.array([p.kind for _, p in rows], pa.string()),
+            "name": pa.array([p.name for _, p in rows], pa.string()),
+        }
+        for column, field in names.items():
+            values = [float(getattr(place, field)) for _, place in rows]
+            columns[column] = pa.array(values, pa.float64())
+        columns["touched"] = pa.array([p.touched for _, p in rows], pa.bool_())
+        columns["friction"] = pa.array([t.friction for t, _ in rows], pa.float64())
+        return pa.table(columns)
+
+    def _foot(self) -> str:
+        lines = [f"tendon {name!r} {why}" for name, why in self.skipped.items()]
+        if not self.tendons:
+            return "\n".join((*lines, "There is no spatial tendon to report on."))
+        lines.append(
+            "now: the pose that was given, `qpos0` by default. min, max, at most: also "
+            f"{SWEEP_POSES} poses of\neach joint over its range, {SWEEP_POSES} of all "
+            f"together and {RANDOM_POSES} random ones; equalities are ignored."
+        )
+        if any(tendon.cable is None for tendon in self.tendons):
+            lines.append(
+                "Tendons without a cable have no friction yet: it is what a cable on "
+                "them would make."
+            )
+        return "\n".join(lines)
+
+
+def tendon_report(
+    source: mujoco.MjModel | mujoco.MjSpec,
+    tendons: str | Iterable[str] | None = None,
+    *,
+    friction: float | None = None,
+    axial_stiffness: float | None = None,
+    data: mujoco.MjData | None = None,
+) -> TendonReport:
+    """Report where the spatial tendons of a model turn, and what friction takes there.
+
+    Minima and maxima are over a fixed set of poses: every joint that moves the tendon
+    over its range by itself, all of them together from one end to the other, and
+    random ones, see `_tendon_survey.sweep`. A joint without a range makes half a turn,
+    or moves by the length of the tendon, to either side. Equalities between joints are
+    ignored.
+
+    Args:
+        source: a model, with or without cables; it is not changed.
+        tendons: name of a tendon, or names; by default all that can be reported on.
+        friction: coefficient of friction; by default that of the cable on the tendon,
+            or 0.1 where there is none.
+        axial_stiffness: EA of a tendon without a cable [N], for the limit of the time
+            step; by default that of `Cable()`.
+        data: a simulation of the model whose pose is the present one; by default that
+            is `qpos0`.
+
+    Raises:
+        CableError: there is no such tendon, it is fixed or has a `<pulley>`, a number
+            cannot be used, or the model does not compile.
+    """
+    if isinstance(source, mujoco.MjSpec):
+        model = compile_spec(source.copy())
+    elif isinstance(source, mujoco.MjModel):
+        model = source
+    else:
+        raise CableError(
+            f"tendon_report needs an MjModel or MjSpec, not {type(source).__name__}."
+        )
+    given = Cable(friction=ASSUMED_FRICTION)
+    if friction is not None:
+        given = given.replace(friction=friction)
+    if axial_stiffness is not None:
+        given = given.replace(axial_stiffness=axial_stiffness)
+    known = {_label(model, "tendon", i): i for i in range(model.ntendon)}
+    wanted = [tendons] if isinstance(tendons, str) else tendons
+    chosen = list(known if wanted is None else dict.fromkeys(wanted))
+    on = {route_tendon(model, n): n for n in instances(model) if _has_route(model, n)}
+    skipped: dict[str, str] = {}
+    for name in chosen:
+        if name not in known:
+            raise CableError.unknown("tendon", name, known)
+        why = _obstacle(model, known[name])
+        if why and wanted is not None:
+            raise CableError(f"tendon {name!r} {why}; it has no turns to report.")
+        why = why or _role(model, known[name], on.get(known[name]))
+        if why and wanted is None:
+            skipped[name] = why
+    data = mujoco.MjData(model) if data is None else copy.copy(data)
+    rest = data.qpos.copy()
+    limits = step_limits(model, data)
+    found = []
+    for name in chosen:
+        if name in skipped:
+            continue
+        index = known[name]
+        cable = on.get(index)
+        own = None if cable is None else _cable(model, cable)
+        open_path = own is not None and own.path == PATHS[1]
+        material = own if own is not None and open_path else given
+        origin = "cable" if own is not None else "assumed"
+        mu = given.friction if own is None else own.friction
+        if friction is not None:
+            mu, origin = given.friction, "given"
+        data.qpos[:] = rest
+        limit = (
+            limits[cable].pieces
+            if cable is not None and open_path
+            else piece_timestep(model, data, index, material.axial_stiffness)
+        )
+        found.append(
+            _summarize(
+                model, data, rest, index, mu, origin, material.axial_stiffness, limit,
+                cable, own is not None and not open_path,
+            )
+        )  # fmt: skip
+    return TendonReport(tuple(found), skipped)
+
+
+def loss_sentence(name: str, friction: float, turn: float, zigzag: float) -> str:
+    """Return the sentence on a tendon that loses much of its tension as it lies."""
+    to_and_fro = ""
+    if zigzag > MIN_ZIGZAG:
+        to_and_fro = (
+            f"; {_percent(zigzag, 0)} of this turn its sites make to and fro, which a "
+            "smooth guide would not: put them on a smooth curve, or say which have no "
+            "friction"
+        )
+    return (
+        f"tendon {name!r} turns by {turn:.3g} rad as it lies, so friction {friction:g} "
+        f"takes {_percent(_loss(friction, turn), 0)} of its tension{to_and_fro}."
+    )
+
+
+def _summarize(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    rest: Floats,
+    tendon: int,
+    friction: float,
+    friction_source: str,
+    axial_stiffness: float,
+    step_limit: float,
+    cable: str | None,
+    in_conduit: bool,
+) -> TendonSummary:
+    joints = spanned_joints(model, tendon)
+    reach = float(model.tendon_length0[tendon])
+    found = survey(model, data, tendon, sweep(model, rest, joints, reach))
+    turn, total = found.turn, np.cumsum(found.turn, axis=1)
+    touched = found.contact.max(axis=0) + turn.max(axis=0) > 0.0
+    start = int(model.tendon_adr[tendon]) + 1
+    places = []
+    for k in range(turn.shape[1]):
+        site = model.wrap_type[start + k] == _SITE
+        kind = "site" if site else "geom"
+        places.append(
+            TendonPlace(
+                kind,
+                _label(model, kind, int(model.wrap_objid[start + k])),
+                float(turn[0, k]),
+                float(turn[:, k].min()),
+                float(turn[:, k].max()),
+                float(found.contact[0, k]),
+                _loss(friction, turn[0, k]),
+                _loss(friction, total[0, k]),
+                _loss(friction, total[:, k].max()),
+                bool(site or touched[k]),
+            )
+        )
+    data.qpos[:] = rest
+    mujoco.mj_fwdPosition(model, data)
+    sums = turn.sum(axis=1)
+    return TendonSummary(
+        _label(model, "tendon", tendon),
+        tuple(_label(model, "joint", j) for j in joints),
+        len(joints) - int(np.count_nonzero(model.jnt_limited[joints])),
+        tuple(places),
+        float(data.ten_length[tendon]),
+        tuple((found.length[0] - MIN_NODE_LENGTH).tolist()),
+        float(found.length.min() - MIN_NODE_LENGTH),
+        float(sums[0]),
+        float(sums.min()),
+        float(sums.max()),
+        _zigzag(model, data, tendon, turn[0]),
+        friction,
+        friction_source,
+        axial_stiffness,
+        step_limit,
+        float(model.opt.timestep),
+        cable,
+        in_conduit,
+    )
+
+
+def _zigzag(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, turn: Floats
+) -> float:
+    """Return the part of the turning of a path that its sites make to and fro.
+
+    The turns of a smooth curve add up as vectors along their axes, those of a zig-zag
+    cancel. `turn` has the angles (p,) in the present position [rad].
+    """
+    start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    at = int(data.ten_wrapadr[tendon])
+    points, things = data.wrap_xpos.reshape(-1, 3), data.wrap_obj.reshape(-1)
+    net, gross, arriving, k = np.zeros(3), 0.0, np.zeros(3), 0
+    while k < count - 1:
+        geom = model.wrap_type[start + k + 1] != _SITE
+        thing = int(model.wrap_objid[start + k + 1])
+        touched = geom and things[at + 1] == thing
+        leaving = points[at + 1] - points[at]
+        axis = np.cross(arriving, leaving)
+        if axis.any():
+            gross += turn[k - 1]
+            net += turn[k - 1] * axis / np.linalg.norm(axis)
+        arriving = points[at + 3] - points[at + 2] if touched else leaving
+        at += 3 if touched else 1
+        k += 2 if geom else 1
+    whole = float(turn.sum())
+    return (gross - float(np.linalg.norm(net))) / whole if whole > 0.0 else 0.0
+
+
+def _loss(friction: float, turn: float) -> float:
+    """Return the part of a tension that Coulomb friction takes over a turn [rad]."""
+    return -math.expm1(-friction * float(turn))
+
+
+def _label(model: mujoco.MjModel, kind: str, index: int) -> str:
+    """Return the name of an element, or its index where it has none."""
+    return str(getattr(model, kind)(index).name) or str(index)
+
+
+def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
+    """Return why a tendon cannot be reported on, or nothing."""
+    start = int(model.tendon_adr[tendon])
+    kinds = model.wrap_type[start : start + int(model.tendon_num[tendon])]
+    if _PULLEY in kinds:
+        return "has a <pulley>"
+    return "" if np.isin(kinds, (_SITE, *_GEOMS)).all() else "is fixed"
+
+
+def _role(model: mujoco.MjModel, tendon: int, cable: str | None) -> str:
+    """Return what a tendon is that friction does not act along, or nothing."""
+    if cable is not None:
+        guided = _cable(model, cable).path == PATHS[0]
+        return f"draws the conduit of cable {cable!r}" if guided else ""
+    for name, instance in instances(model).items():
+        held = (model.actuator_plugin == instance) & (model.actuator_trntype == _TENDON)
+        if tendon in model.actuator_trnid[held, 0]:
+            return f"is the lever at an end of cable {name!r}"
+    return ""
+
+
+def _cable(model: mujoco.MjModel, name: str) -> Cable:
+    return cable_of(model, instances(model)[name], name)
+
+
+def _has_route(model: mujoco.MjModel, name: str) -> bool:
+    return bool(_cable(model, name).route)
+
+
+def _percent(share: float, digits: int = 1) -> str:
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> Iterable[str]:
+    """Return rows as lines, their first cells flush left and the others right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for row in rows:
+        cells = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        yield (
+            "  " + row[0].ljust(widths[0]) + "  " + "  ".join(list(cells)[1:])
+        ).rstrip()

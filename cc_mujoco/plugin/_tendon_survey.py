@@ -1,0 +1,205 @@
+"""The path of a tendon in many poses: turns, contacts, lengths of its pieces, compiled.
+
+`sweep` makes the poses: every joint that moves the tendon over its range by itself, all
+of them together from one end of their ranges to the other, and random ones. The same
+model gives the same poses each time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin import _stability_limits as stability_limits
+from cc_mujoco.plugin._ffi import (
+    assign,
+    evaluate_bodies,
+    evaluate_tendons,
+    floats,
+    load_word,
+)
+from cc_mujoco.plugin._guides import RANDOM_POSES
+
+SWEEP_POSES = 21
+"""Poses of one joint, or of all together, from end to end."""
+_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
+
+
+class PathSurvey(NamedTuple):
+    """Path of a tendon of p places between its ends, in k poses.
+
+    Attributes:
+        turn: turning angle at every place (k, p) [rad].
+        contact: length along every geom (k, p) [m], 0 at sites.
+        length: length of every piece (k, p + 1) [m], half of the arcs beside it.
+    """
+
+    turn: FloatArray
+    contact: FloatArray
+    length: FloatArray
+
+
+def survey(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, poses: FloatArray
+) -> PathSurvey:
+    """Measure the path of a spatial tendon without pulleys.
+
+    Args:
+        model: the model.
+        data: a simulation; its `qpos` is left at the last pose.
+        tendon: index of the tendon.
+        poses: values of `qpos` (k, nq).
+    """
+    places = int(model.tendon_num[tendon]) - 2
+    found = PathSurvey(
+        np.zeros((len(poses), places)),
+        np.zeros((len(poses), places)),
+        np.zeros((len(poses), places + 1)),
+    )
+    _measure(model._address, data._address, tendon, poses, *found)
+    return found
+
+
+@compiled
+def _measure(
+    model: int,
+    data: int,
+    tendon: int,
+    poses: FloatArray,
+    turn: FloatArray,
+    contact: FloatArray,
+    length: FloatArray,
+) -> None:
+    n = open_path.min_segments(model, tendon, 0)
+    shape = np.zeros(open_path.shape_size(n))
+    present = floats(load_word(data + mj_struct.QPOS), poses.shape[1])
+    for row in range(poses.shape[0]):
+        assign(present, poses[row])
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+        open_path.measure_path(model, data, tendon, 0, 0, n, shape)
+        assign(turn[row], open_path.angles(shape, n))
+        assign(contact[row], open_path.contacts(shape, n))
+        assign(length[row], open_path.lengths(shape, n))
+
+
+def piece_timestep(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, axial_stiffness: float
+) -> float:
+    """Return the time step below which the pieces of a tendon would be stable [s].
+
+    As a cable on an open path of its own, with the segments that it has by default, and
+    without others.
+
+    Args:
+        model: the model.
+        data: a simulation; its pose counts.
+        tendon: index of a spatial tendon without pulleys.
+        axial_stiffness: EA of the cable [N].
+    """
+    mujoco.mj_fwdPosition(model, data)
+    if model.nv == 0:
+        return math.inf
+    return float(_timestep(model._address, data._address, tendon, axial_stiffness))
+
+
+@compiled
+def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> float:
+    n = open_path.wanted_segments(model, tendon, 0, open_path.ARC_SEGMENTS)
+    shape = np.zeros(open_path.shape_size(n))
+    open_path.measure_path(model, data, tendon, 0, 0, n, shape)
+    moment = np.zeros((n + 1, mj_struct.dofs(model)))
+    scratch, limit = np.zeros(6), np.empty(n + 1)
+    stability_limits.node_moments(
+        model, data, tendon, 0, shape, n, 0,
+        axial_stiffness / open_path.lengths(shape, n), scratch.ctypes.data, moment,
+    )  # fmt: skip
+    stability_limits.spring_timesteps(model, data, moment, 0, limit)
+    return float(limit.min())
+
+
+def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Return the joints that move a part of a spatial tendon against the rest."""
+    start = int(model.tendon_adr[tendon])
+    bodies = set()
+    for k in range(start, start + int(model.tendon_num[tendon])):
+        thing, site = int(model.wrap_objid[k]), model.wrap_type[k] == _SITE
+        bodies.add(int(model.site_bodyid[thing] if site else model.geom_bodyid[thing]))
+        side = -1 if site else int(model.wrap_prm[k])
+        if side >= 0:
+            bodies.add(int(model.site_bodyid[side]))
+    chains = [_ancestors(model, body) for body in bodies]
+    shared = chains[0].intersection(*chains)
+    apart = chains[0].union(*chains) - shared
+    return [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in apart]
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    found = set()
+    while body:
+        found.add(body)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def sweep(
+    model: mujoco.MjModel, rest: FloatArray, joints: list[int], reach: float
+) -> FloatArray:
+    """Return poses that cover the ranges of some joints (k, nq), `rest` first.
+
+    Equalities between joints are ignored, so some poses may be out of reach.
+
+    Args:
+        model: the model.
+        rest: pose of all other joints (nq,).
+        joints: the joints that move, by index.
+        reach: how far a slide without a range goes, to either side [m]; a hinge
+            without one makes half a turn to either side.
+    """
+    low, high = np.zeros((2, model.nv))
+    dofs: list[int] = []
+    for joint in joints:
+        first = int(model.jnt_dofadr[joint])
+        below, above = _range(model, rest, joint, reach)
+        own = slice(first, first + len(below))
+        low[own], high[own] = below, above
+        dofs += range(first, first + len(below))
+    shares = np.linspace(0.0, 1.0, SWEEP_POSES)[:, None]
+    moves = [np.zeros((1, model.nv))]
+    if dofs:
+        for dof in dofs:
+            alone = np.zeros((SWEEP_POSES, model.nv))
+            alone[:, dof] = low[dof] + shares[:, 0] * (high[dof] - low[dof])
+            moves.append(alone)
+        moves.append(low + shares * (high - low))
+        random = np.random.default_rng(0).random((RANDOM_POSES, model.nv))
+        moves.append(low + random * (high - low))
+    poses = []
+    for move in np.concatenate(moves):
+        pose = rest.copy()
+        mujoco.mj_integratePos(model, pose, move, 1.0)
+        poses.append(pose)
+    return np.array(poses)
+
+
+def _range(
+    model: mujoco.MjModel, rest: FloatArray, joint: int, reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far a joint goes from `rest` in each of its degrees of freedom."""
+    kind, limited = model.jnt_type[joint], bool(model.jnt_limited[joint])
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        far = np.array(3 * [reach] + 3 * [math.pi])
+    elif kind == mujoco.mjtJoint.mjJNT_BALL:
+        far = np.full(3, model.jnt_range[joint, 1] if limited else math.pi)
+    elif limited:
+        here = rest[model.jnt_qposadr[joint]]
+        return model.jnt_range[joint, :1] - here, model.jnt_range[joint, 1:] - here
+    else:
+        far = np.array([reach if kind == mujoco.mjtJoint.mjJNT_SLIDE else math.pi])
+    return -far, far

@@ -17,7 +17,7 @@ import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cc_mujoco.cable._parameter import Parameter, Term, parameter, parameters_of
 from cc_mujoco.errors import CableError
@@ -54,6 +54,14 @@ MOUTH_ALLOWED = (
     "with `path` = `mixed`, and only then, the name of a site of the route between its "
     "first and its last one"
 )
+ROLLER = "roller"
+"""Guide of an open cable that turns with it, so that it does not rub."""
+GUIDES_ALLOWED = (
+    "with `path` = `open` or `mixed`, and only then, words `site:radius` (positive, in "
+    f"metres, at most {MAX_LENGTH:g}) or, also of geoms, `name:roller` (no friction), "
+    "each the name without blanks of a site or geom of the route behind "
+    "`mouth` and between its ends, e.g. `palm:0.01 tip:roller`"
+)
 ENDS = ("auto", "explicit")
 """Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
 ENDS_ALLOWED = (
@@ -69,6 +77,13 @@ class Section(NamedTuple):
     radius: float
 
 
+class Guide(NamedTuple):
+    """Guide of an open cable: name of a site or geom, its radius [m] or `ROLLER`."""
+
+    name: str
+    radius: float | str
+
+
 @dataclass(frozen=True)
 class Cable:
     """One cable in its conduit, from the proximal (motor) to the distal (joint) end.
@@ -80,7 +95,9 @@ class Cable:
     length stays that of the sections, which also bend it wherever there is no MuJoCo.
 
     `path` defines what guides the cable in MuJoCo, see `PATHS`, and `mouth` the site of
-    its route at which the conduit of a `"mixed"` one ends. Without MuJoCo, a
+    its route at which the conduit of a `"mixed"` one ends. `guides` has the sites of an
+    open path that are guides of a certain radius, over whose arc there is drag per
+    length, and the sites and geoms that are rollers without friction. Without MuJoCo, a
     conduit of the sections stands for an `"open"` path, and for a `"mixed"` one up to
     there.
 
@@ -479,6 +496,7 @@ class Cable:
     path: str = PATHS[0]
     mouth: str = ""
     ends: str = ENDS[0]
+    guides: tuple[Guide, ...] = ()
 
     def __post_init__(self) -> None:
         for p in PARAMETERS:
@@ -552,6 +570,7 @@ class Cable:
                 f"cable parameter `mouth` is {self.mouth!r} where `path` is "
                 f"{self.path!r}; it must be {MOUTH_ALLOWED}"
             )
+        object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
         if self.path == "open" and (self.seal_proximal or self.seal_distal):
             raise CableError(
                 "cable parameters `seal_proximal` and `seal_distal` are those of a "
@@ -647,6 +666,8 @@ class Cable:
         values["path"] = config.get("path", PATHS[0])
         values["mouth"] = config.get("mouth", "")
         values["ends"] = config.get("ends", ENDS[0])
+        if "guides" in config:
+            values["guides"] = _parse_guides(config["guides"], where)
         try:
             return cls(**values)  # type: ignore[arg-type]
         except CableError as error:
@@ -667,6 +688,12 @@ class Cable:
             config["mouth"] = self.mouth
         if self.ends != ENDS[0]:
             config["ends"] = self.ends
+        if self.guides:
+            words = (
+                f"{g.name}:{ROLLER if g.radius == ROLLER else repr(g.radius)}"
+                for g in self.guides
+            )
+            config["guides"] = " ".join(words)
         return config
 
     def replace(self, **changes: object) -> Cable:
@@ -735,3 +762,40 @@ def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
             f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
         )
     return tuple(sections)
+
+
+def _parse_guides(text: str, where: str) -> tuple[Guide, ...]:
+    guides = []
+    for word in text.split():
+        name, _, value = word.rpartition(":")
+        radius = ROLLER if value == ROLLER else _parse_decimal(value)
+        if not name or radius is None:
+            raise CableError(
+                f"{where}: key `guides` is {text!r}; it must be {GUIDES_ALLOWED}"
+            )
+        guides.append(Guide(name, radius))
+    return tuple(guides)
+
+
+def _valid_guides(given: Any, path: str) -> tuple[Guide, ...]:
+    """Return the guides of a cable, in the types that they are stored with.
+
+    Raises:
+        CableError: they are none.
+    """
+    guides = []
+    try:
+        pairs = given.items() if isinstance(given, Mapping) else given
+        for name, radius in pairs:
+            value = radius if radius == ROLLER else float(radius)
+            named = isinstance(name, str) and len(name.split()) == 1
+            sized = value == ROLLER or 0.0 < float(value) <= MAX_LENGTH
+            if not (named and name == name.strip() and sized and path != PATHS[0]):
+                raise ValueError
+            guides.append(Guide(name, value))
+    except (TypeError, ValueError):
+        raise CableError(
+            f"cable parameter `guides` is {given!r} where `path` is {path!r}; it must "
+            f"be pairs of a name and a radius or {ROLLER!r}, in MJCF {GUIDES_ALLOWED}"
+        ) from None
+    return tuple(guides)

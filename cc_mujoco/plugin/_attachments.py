@@ -11,11 +11,22 @@ import math
 import mujoco
 
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._config import constant, equal_text
+from cc_mujoco.plugin._config import (
+    GUIDES,
+    ROLLING,
+    ROUTE,
+    constant,
+    equal_text,
+    guide_radius,
+    key_text,
+    next_guide,
+)
 from cc_mujoco.plugin._ffi import (
     Bytes,
+    Floats,
     append,
     append_integer,
+    fill,
     internal,
     load_word,
     quote,
@@ -409,6 +420,59 @@ def find_mouth(
             ):
                 return i
     return -1
+
+
+@internal
+def read_guides(
+    model: int, instance: int, tendon: int, mouth: int, out: Floats
+) -> bool:
+    """Read the guides of an instance's open path.
+
+    Args:
+        model: address of the model.
+        instance: the cable.
+        tendon: its route.
+        mouth: as in `open_path.measure_path`.
+        out: out, for every place of the path from the mouth, or from the first one
+            behind the first site: 0 where nothing is given, `ROLLING`, or the radius of
+            a site [m]; not shorter than there are places.
+
+    Returns:
+        Whether every name is one of a site, or of a geom that is a roller, of them.
+    """
+    fill(out, 0.0)
+    attributes = mj_struct.attributes(model, instance)
+    written = key_text(attributes, GUIDES)
+    route = key_text(attributes, ROUTE)
+    name = mj_struct.plugin_name(model, instance)
+    own = mj_struct.tendon_name(model, tendon)
+    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
+    count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    extra, first = own.size - route.size, max(mouth, 1)
+    begin, colon, end = next_guide(written, 0)
+    while begin >= 0:
+        wanted, found = written[begin:colon], False
+        radius = guide_radius(written[colon + 1 : end])
+        for k in range(first, count - 1):
+            thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + k)
+            site = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + k) == _SITE
+            if not site and radius != ROLLING:
+                continue
+            if site:
+                candidate = mj_struct.site_name(model, thing)
+            else:
+                candidate = mj_struct.geom_name(model, thing)
+            for prefix in range(extra + 1):
+                suffix = extra - prefix
+                if _has_affixes(own, route, name, prefix, suffix) and _has_affixes(
+                    candidate, wanted, name, prefix, suffix
+                ):
+                    out[k - first] = radius
+                    found = True
+        if not found:
+            return False
+        begin, colon, end = next_guide(written, end)
+    return True
 
 
 @internal

@@ -123,6 +123,7 @@ from cc_mujoco.plugin._instance_data import (
     before_at,
     committed_time_at,
     displacement,
+    guides_at,
     invalidate,
     is_open,
     new_at,
@@ -279,6 +280,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 )
                 guided = max(guided, 1)
             if n - guided < open_path.min_segments(model, tendon, mouth):
+                return 0
+            at_guides = floats(guides_at(block, n), n)
+            if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
                 return 0
         store_word(block + ROUTE, tendon)
         store_word(block + BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
@@ -549,7 +553,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         shape = 8 * (open_path.shape_size(n) if free else n)
         pulls = 8 * (3 * mj_struct.dofs(model) + n + 1) if free else 0
         # Its parts follow each other from the header on, whatever is in it.
-        own = text_at(0, n) + TEXT_CAPACITY + (REFERENCE_STAGE + 1) * shape + pulls
+        own = guides_at(0, n) + 8 * n + (REFERENCE_STAGE + 1) * shape + pulls
         kept, area, poses = own, 0, 0
         own += 8 * (kernel.state_size(n) + STATE_PATH)
         own += 8 * open_path.memory_size(n) if free else 0

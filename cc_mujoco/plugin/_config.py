@@ -20,6 +20,7 @@ from cc_mujoco.cable._parameters import (
     CONDUIT_ALLOWED,
     ENDS,
     ENDS_ALLOWED,
+    GUIDES_ALLOWED,
     KEYS,
     MAX_LENGTH,
     MAX_SECTIONS,
@@ -29,6 +30,7 @@ from cc_mujoco.cable._parameters import (
     PARAMETERS,
     PATH_ALLOWED,
     PATHS,
+    ROLLER,
     SEGMENTS_ALLOWED,
     Cable,
 )
@@ -41,6 +43,9 @@ PLUGIN = "cc_mujoco.cable"
 REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
 """Keys that an MJCF instance must give; other effects are off unless given."""
 
+ROLLING = -1.0
+"""Radius that stands for a guide without friction."""
+
 VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""
 
@@ -52,6 +57,7 @@ BEND = KEYS.index("bend")
 PATH = KEYS.index("path")
 MOUTH = KEYS.index("mouth")
 ENDS_KEY = KEYS.index("ends")
+GUIDES = KEYS.index("guides")
 _SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
 FRICTION = KEYS.index("friction")
 VISCOUS = KEYS.index("viscous_friction")
@@ -98,6 +104,7 @@ def _allowed(key: str) -> str:
         "path": PATH_ALLOWED,
         "mouth": MOUTH_ALLOWED,
         "ends": ENDS_ALLOWED,
+        "guides": GUIDES_ALLOWED,
         "seal_proximal": PARAMETERS[_SEALS[0]].allowed + _NO_SEAL,
         "seal_distal": PARAMETERS[_SEALS[1]].allowed + _NO_SEAL,
     }
@@ -111,6 +118,7 @@ _MISSING = constant("missing or empty")
 _INF = constant("inf")
 _FIXED, _ROUTED = (constant(bend) for bend in BENDS)
 _AUTO, _EXPLICIT = (constant(ends) for ends in ENDS)
+_ROLLER = constant(ROLLER)
 _GUIDED, _OPEN, _MIXED = (constant(path) for path in PATHS)
 
 
@@ -202,6 +210,47 @@ def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
         sections[count, 0] = length
         sections[count, 1] = radius
         count += 1
+
+
+@internal
+def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
+    """Find the next word of a list of guides.
+
+    Returns:
+        Where its name begins, -1 where there is no word, the end of its name, and the
+        end of the word.
+    """
+    begin = start
+    while begin < written.size and is_space(written[begin]):
+        begin += 1
+    if begin == written.size:
+        return -1, -1, -1
+    end, colon = begin, begin
+    while end < written.size and not is_space(written[end]):
+        if written[end] == 58:
+            colon = end
+        end += 1
+    return begin, colon, end
+
+
+@internal
+def guide_radius(written: Bytes) -> float:
+    """Return the radius of a guide [m], `ROLLING` of a roller, 0 if it is neither."""
+    if equal_text(written, _ROLLER):
+        return ROLLING
+    radius = number(written)
+    return radius if 0.0 < radius <= MAX_LENGTH else 0.0
+
+
+@internal
+def _are_guides(written: Bytes) -> bool:
+    """Return whether a text is a list of guides."""
+    begin, colon, end = next_guide(written, 0)
+    while begin >= 0:
+        if colon == begin or guide_radius(written[colon + 1 : end]) == 0.0:
+            return False
+        begin, colon, end = next_guide(written, end)
+    return True
 
 
 @internal
@@ -310,6 +359,9 @@ def read(
     ends = key_text(block, ENDS_KEY)
     if not (ends.size == 0 or equal_text(ends, _AUTO) or is_explicit(block)):
         return ENDS_KEY, 0
+    guides = strip(key_text(block, GUIDES))
+    if guides.size > 0 and not (free and _are_guides(guides)):
+        return GUIDES, 0
     for seal in _SEALS:
         if values[seal] != 0.0 and equal_text(path, _OPEN):
             return seal, 0

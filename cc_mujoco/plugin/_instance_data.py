@@ -25,8 +25,9 @@ from cc_mujoco.plugin._ffi import (
 
 # Byte offsets in the memory block of an instance; after the header follow the packed
 # parameters, scratch, the state before and after the last evaluation, a copy of the
-# configuration text, what is known of the path: now, at the last four evaluations under
-# RK4, and in the pose `qpos0`; and the forces of an open cable's pieces.
+# configuration text, the guides, what is known of the path: now, at the last four
+# evaluations under RK4, and in the pose `qpos0`; and the forces of an open cable's
+# pieces.
 SEGMENTS = 0
 PROXIMAL = 8
 DISTAL = 16
@@ -111,6 +112,12 @@ REFERENCE_STAGE = 5
 
 
 @internal
+def guides_at(block: int, n: int) -> int:
+    """Return the address of the guides of an open cable, see `read_guides` (n,)."""
+    return text_at(block, n) + TEXT_CAPACITY
+
+
+@internal
 def shape_at(block: int, n: int, stage: int) -> int:
     """Return the address of the path at a stage.
 
@@ -118,7 +125,7 @@ def shape_at(block: int, n: int, stage: int) -> int:
     path is the wrap angles of the segments and, for an open cable, the result of
     `measure_path`.
     """
-    return text_at(block, n) + TEXT_CAPACITY + load_word(block + SHAPE_BYTES) * stage
+    return guides_at(block, n) + 8 * n + load_word(block + SHAPE_BYTES) * stage
 
 
 @internal

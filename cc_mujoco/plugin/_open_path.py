@@ -7,6 +7,12 @@ the path turns is one segment, and the arc around a geom is a few. What `segment
 more than sites and geoms need goes to the arcs, or to the straight pieces of a path
 without any. Of a mixed path the conduit comes first, as far as the site of its mouth.
 
+A site may be a guide of some radius. Its corner stays where it is, so that the two
+straight pieces, and their moment arms, are those of the tangents to its arc; the cable
+rubs over the arc, which counts for drag per length. What the arc is shorter than its
+tangents, radius (2 tan(turn/2) - turn), is neglected. A roller turns with the cable and
+takes nothing; it has neither turn nor contact here.
+
 The cable slips on the surface of the body that bends it. What a straight piece gains in
 length is its unit direction times the motion of the material points at its ends, one of
 them the point of the surface that it touches:
@@ -37,6 +43,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._ffi import (
     apply_force,
     assign,
@@ -243,6 +250,7 @@ def measure_path(
     mouth: int,
     guided: int,
     n: int,
+    guides: Floats,
     shape: Floats,
 ) -> tuple[int, float]:
     """Measure the open part of a path at the last evaluated position.
@@ -254,6 +262,7 @@ def measure_path(
         mouth: place in its path of the site at which the conduit ends; 0: none.
         guided: number of segments in the conduit.
         n: number of segments in all.
+        guides: of every place behind the mouth, see `attachments.read_guides`.
         shape: out, `shape_size(n)`; that of the segments and nodes behind the conduit.
 
     Returns:
@@ -261,6 +270,7 @@ def measure_path(
     """
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    place = max(mouth, 1)  # of the first guide
     first = at = mj_struct.integer(data, mj_struct.TEN_WRAPADR, tendon)
     points, reach = 1, 0.0
     wraps = geom_count(model, tendon, mouth)
@@ -303,7 +313,10 @@ def measure_path(
             points = at - first + 1
         if k >= mouth:
             if k > 0:
-                turn[j], contact[j] = _angle(arriving, leaving), 0.0
+                guide, turned = guides[k - place], _angle(arriving, leaving)
+                # The arc of a guide: what it cuts off the corner is neglected.
+                turn[j] = turned if guide != ROLLING else 0.0
+                contact[j] = turned * guide if guide > 0.0 else 0.0
                 j += 1
             if geom >= 0:
                 m = _part_size(spare, wraps, seen)
@@ -313,8 +326,10 @@ def measure_path(
             span += 1
             reach += left + around + right
             total[j], extent[j] = left + around + right, m + 1.0
+            rolls = geom >= 0 and guides[k + 1 - place] == ROLLING
             for i in range(m):
-                turn[j + i], contact[j + i] = corner / m, around / m
+                turn[j + i] = 0.0 if rolls else corner / m
+                contact[j + i] = 0.0 if rolls else around / m
                 length[j + i] = MIN_NODE_LENGTH + around / m
             if touched:
                 length[j] = MIN_NODE_LENGTH + left + 0.5 * around / m

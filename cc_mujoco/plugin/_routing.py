@@ -51,6 +51,7 @@ from cc_mujoco.plugin._instance_data import (
     SEGMENTS,
     TIED_ENDS,
     before_at,
+    guides_at,
     invalidate,
     is_open,
     new_at,
@@ -112,7 +113,14 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
         seen = floats(shape, size)
         points, reach = open_path.measure_path(
-            model, data, tendon, load_word(block + MOUTH), guided, n, seen
+            model,
+            data,
+            tendon,
+            load_word(block + MOUTH),
+            guided,
+            n,
+            floats(guides_at(block, n), n),
+            seen,
         )
         if state == 0:
             return

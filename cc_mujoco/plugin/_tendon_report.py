@@ -20,8 +20,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable._parameters import PATHS, Cable
+from cc_mujoco.cable._parameters import PATHS, ROLLER, Cable
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._open_path import MIN_NODE_LENGTH
@@ -30,6 +31,7 @@ from cc_mujoco.plugin._settle import step_limits
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._tendon_survey import (
     SWEEP_POSES,
+    path_guides,
     piece_timestep,
     spanned_joints,
     survey,
@@ -45,8 +47,8 @@ ASSUMED_FRICTION = 0.1
 """Coefficient of friction of a tendon that has none of its own."""
 LARGE_LOSS = 0.3
 """Part of its tension of which a tendon without load should not lose more."""
-MIN_ZIGZAG = 0.5
-"""Part of the turning that sites make to and fro of which a user should know."""
+MIN_ZIGZAG = 0.7
+"""Part of the turning that the next site takes back, above which sites zig-zag."""
 _MAX_JOINTS = 4
 """Most joints that a line lists."""
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
@@ -69,6 +71,8 @@ class TendonPlace(NamedTuple):
         total_loss: the same from the first site of the tendon up to this place.
         max_total_loss: the largest of that over the ranges of the joints.
         touched: True unless it is a geom that the path never touches.
+        guide: radius of the guide at a site [m], `"roller"` for a site or geom without
+            friction, None where nothing is given.
     """
 
     kind: str
@@ -81,11 +85,14 @@ class TendonPlace(NamedTuple):
     total_loss: float
     max_total_loss: float
     touched: bool
+    guide: float | str | None
 
 
 @dataclass(frozen=True)
 class TendonSummary:
     """Turns and losses of one tendon.
+
+    A roller turns the tendon without friction, so the losses are without it.
 
     Attributes:
         name: its name, or its index in the model where it has none.
@@ -96,11 +103,10 @@ class TendonSummary:
         piece_lengths: lengths of its pieces in the present pose, with half of the arcs
             beside them [m].
         min_piece_length: the smallest over the ranges of the joints [m].
-        turn: sum of the turning angles in the present pose [rad].
+        turn: sum of the turning angles in the present pose [rad], without rollers.
         min_turn: the smallest sum over the ranges of the joints [rad].
         max_turn: the largest [rad].
-        zigzag: part of the turning in the present pose that its sites make to and fro,
-            so that it cancels along the tendon.
+        zigzag: part of the turning in the present pose that the next site takes back.
         friction: coefficient of friction.
         friction_source: where that is from: `"given"`, `"cable"` or `"assumed"`.
         axial_stiffness: EA for which `step_limit` holds [N].
@@ -154,11 +160,27 @@ class TendonSummary:
         return tuple(dict.fromkeys(p.name for p in geoms if p.name not in touched))
 
     @property
+    def zigzags(self) -> bool:
+        """True if most of its turning is that of sites to and fro."""
+        return self.zigzag > MIN_ZIGZAG
+
+    @property
     def warning(self) -> str:
         """One sentence if it loses much in the present pose, else empty."""
         if self.in_conduit or self.loss <= LARGE_LOSS:
             return ""
-        return loss_sentence(self.name, self.friction, self.turn, self.zigzag)
+        cause = ""
+        if self.zigzags:
+            cause = (
+                "; its sites zig-zag, as the next one takes "
+                f"{_percent(self.zigzag, 0)} of this turn back: put them on a smooth "
+                "curve, or make them rollers by `guides`"
+            )
+        return (
+            f"tendon {self.name!r} turns by {self.turn:.3g} rad as it lies, so "
+            f"friction {self.friction:g} takes {_percent(self.loss, 0)} of its "
+            f"tension{cause}."
+        )
 
     def __str__(self) -> str:
         """Return its table, with a line on what it is and on the time step."""
@@ -168,6 +190,8 @@ class TendonSummary:
         ]
         for place in self.places:
             label = f"{place.kind} {place.name}"
+            if place.guide == ROLLER:
+                label += ", roller"
             if not place.touched:
                 rows.append((label, "never touched", "", "", "", "", "", ""))
                 continue
@@ -175,8 +199,12 @@ class TendonSummary:
                 (
                     label,
                     *(f"{x:.2f}" for x in (place.turn, place.min_turn, place.max_turn)),
-                    f"{1e3 * place.contact:.1f}" if place.kind == "geom" else "",
-                    *map(_percent, place[6:9]),
+                    f"{1e3 * place.contact:.1f}"
+                    if place.kind == "geom" or place.guide
+                    else "",
+                    _percent(place.loss),
+                    _percent(place.total_loss),
+                    _percent(place.max_total_loss),
                 )
             )
         contact = 1e3 * sum(place.contact for place in self.places)
@@ -408,24 +436,10 @@ def tendon_report(
             _summarize(
                 model, data, rest, index, mu, origin, material.axial_stiffness, limit,
                 cable, own is not None and not open_path,
+                _guides(model, index, cable, own),
             )
         )  # fmt: skip
     return TendonReport(tuple(found), skipped)
-
-
-def loss_sentence(name: str, friction: float, turn: float, zigzag: float) -> str:
-    """Return the sentence on a tendon that loses much of its tension as it lies."""
-    to_and_fro = ""
-    if zigzag > MIN_ZIGZAG:
-        to_and_fro = (
-            f"; {_percent(zigzag, 0)} of this turn its sites make to and fro, which a "
-            "smooth guide would not: put them on a smooth curve, or say which have no "
-            "friction"
-        )
-    return (
-        f"tendon {name!r} turns by {turn:.3g} rad as it lies, so friction {friction:g} "
-        f"takes {_percent(_loss(friction, turn), 0)} of its tension{to_and_fro}."
-    )
 
 
 def _summarize(
@@ -439,11 +453,15 @@ def _summarize(
     step_limit: float,
     cable: str | None,
     in_conduit: bool,
+    guides: Floats,
 ) -> TendonSummary:
     joints = spanned_joints(model, tendon)
     reach = float(model.tendon_length0[tendon])
     found = survey(model, data, tendon, sweep(model, rest, joints, reach))
-    turn, total = found.turn, np.cumsum(found.turn, axis=1)
+    turn, rubbing = found.turn, np.where(guides == ROLLING, 0.0, found.turn)
+    contact = found.contact + np.maximum(guides, 0.0) * turn
+    contact[:, guides == ROLLING] = 0.0
+    total = np.cumsum(rubbing, axis=1)
     touched = found.contact.max(axis=0) + turn.max(axis=0) > 0.0
     start = int(model.tendon_adr[tendon]) + 1
     places = []
@@ -457,16 +475,17 @@ def _summarize(
                 float(turn[0, k]),
                 float(turn[:, k].min()),
                 float(turn[:, k].max()),
-                float(found.contact[0, k]),
-                _loss(friction, turn[0, k]),
+                float(contact[0, k]),
+                _loss(friction, rubbing[0, k]),
                 _loss(friction, total[0, k]),
                 _loss(friction, total[:, k].max()),
                 bool(site or touched[k]),
+                ROLLER if guides[k] == ROLLING else float(guides[k]) or None,
             )
         )
     data.qpos[:] = rest
     mujoco.mj_fwdPosition(model, data)
-    sums = turn.sum(axis=1)
+    sums = rubbing.sum(axis=1)
     return TendonSummary(
         _label(model, "tendon", tendon),
         tuple(_label(model, "joint", j) for j in joints),
@@ -478,7 +497,7 @@ def _summarize(
         float(sums[0]),
         float(sums.min()),
         float(sums.max()),
-        _zigzag(model, data, tendon, turn[0]),
+        _zigzag(model, data, tendon, rubbing[0]),
         friction,
         friction_source,
         axial_stiffness,
@@ -492,15 +511,16 @@ def _summarize(
 def _zigzag(
     model: mujoco.MjModel, data: mujoco.MjData, tendon: int, turn: Floats
 ) -> float:
-    """Return the part of the turning of a path that its sites make to and fro.
+    """Return the part of the turning of a path that the next site takes back.
 
-    The turns of a smooth curve add up as vectors along their axes, those of a zig-zag
-    cancel. `turn` has the angles (p,) in the present position [rad].
+    Near 1 where every site turns the path against the one before it, a half where two
+    do; 0 along a curve of one sense. `turn` has the angles (p,) in the present position
+    [rad].
     """
     start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     at = int(data.ten_wrapadr[tendon])
     points, things = data.wrap_xpos.reshape(-1, 3), data.wrap_obj.reshape(-1)
-    net, gross, arriving, k = np.zeros(3), 0.0, np.zeros(3), 0
+    back, arriving, before, k = 0.0, np.zeros(3), np.zeros(3), 0
     while k < count - 1:
         geom = model.wrap_type[start + k + 1] != _SITE
         thing = int(model.wrap_objid[start + k + 1])
@@ -508,13 +528,17 @@ def _zigzag(
         leaving = points[at + 1] - points[at]
         axis = np.cross(arriving, leaving)
         if axis.any():
-            gross += turn[k - 1]
-            net += turn[k - 1] * axis / np.linalg.norm(axis)
-        arriving = points[at + 3] - points[at + 2] if touched else leaving
+            now = turn[k - 1] * axis / np.linalg.norm(axis)
+            if now @ before < 0.0:
+                back += min(turn[k - 1], float(np.linalg.norm(before)))
+            before = now
+        if touched:
+            before, leaving = np.zeros(3), points[at + 3] - points[at + 2]
+        arriving = leaving
         at += 3 if touched else 1
         k += 2 if geom else 1
     whole = float(turn.sum())
-    return (gross - float(np.linalg.norm(net))) / whole if whole > 0.0 else 0.0
+    return back / whole if whole > 0.0 else 0.0
 
 
 def _loss(friction: float, turn: float) -> float:
@@ -546,6 +570,15 @@ def _role(model: mujoco.MjModel, tendon: int, cable: str | None) -> str:
         if tendon in model.actuator_trnid[held, 0]:
             return f"is the lever at an end of cable {name!r}"
     return ""
+
+
+def _guides(
+    model: mujoco.MjModel, tendon: int, name: str | None, cable: Cable | None
+) -> Floats:
+    """Return the guides of every place of a tendon, see `path_guides`."""
+    if name is None or cable is None or not cable.guides:
+        return np.zeros(int(model.tendon_num[tendon]) - 2)
+    return path_guides(model, instances(model)[name], tendon, cable.mouth)
 
 
 def _cable(model: mujoco.MjModel, name: str) -> Cable:

@@ -14,10 +14,13 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _stability_limits as stability_limits
+from cc_mujoco.plugin._config import ROUTE, key_text
 from cc_mujoco.plugin._ffi import (
+    Bytes,
     assign,
     evaluate_bodies,
     evaluate_tendons,
@@ -77,13 +80,13 @@ def _measure(
     length: FloatArray,
 ) -> None:
     n = open_path.min_segments(model, tendon, 0)
-    shape = np.zeros(open_path.shape_size(n))
+    shape, guides = np.zeros(open_path.shape_size(n)), np.zeros(n)
     present = floats(load_word(data + mj_struct.QPOS), poses.shape[1])
     for row in range(poses.shape[0]):
         assign(present, poses[row])
         evaluate_bodies(model, data)
         evaluate_tendons(model, data)
-        open_path.measure_path(model, data, tendon, 0, 0, n, shape)
+        open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
         assign(turn[row], open_path.angles(shape, n))
         assign(contact[row], open_path.contacts(shape, n))
         assign(length[row], open_path.lengths(shape, n))
@@ -112,8 +115,8 @@ def piece_timestep(
 @compiled
 def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> float:
     n = open_path.wanted_segments(model, tendon, 0, open_path.ARC_SEGMENTS)
-    shape = np.zeros(open_path.shape_size(n))
-    open_path.measure_path(model, data, tendon, 0, 0, n, shape)
+    shape, guides = np.zeros(open_path.shape_size(n)), np.zeros(n)
+    open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
     moment = np.zeros((n + 1, mj_struct.dofs(model)))
     scratch, limit = np.zeros(6), np.empty(n + 1)
     stability_limits.node_moments(
@@ -122,6 +125,39 @@ def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> flo
     )  # fmt: skip
     stability_limits.spring_timesteps(model, data, moment, 0, limit)
     return float(limit.min())
+
+
+def path_guides(
+    model: mujoco.MjModel, instance: int, tendon: int, mouth: str
+) -> FloatArray:
+    """Return the guides of a cable on an open path, see `attachments.read_guides`.
+
+    For every place of the tendon between its ends (p,); 0 before its mouth.
+
+    Args:
+        model: the model.
+        instance: the plugin instance of the cable.
+        tendon: its route.
+        mouth: name of the site at which its conduit ends, empty where it has none.
+    """
+    found = np.zeros(int(model.tendon_num[tendon]) - 2)
+    _read_guides(
+        model._address, instance, tendon, np.frombuffer(mouth.encode(), np.uint8), found
+    )
+    return found
+
+
+@compiled
+def _read_guides(
+    model: int, instance: int, tendon: int, mouth: Bytes, out: FloatArray
+) -> None:
+    place = 0
+    if mouth.size > 0:
+        attributes = mj_struct.attributes(model, instance)
+        route = key_text(attributes, ROUTE)
+        place = attachments.find_mouth(model, instance, tendon, route, mouth)
+    first = max(place - 1, 0)
+    attachments.read_guides(model, instance, tendon, place, out[first:])
 
 
 def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from numbers import Real
 from typing import Any
 
@@ -34,7 +35,9 @@ from cc_mujoco.plugin._readings import route_wrap
 from cc_mujoco.plugin._spec import compile_spec, require_spec
 from cc_mujoco.plugin._tendon_report import tendon_report
 
-_ALLOWED_KEYS = [key for key in KEYS if key not in ("route", "bend", "path", "mouth")]
+_ALLOWED_KEYS = [
+    key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")
+]
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _BENDING_WRAPS = [
     mujoco.mjtWrap.mjWRAP_SITE,
@@ -51,6 +54,7 @@ def add_friction(
     joint: tuple[Any, float] | None = None,
     friction: float | None = None,
     segments: int | None = None,
+    guides: Mapping[str, float | str] | None = None,
     report: bool = False,
     **parameters: Any,
 ) -> None:
@@ -71,6 +75,9 @@ def add_friction(
         friction: coefficient mu of Coulomb friction at every site and geom; must be
             given, since a tendon has none of its own.
         segments: friction elements; by default one for a site and four for a geom.
+        guides: by the name of a site or geom, `"roller"` where the tendon runs over a
+            roller that takes nothing, or the radius of the guide at a site [m], over
+            whose arc there is drag per length; Coulomb friction is the same for any.
         report: print the turns and losses of the tendon, see `tendon_report`.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`.
@@ -83,7 +90,8 @@ def add_friction(
             is as before.
 
     Warns:
-        CableWarning: friction takes much of the tension as the tendon lies in `qpos0`.
+        CableWarning: friction takes much of the tension as the tendon lies in `qpos0`,
+            because its sites zig-zag.
     """
     require_spec(spec)
     if friction is None:
@@ -141,6 +149,7 @@ def add_friction(
         "conduit": (Section(length, math.inf),),
         "route": tendon,
         "path": "open",
+        "guides": tuple((guides or {}).items()),
     }
 
     def write(into: mujoco.MjSpec) -> None:
@@ -162,7 +171,8 @@ def add_friction(
         given["conduit"] = (Section(length, length / wrap),)
     write(spec)
     turns = tendon_report(model, tendon)
+    (summary,) = turns.tendons
     if report:
         print(turns)
-    elif turns.tendons[0].warning:
-        warnings.warn(turns.tendons[0].warning, CableWarning, stacklevel=2)
+    elif summary.warning and summary.zigzags:
+        warnings.warn(summary.warning, CableWarning, stacklevel=2)

@@ -20,6 +20,7 @@ from cc_mujoco.plugin._config import PLUGIN, constant
 from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
     Bytes,
+    Floats,
     append,
     append_integer,
     append_millimetres,
@@ -42,6 +43,7 @@ from cc_mujoco.plugin._instance_data import (
     ROUTE,
     SEGMENTS,
     TIED_ENDS,
+    guides_at,
     is_open,
     parameters_at,
     path_memory,
@@ -50,6 +52,8 @@ from cc_mujoco.plugin._instance_data import (
 
 _NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+
+_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
 _STIFFNESS, _PRETENSION = INDEX["axial_stiffness"], INDEX["pretension"]
 
@@ -93,9 +97,9 @@ _CANNOT_PULL = (
 _NO_EFFECT = (
     constant(
         "` has no effect: it is drag per length of contact, and the path goes around "
-        "no geom"
+        "no geom and no guide with a radius"
     ),
-    constant("` has no effect: the path bends at no site and goes around no geom"),
+    constant("` has no effect: the path rubs at no site and on no geom"),
     constant("` has no effect: the distal end is tied to its tendon and does not move"),
     constant("` has no effect: the proximal end is tied to its tendon, on no pulley"),
     constant("` has no effect: the path has no conduit and goes around no geom"),
@@ -210,6 +214,9 @@ def refuse_open_path(
     if config.segment_count(attributes) < max(least, 1):
         used = append(message, start, _TOO_FEW_SEGMENTS)
         return config.VALID_CONFIGURATION, append_integer(message, used, max(least, 1))
+    at_guides = np.empty(max(least, 1))
+    if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
+        return config.GUIDES, start
     if mouth == 0:
         length = config.length(attributes)
         true = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
@@ -235,12 +242,12 @@ def has_no_passive(model: int) -> bool:
 
 
 @internal
-def _no_effect_reason(geoms: int, places: int, mouth: int, tied: int, key: int) -> int:
+def _no_effect_reason(arcs: int, places: int, mouth: int, tied: int, key: int) -> int:
     """Return why a key of an open cable is without effect, or -1.
 
     Args:
-        geoms: number of geoms in its open path.
-        places: number of sites and geoms between the ends.
+        arcs: number of geoms, and of sites with a radius, that rub in its open path.
+        places: number of sites and geoms between the ends that rub.
         mouth: place of the conduit's mouth in it, 0: none.
         tied: 1 where the proximal end is tied to the tendon, plus 2 for the distal end.
         key: index of a key that is not 0.
@@ -252,15 +259,30 @@ def _no_effect_reason(geoms: int, places: int, mouth: int, tied: int, key: int) 
         or key == config.LOAD_INDEPENDENT
         or key == config.GREASE_DRAG
     )
-    if mouth == 0 and geoms == 0 and drag:
+    if mouth == 0 and arcs == 0 and drag:
         return _PER_LENGTH
     if key == config.WRAP_GROWTH:
         if tied >= 2:
             return _NO_TRAVEL
-        if mouth == 0 and geoms == 0:
+        if mouth == 0 and arcs == 0:
             return _NO_WRAP
     pulley = key == config.ECCENTRICITY or key == config.OVALITY
     return _NO_PULLEY if pulley and tied % 2 == 1 else -1
+
+
+@internal
+def _rubbing_places(
+    model: int, tendon: int, mouth: int, guides: Floats
+) -> tuple[int, int]:
+    """Count the places of an open path that rub: along an arc, and all of them."""
+    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon) + max(mouth, 1)
+    arcs, places = 0, 0
+    for i in range(open_path.min_segments(model, tendon, mouth)):
+        if guides[i] != config.ROLLING:
+            places += 1
+            kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + i)
+            arcs += guides[i] > 0.0 or kind != _SITE
+    return arcs, places
 
 
 @internal
@@ -270,13 +292,13 @@ def warn_no_effect(model: int, instance: int, block: int) -> None:
     sections = np.empty((MAX_SECTIONS, 2))
     config.read(mj_struct.attributes(model, instance), values, sections)
     tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
-    geoms = open_path.geom_count(model, tendon, mouth)
-    places = open_path.min_segments(model, tendon, mouth)
+    n = load_word(block + SEGMENTS)
+    arcs, places = _rubbing_places(model, tendon, mouth, floats(guides_at(block, n), n))
     tied = load_word(block + TIED_ENDS) + 2 * load_word(block + TIED_ENDS + 8)
     for key in range(config.SCALARS):
         if values[key] == 0.0:
             continue
-        why = _no_effect_reason(geoms, places, mouth, tied, key)
+        why = _no_effect_reason(arcs, places, mouth, tied, key)
         if why < 0:
             continue
         message = np.zeros(MESSAGE_CAPACITY, np.uint8)

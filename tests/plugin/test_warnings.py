@@ -84,7 +84,7 @@ def test_a_term_of_an_open_path_acts_or_is_warned_of(
 
 def test_friction_on_a_path_without_a_bend_is_warned_of() -> None:
     (line,) = warned(over("straight", **DRUMS))
-    assert "key `friction` has no effect: the path bends at no site" in line
+    assert "key `friction` has no effect: the path rubs at no site" in line
     assert len(warned(over("straight", **(DRUMS | {"friction": 0.0})))) == 1
 
 

@@ -32,8 +32,9 @@ LIMB = """
   </instance></plugin></extension>
   <worldbody>
     <site name="a" pos="-0.5 0.1 0"/><site name="b" pos="-0.3 0.2 0.1"/>
-    <geom name="post" type="cylinder" size="0.05 0.1"/>
-    <site name="side" pos="0 0.2 0"/>
+    <geom name="post" type="cylinder" size="0.05 0.1" contype="0"
+      conaffinity="0"/>
+    <site name="side" pos="0.14 0.14 0"/>
     <body name="motor" pos="-0.5 0 0">
       <joint name="motor" axis="0 0 1" armature="1e-4" damping="1e-3"/>
       <geom size="0.02" mass="0.05"/>
@@ -153,7 +154,8 @@ def test_bending_a_loaded_stuck_cable_stays_in_the_cone_and_makes_no_energy(
     stored = float((0.5 * before.tension**2 / stiffness).sum())
     stretch = float((before.tension / stiffness).sum())
     wraps, moved = [], 0
-    for at in np.linspace(0.0, 4.0 * math.pi, 800):  # bends and straightens, twice
+    angles = np.linspace(0.0, 4.0 * math.pi, 800)  # bends and straightens, twice
+    for at in [*angles, *10 * [angles[-1]]]:  # and rests
         held(m, d, 0.5, -0.9 + 0.9 * math.sin(at))
         if integrator == "RK4":
             held(m, d, 0.5, -0.9 + 0.9 * math.sin(at))  # the path of the last stage
@@ -173,7 +175,7 @@ def test_bending_a_loaded_stuck_cable_stays_in_the_cone_and_makes_no_energy(
         moved += energy < stored
         stored, before = energy, now
     assert max(wraps) > 1.5 * min(wraps)
-    assert 3 < moved < 700  # it slips now and then, and is stuck at other times
+    assert 3 < moved <= angles.size  # it slips, and is stuck at rest
     assert before.moving_fraction == 0.0
 
 
@@ -272,9 +274,9 @@ def test_integrators_agree() -> None:
         found[integrator] = run(m, d, controls)[:, 1:4]
         lost = read(m, d, "bowden").dissipated
         found.setdefault("lost", lost)
-        assert lost == pytest.approx(found["lost"], rel=0.03), integrator
+        assert lost == pytest.approx(found["lost"], rel=1e-3), integrator
         error = np.abs(found[integrator] - found["Euler"]).max()
-        assert error < 0.015 * np.abs(found["Euler"]).max(), integrator
+        assert error < 1e-3 * np.abs(found["Euler"]).max(), integrator
 
 
 def test_actuation_can_be_disabled(any_limb: mujoco.MjModel) -> None:

@@ -38,6 +38,7 @@ from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._spec import (
     add_element,
     compile_spec,
+    delete_actuator,
     plain_errors,
     require_spec,
 )
@@ -206,13 +207,13 @@ def add_cable(
             f"cable {name!r} needs conduit=, e.g. '0.5:0.2 0.3:inf', or a route of at "
             "least two points that draws one."
         )
-    compile_spec(spec)  # from now on its keyframes follow what is added and deleted
+    model = compile_spec(spec)  # from now on its keyframes follow what is added
     cable = _cable(spec, drive, conduit, parameters)
     tried = spec.copy()
     with plain_errors():
-        _write(tried, drive, cable)
+        _write(tried, model, drive, cable)
     compile_spec(tried)
-    _write(spec, drive, cable)
+    _write(spec, model, drive, cable)
 
 
 def _cable(
@@ -299,9 +300,12 @@ def _require_arm(model: mujoco.MjModel, data: mujoco.MjData, drive: _Drive) -> N
         )
 
 
-def _write(spec: mujoco.MjSpec, drive: _Drive, cable: Cable) -> None:
+def _write(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, drive: _Drive, cable: Cable
+) -> None:
+    """Write a drive into a specification that compiles to `model`."""
     if drive.replace:
-        spec.delete(spec.actuator(drive.replace))
+        delete_actuator(spec, model, drive.replace)
     _write_path(spec, drive)
     motor = drive.motor
     if drive.mount is not None:

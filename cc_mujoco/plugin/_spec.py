@@ -51,6 +51,34 @@ def _pristine_fields(kind: str) -> dict[str, Any]:
     return found
 
 
+def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
+    """Delete an actuator, and what keyframes have of it.
+
+    MuJoCo 3 would leave its controls and activations to the actuators behind it.
+
+    Args:
+        spec: specification.
+        model: what it compiles to.
+        name: of the actuator.
+    """
+    index = model.actuator(name).id
+    parts = {
+        "ctrl": (model.actuator_ctrladr[index], model.actuator_ctrlnum[index]),
+        "act": (model.actuator_actadr[index], model.actuator_actnum[index]),
+    }
+    kept = []
+    for key in spec.keys:
+        for field, (first, count) in parts.items():
+            values = np.array(getattr(key, field))
+            if values.size:
+                own = np.arange(first, first + count)
+                kept.append((key, field, values.size, np.delete(values, own)))
+    spec.delete(spec.actuator(name))
+    for key, field, size, values in kept:
+        if len(getattr(key, field)) == size:
+            setattr(key, field, values)
+
+
 def require_spec(spec: Any) -> None:
     """Refuse what is no specification.
 

@@ -226,6 +226,32 @@ def test_keyframes_keep_the_pose_of_every_joint() -> None:
     assert data.actuator("cord_motor").ctrl[0] == 0.0
 
 
+@pytest.mark.parametrize("replaced", ["first", "second", "last"])
+def test_keyframes_keep_controls_and_activations_of_other_actuators(
+    replaced: str,
+) -> None:
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1"/></body>
+        <body pos="1 0 0"><joint name="shaft"/><geom size=".1"/></body></worldbody>
+        <actuator><motor name="first" joint="hinge"/>
+        <intvelocity name="second" joint="hinge" kp="1" actrange="-9 9"/>
+        <intvelocity name="last" joint="hinge" kp="1" actrange="-9 9"/></actuator>
+        <keyframe><key name="bent" ctrl=".1 .2 .3" act=".4 .5"/><key name="straight"/>
+        </keyframe></mujoco>"""
+    )
+    drive = {"drum": 0.02, "pulley": 0.05, "conduit": "0.5:0.3", "replace": replaced}
+    cc_mujoco.add_cable(spec, "cord", motor="shaft", joint="hinge", **drive)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("bent").id)
+    controls = {"first": 0.1, "second": 0.2, "last": 0.3}
+    activations = {"second": 0.4, "last": 0.5}
+    for name in controls.keys() - {replaced}:
+        assert data.actuator(name).ctrl[0] == controls[name]
+    for name in activations.keys() - {replaced}:
+        assert data.act[model.actuator(name).actadr[0]] == activations[name]
+
+
 def test_two_cables_pull_a_joint_both_ways_from_one_motor() -> None:
     spec = leg()
     both = {"motor": "shaft", "joint": "knee", "conduit": "0.5:0.3", "segments": 20}

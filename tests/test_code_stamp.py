@@ -61,6 +61,20 @@ def test_a_stamp_changes_with_what_is_imported_and_with_nothing_else(
     assert stamp(package / "law.py") == before
 
 
+@pytest.mark.parametrize("text", ["import mujoco\n", "from mujoco import MjData\n"])
+def test_a_stamp_changes_with_the_release_of_mujoco_that_is_imported(
+    package: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (package / "deep.py").write_text(text)
+    law, face = package / "law.py", package / "face" / "_inner" / "part.py"
+    stamps = []
+    for release in ("3.17.0", "4.0.0"):
+        monkeypatch.setattr(code_stamp, "version", {"mujoco": release}.get)
+        stamps.append((stamp(law), stamp(face)))
+    assert stamps[0][0] != stamps[1][0]
+    assert stamps[0][1] == stamps[1][1]
+
+
 def compiled_functions() -> dict[str, Any]:
     found = {}
     for name, module in list(sys.modules.items()):

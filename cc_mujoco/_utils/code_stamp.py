@@ -4,7 +4,9 @@
 
 Numba keeps compiled code with a stamp of its source file. What that file's functions
 call lies in other files and is compiled into them, so that here the stamp is a digest
-of the file and of all files of its package that it imports, directly or not.
+of the file and of all files of its package that it imports, directly or not. Where one
+of these imports MuJoCo, whose structures differ from release to release, the release is
+part of the digest.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ from __future__ import annotations
 import hashlib
 import re
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
 
+_IMPORTS_MUJOCO = re.compile(rb"^\s*(?:import|from) mujoco\b", re.MULTILINE)
 _packages: set[Path] = set()
 """Folders of the packages whose functions have such a stamp."""
 
@@ -65,6 +69,7 @@ def _replace_stamp() -> None:
 @cache
 def digest(file: Path, package: Path) -> str:
     """Return a digest of a source file of a package and of all that it imports."""
+    uses_mujoco = False
     found, left = {file}, [file]
     while left:
         new = _imported_files(left.pop(), package) - found
@@ -75,6 +80,9 @@ def digest(file: Path, package: Path) -> str:
         content = path.read_bytes()
         name = path.relative_to(package).as_posix()
         total.update(f"{name}\0{len(content)}\0".encode() + content)
+        uses_mujoco = uses_mujoco or _IMPORTS_MUJOCO.search(content) is not None
+    if uses_mujoco:
+        total.update(version("mujoco").encode())
     return total.hexdigest()
 
 

@@ -170,20 +170,18 @@ _pull_early = types.ExternalFunction("cc_mujoco_pull_early", _CHECK_SIGNATURE)
 _check = types.ExternalFunction("cc_mujoco_check", _CHECK_SIGNATURE)
 
 
-def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
+def compile_callbacks(cache: bool) -> dict[str, Any]:
     """Compile the callbacks.
 
     Args:
-        stamp: what their code depends on besides this file; part of their cache key.
         cache: whether to keep the compiled code on disk.
     """
     options: Any = {"cache": cache, "error_model": "numpy"}
-    compile_leading(stamp, options)
+    compile_leading(options)
 
     @cfunc(_REFUSED_SIGNATURE, **options)
     def refused(model: int, instance: int) -> int:
         """Return whether the instance cannot be used; if so, report why to MuJoCo."""
-        _ = stamp
         message = np.zeros(MESSAGE_CAPACITY, np.uint8)
         start = begin_message(message, model, instance)
         used = attachments.explain(message, start, model, instance)
@@ -232,7 +230,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_REFUSED_SIGNATURE, **options)
     def route(model: int, instance: int) -> int:
         """Return the spatial tendon that is the route of the instance, or -1."""
-        _ = stamp
         attributes = mj_struct.attributes(model, instance)
         written = config.key_text(attributes, config.ROUTE)
         return attachments.find_route(model, instance, written)
@@ -246,7 +243,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         Returns:
             Whether they can be used.
         """
-        _ = stamp
         attributes = mj_struct.attributes(model, instance)
         n = load_word(block + SEGMENTS)
         values = np.empty(config.SCALARS)
@@ -301,7 +297,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_TURN_SIGNATURE, **options)
     def turn(model: int, data: int, tendon: int) -> float:
         """Return the total turning angle of a tendon at the last position [rad]."""
-        _ = stamp
         whole, total = np.ones(1), np.empty(1)
         points = mj_struct.integer(data, mj_struct.TEN_WRAPNUM, tendon)
         length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
@@ -313,7 +308,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def wrap(model: int, data: int, instance: int, out: int) -> None:
         """Wrap angles of the segments of an instance at the last position."""
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
@@ -327,7 +321,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def compliance(model: int, data: int, instance: int, out: int) -> None:
         """Write an instance's node compliances [m/N], then its elastic energy [J]."""
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
@@ -356,7 +349,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def limits(model: int, data: int, instance: int, out: int) -> None:
         """Write the longest stable time steps of an instance (3,) [s] to an address."""
-        _ = stamp
         follow_all_paths(model, data, instance)
         stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
@@ -365,7 +357,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def aim(model: int, data: int, instance: int, out: int) -> None:
         """Write the prediction of an instance's ends (`predict_ends`) to an address."""
-        _ = stamp
         kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
         lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
         area = lead + load_word(lead + PREDICTION_AREA)
@@ -382,7 +373,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(_CHECK_SIGNATURE, **options)
     def missed(model: int, data: int, instance: int) -> None:
         """Warn, once, of each geom in the path of an instance that it never touches."""
-        _ = stamp
         message = np.zeros(MESSAGE_CAPACITY, np.uint8)
         start = begin_message(message, model, instance)
         used = append(message, start, guides.GEOMS_SEARCHED)
@@ -406,7 +396,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
         What was refused at load can also be set on the compiled model.
         """
-        _ = stamp
         message = np.zeros(MESSAGE_CAPACITY, np.uint8)
         start = begin_message(message, model, instance)
         used = attachments.explain(message, start, model, instance)
@@ -445,7 +434,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
         is given, an implicit end looks ahead by that.
         """
-        _ = stamp
         block = mj_struct.block(data, instance)
         if mj_struct.disabled(model, _NO_ACTUATION) or has_no_passive(model):
             return
@@ -479,7 +467,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         They depend on an acceleration that is no part of the state; what is left of
         them by rounding must not reach the simulation.
         """
-        _ = stamp
         kind, nv = (
             mj_struct.integer(model, mj_struct.PLUGIN, instance),
             mj_struct.dofs(model),
@@ -508,7 +495,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(types.void(types.intp, types.intp, types.int32), **options)
     def settle(model: int, data: int, instance: int) -> None:
         """Lay the cable at rest, with its ends where they are at the last position."""
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
@@ -535,7 +521,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(integer(address, integer), **options)
     def nstate(model: int, instance: int) -> int:
-        _ = stamp
         attributes = mj_struct.attributes(model, instance)
         n = max(config.segment_count(attributes), 1)
         more = open_path.memory_size(n) if config.is_open(attributes) else 0
@@ -543,7 +528,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(integer(address, address, integer), **options)
     def init(model: int, data: int, instance: int) -> int:
-        _ = stamp
         mj_struct.set_block(data, instance, 0)
         if _refused(model, instance) != 0:
             return -1
@@ -592,7 +576,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, integer), **options)
     def destroy(data: int, instance: int) -> None:
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block != 0:
             release(block)
@@ -600,7 +583,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, address, integer), **options)
     def reset(model: int, state: int, block: int, instance: int) -> None:
-        _ = stamp
         if block == 0 or not update_parameters(block, model, instance):
             return
         store_real(block + CHECKED_TIMESTEP, 0.0)
@@ -617,7 +599,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block == 0:
             return
@@ -703,7 +684,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, integer), **options)
     def advance(model: int, data: int, instance: int) -> None:
-        _ = stamp
         block = mj_struct.block(data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,26 +14,11 @@ import mujoco
 from mujoco.introspect.enums import ENUMS
 
 from cc_mujoco._utils.code_stamp import digest
-from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin._callbacks import compile_callbacks
 from cc_mujoco.plugin._config import PLUGIN
 from cc_mujoco.plugin._ffi import LIBRARY
-
-
-def _stamp() -> str:
-    """Return a digest of what compiled code depends on beyond its own source file.
-
-    Numba's cache checks only the file of a function. The digest also changes with the
-    kernel, the parameter table and MuJoCo's layout.
-    """
-    digest = hashlib.sha256(mujoco.__version__.encode())
-    for module in (mj_offsets, kernel):
-        for source in sorted(Path(str(module.__file__)).parent.glob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
-
 
 _CAPABILITIES = ENUMS["mjtPluginCapabilityBit"].values
 _ACTUATOR = int(_CAPABILITIES["mjPLUGIN_ACTUATOR"])
@@ -117,8 +101,7 @@ def plugin_function(name: str) -> Any:
 
 def code_digest() -> str:
     """Return the digest of the plugin's sources and of the version of MuJoCo."""
-    sources = digest(Path(__file__), Path(__file__).parents[1])
-    return hashlib.sha256(f"{sources} {mujoco.__version__}".encode()).hexdigest()
+    return digest(Path(__file__), Path(__file__).parents[1])
 
 
 class _SymbolInfo(ctypes.Structure):
@@ -165,11 +148,10 @@ def _require_same_code(file: str) -> ctypes.CDLL:
 
 def compiled_callbacks() -> dict[str, Any]:
     """Return the compiled callbacks by their names in `mjpPlugin`."""
-    stamp = _stamp()
     try:
-        return compile_callbacks(stamp, cache=True)
+        return compile_callbacks(cache=True)
     except RuntimeError:  # Numba finds no folder for its cache.
-        return compile_callbacks(stamp, cache=False)
+        return compile_callbacks(cache=False)
 
 
 def add_plugin(

@@ -99,7 +99,7 @@ def _exchange_mocap(model: int, data: int, held: Floats) -> None:
             held[body, i] = before
 
 
-def compile_leading(stamp: str, options: dict[str, Any]) -> None:
+def compile_leading(options: dict[str, Any]) -> None:
     """Compile these functions; arguments as in `_callbacks.compile_callbacks`."""
 
     @cfunc(_SURVEY_SIGNATURE, **options)
@@ -108,7 +108,6 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
 
         `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
         """
-        _ = stamp
         n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
         tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
         seen = floats(shape, size)
@@ -140,7 +139,6 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
     @cfunc(_REFER_SIGNATURE, **options)
     def refer_path(block: int, model: int, data: int) -> None:
         """Measure the open path in the pose `qpos0` and make its mesh."""
-        _ = stamp
         n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
         nq = mj_struct.positions(model)
         present, rest = (
@@ -195,7 +193,6 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
     @cfunc(_LAY_SIGNATURE, **options)
     def lay_path(block: int, shape: int, state: int) -> None:
         """Give the packed segments the path at an address, as seen from a state."""
-        _ = stamp
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         contacts, changed = layout.contact_length(prm, n), False
@@ -220,7 +217,6 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
     @cfunc(_FOLLOW_SIGNATURE, **options)
     def follow_path(block: int, model: int, data: int, state: int) -> None:
         """Lead the cable along its path at the last position, from a state."""
-        _ = stamp
         tendon = load_word(block + ROUTE)
         if tendon < 0:
             return
@@ -243,7 +239,6 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
     @cfunc(_PULL_SIGNATURE, **options)
     def pull_path(block: int, model: int, data: int) -> None:
         """Pull with the pieces of an open cable, as last evaluated."""
-        _ = stamp
         n, nv = load_word(block + SEGMENTS), mj_struct.dofs(model)
         target = load_word(data + mj_struct.QFRC_PASSIVE)
         last = floats(pulls_at(block, n), nv)

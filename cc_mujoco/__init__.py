@@ -14,20 +14,18 @@ the rest: `cable` the physics, `plugin` the MuJoCo plugin, `device`, `human`, `c
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 
 import lazy_loader
+
+from cc_mujoco._mujoco_import import register_with_mujoco
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.1.0"
 
-# MuJoCo loads models with cables once `cc_mujoco.plugin` is imported. Where MuJoCo is
-# imported later, it does that itself, by the entry point `cc_mujoco_plugin`: the plugin
-# takes a second to import, for which `cc-mujoco --help` need not wait.
-if "mujoco" in sys.modules:
-    import_module("cc_mujoco.plugin")
+# MuJoCo loads models with cables once `cc_mujoco.plugin` is imported.
+register_with_mujoco()
 
 # `gymnasium.make` knows the environments.
 import_module("cc_mujoco.envs").register()

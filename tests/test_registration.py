@@ -28,6 +28,23 @@ SCRIPTS = {
     "MuJoCo alone": (
         "import sys, mujoco\nassert not {'cc_mujoco', 'numba'} & set(sys.modules)"
     ),
+    "the physics and estimation": (
+        "import sys, cc_mujoco.cable, cc_mujoco.estimation\n"
+        "assert cc_mujoco.cable.replay and cc_mujoco.estimation.FrictionEstimator\n"
+        "assert not {'mujoco', 'cc_mujoco.plugin'} & set(sys.modules)"
+    ),
+    "a MuJoCo too old for the plugin": (
+        "import sys, mujoco\n"
+        "mujoco.__version__, mujoco.mj_version = '3.16.0', lambda: 3_016_000\n"
+        "import cc_mujoco.cable\n"
+        "assert 'cc_mujoco.plugin' not in sys.modules\n"
+        "try:\n"
+        "    cc_mujoco.read\n"
+        "except ImportError as error:\n"
+        "    assert 'need mujoco 3.17 or newer, not 3.16.0' in str(error), error\n"
+        "else:\n"
+        "    raise AssertionError"
+    ),
     "nothing else": (
         "import sys, cc_mujoco\n"
         "assert not {'mujoco', 'numba', 'scipy'} & set(sys.modules)\n"

@@ -40,7 +40,7 @@ def source_files() -> dict[str, Path]:
     """Map the place of every source file in the wheel to its place in the checkout."""
     inside = {"cc_mujoco": "cc_mujoco", "envs": "cc_mujoco/envs"}
     inside["assets"] = "cc_mujoco/assets"
-    found = {
+    return {
         f"{inside[top]}/{path.relative_to(ROOT / top).as_posix()}": path
         for top in SOURCES
         for path in (ROOT / top).rglob("*")
@@ -48,8 +48,6 @@ def source_files() -> dict[str, Path]:
         and "__pycache__" not in path.parts
         and path.suffix not in (".md", ".png", ".webp")  # pages stay with the sources
     }
-    entry = "cc_mujoco/_entry_point/__init__.py"  # installed beside the package
-    return found | {"cc_mujoco_plugin/__init__.py": found.pop(entry)}
 
 
 def run(*command: str | Path, cwd: Path) -> None:

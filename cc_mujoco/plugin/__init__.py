@@ -1,12 +1,18 @@
 """Cables inside MuJoCo: the engine plugin, MJCF configuration, readings.
 
 Importing this package registers the plugin `cc_mujoco.cable`.
+
+Raises:
+    ImportError: this MuJoCo cannot run the plugin.
 """
+
+from importlib import import_module
 
 import lazy_loader
 
-from cc_mujoco.plugin._registration import register
+from cc_mujoco._mujoco_import import require_plugin_support
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-register()
+require_plugin_support()  # first, as the modules of the plugin use what is new in it
+import_module("cc_mujoco.plugin._registration").register()

@@ -1,0 +1,91 @@
+"""Registration of the engine plugin at the import of MuJoCo, whichever comes first.
+
+MuJoCo has to know the plugin before it loads a model with cables. The plugin takes a
+second to import, for which a program without MuJoCo need not wait. The entry points
+that MuJoCo 4 calls do the same, but MuJoCo 3 calls none.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+OLDEST_MUJOCO = (3, 17)
+"""Oldest release of MuJoCo on which the plugin is right; tested on it and the newest.
+
+Earlier ones load it, but not all cables on open paths conserve energy there.
+"""
+
+
+def register_with_mujoco() -> None:
+    """Register the plugin now, or once MuJoCo has been imported.
+
+    On a MuJoCo before `OLDEST_MUJOCO` the plugin is left out.
+    """
+    if "mujoco" in sys.modules:
+        _register()
+    else:
+        sys.meta_path.insert(0, _MujocoFinder())
+
+
+def require_plugin_support() -> None:
+    """Require a MuJoCo that can run the plugin.
+
+    Raises:
+        ImportError: it is older than `OLDEST_MUJOCO`.
+    """
+    if not _supports_plugin():
+        oldest = ".".join(map(str, OLDEST_MUJOCO))
+        raise ImportError(
+            f"cables inside MuJoCo need mujoco {oldest} or newer, not "
+            f"{_mujoco().__version__}; `pip install --upgrade mujoco` brings it, and "
+            "cc_mujoco.cable and cc_mujoco.estimation work without"
+        )
+
+
+def _mujoco() -> Any:
+    return import_module("mujoco")
+
+
+def _supports_plugin() -> bool:
+    major, minor = OLDEST_MUJOCO
+    return bool(_mujoco().mj_version() >= 1_000_000 * major + 1_000 * minor)
+
+
+def _register() -> None:
+    if _supports_plugin():
+        import_module("cc_mujoco.plugin")
+
+
+class _MujocoFinder(MetaPathFinder):
+    """Finder that leaves MuJoCo to the finders behind it, and registers after it."""
+
+    def find_spec(
+        self,
+        fullname: str,
+        path: Sequence[str] | None,
+        target: ModuleType | None = None,
+    ) -> ModuleSpec | None:
+        """Return what another finder finds of MuJoCo, and nothing of other modules."""
+        if fullname != "mujoco":
+            return None
+        others = (finder for finder in sys.meta_path if finder is not self)
+        found = (finder.find_spec(fullname, path, target) for finder in others)
+        spec = next((spec for spec in found if spec is not None), None)
+        if spec is not None and spec.loader is not None:
+            loader: Any = spec.loader
+            execute = loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                execute(module)
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
+                    _register()
+
+            loader.exec_module = execute_and_register
+        return spec

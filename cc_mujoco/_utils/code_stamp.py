@@ -18,8 +18,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
-
 _IMPORTS_MUJOCO = re.compile(rb"^\s*(?:import|from) mujoco\b", re.MULTILINE)
 _packages: set[Path] = set()
 """Folders of the packages whose functions have such a stamp."""
@@ -42,7 +40,9 @@ def _replace_stamp() -> None:
     An index of an earlier version may name a class that has another name or place now.
     Numba reads the index before it compares the stamps; here it counts as outdated.
     """
-    locator: Any = _SourceFileBackedLocatorMixin
+    from numba.core import caching
+
+    locator: Any = caching._SourceFileBackedLocatorMixin
     usual = locator.get_source_stamp
 
     def get_source_stamp(self: Any) -> Any:
@@ -52,7 +52,7 @@ def _replace_stamp() -> None:
         return digest(file, package) if ours else usual(self)
 
     locator.get_source_stamp = get_source_stamp
-    index: Any = IndexDataCacheFile
+    index: Any = caching.IndexDataCacheFile
     usual_index = index._load_index
 
     def load_index(self: Any) -> Any:

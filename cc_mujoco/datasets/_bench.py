@@ -37,7 +37,7 @@ from cc_mujoco.device._derivation import excursion, known_torque_noise
 from cc_mujoco.device._device import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import PLUGIN
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from cc_mujoco.device._scene_checks import (
 )
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 
 TORQUE_SHARE = 0.2

@@ -14,7 +14,7 @@ from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._derived_values import ASSUMED, GIVEN, DescriptionReader
 from cc_mujoco.device._description import FREE_ROOTS
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import PLUGIN
 
 MAX_RANGE = 6.0 * math.pi
 """Range of a driven hinge that looks like degrees [rad]."""

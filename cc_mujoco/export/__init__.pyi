@@ -4,7 +4,6 @@ from ._controllers import Field as Field
 from ._files import EXPORT_FILES as EXPORT_FILES
 from ._files import require_ours as require_ours
 from ._files import write as write
-from ._plugin_library import PLUGIN_LIBRARY as PLUGIN_LIBRARY
 from ._plugin_library import write_plugin as write_plugin
 from ._targets import TARGETS as TARGETS
 from ._targets import Target as Target

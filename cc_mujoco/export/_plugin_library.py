@@ -23,27 +23,25 @@ from cc_mujoco._utils.compilation import bitcode_of
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export._targets import LIBM, Target, emit
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
 from cc_mujoco.plugin._ffi import (
     CALLBACKS,
     DIGEST_SLOTS,
     DIGEST_TABLE,
     ENGINE_FUNCTIONS,
-    LIBRARY,
 )
 from cc_mujoco.plugin._registration import (
     CALLBACK_FIELDS,
-    CAPABILITIES,
     DIGEST_NAME,
     NEEDED_STAGE,
+    PLUGIN_LIBRARY,
     PYTHON_FUNCTIONS,
     code_digest,
     compiled_callbacks,
     file_of,
+    plugin_capabilities,
 )
 
-PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
-"""File name of the shared library."""
 _CONSTRUCTOR = "cc_mujoco_load"
 _TARGET = Target("x86_64-unknown-linux-gnu", "x86-64", "", "any Linux on x86-64")
 _PROVIDED = (
@@ -250,7 +248,7 @@ def _interface(callbacks: list[str]) -> str:
             f"@{DIGEST_TABLE} = global [{DIGEST_SLOTS} x i64] zeroinitializer",
             *(f"declare void @{name}()" for name in callbacks),
             f"@record = internal global {{ {layout} }} {{ ptr @plugin_name, "
-            f"i32 {len(KEYS)}, ptr @keys, i32 {CAPABILITIES}, i32 {NEEDED_STAGE}, "
+            f"i32 {len(KEYS)}, ptr @keys, i32 {plugin_capabilities()}, i32 {NEEDED_STAGE}, "
             f"{fields} }}",
             "declare i32 @mj_version()",
             "declare i32 @mjp_registerPlugin(ptr)",

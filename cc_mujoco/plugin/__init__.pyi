@@ -1,5 +1,5 @@
 from ._add_cable import add_cable as add_cable
-from ._config import PLUGIN as PLUGIN
+from ._engine import PLUGIN as PLUGIN
 from ._mjcf import from_mjcf as from_mjcf
 from ._mjcf import to_mjcf as to_mjcf
 from ._readings import CableReading as CableReading

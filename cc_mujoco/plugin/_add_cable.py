@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable._parameters import KEYS, Cable, Section
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._spec import (
     add_element,

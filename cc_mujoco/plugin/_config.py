@@ -34,14 +34,9 @@ from cc_mujoco.cable._parameters import (
     SEGMENTS_ALLOWED,
     Cable,
 )
+from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, append, internal, quote, text
 from cc_mujoco.plugin._parse_float import is_digit, is_space, number, strip
-
-PLUGIN = "cc_mujoco.cable"
-"""Name of the engine plugin."""
-
-REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
-"""Keys that an MJCF instance must give; other effects are off unless given."""
 
 ROLLING = -1.0
 """Radius that stands for a guide without friction."""

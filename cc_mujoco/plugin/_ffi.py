@@ -8,14 +8,11 @@ and hold no lock; nothing here checks bounds.
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding  # type: ignore[import-untyped]
 import llvmlite.ir as ir  # type: ignore[import-untyped]
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
@@ -25,22 +22,13 @@ from numba.extending import intrinsic
 
 from cc_mujoco._utils.compilation import internal as internal
 from cc_mujoco._utils.compilation import types as types
+from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._mj_offsets import offset, structure
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 
 _carray: Any = carray
-
-_LIBRARY_PATTERNS = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
-_LIBRARY_FOLDER = Path(mujoco.__file__).parent
-_LIBRARIES = sorted(
-    _LIBRARY_FOLDER.glob(_LIBRARY_PATTERNS.get(sys.platform, "libmujoco.so*"))
-)
-if not _LIBRARIES:
-    raise ImportError(f"cc_mujoco finds no MuJoCo library in {_LIBRARY_FOLDER}")
-LIBRARY = ctypes.CDLL(str(_LIBRARIES[-1]))
-"""The MuJoCo library that the Python bindings use."""
 
 
 def export(name: str, address: int | None) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._config import PLUGIN, REQUIRED
+from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
 from cc_mujoco.plugin._spec import add_element
 

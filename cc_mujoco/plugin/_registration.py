@@ -9,22 +9,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
-from mujoco.introspect.enums import ENUMS
 
 from cc_mujoco._utils.code_stamp import digest
 from cc_mujoco.cable._parameters import KEYS
-from cc_mujoco.plugin import _mj_offsets as mj_offsets
-from cc_mujoco.plugin._callbacks import compile_callbacks
-from cc_mujoco.plugin._config import PLUGIN
-from cc_mujoco.plugin._ffi import LIBRARY
+from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
 
-_CAPABILITIES = ENUMS["mjtPluginCapabilityBit"].values
-_ACTUATOR = int(_CAPABILITIES["mjPLUGIN_ACTUATOR"])
-_PASSIVE = int(_CAPABILITIES["mjPLUGIN_PASSIVE"])
-CAPABILITIES = _ACTUATOR | _PASSIVE
-"""Capabilities of the plugin, `mjtPluginCapabilityBit`."""
+PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
+"""File name of the shared library of the plugin."""
+_CARRIED = Path(__file__).with_name(PLUGIN_LIBRARY)
 NEEDED_STAGE = int(mujoco.mjtStage.mjSTAGE_ACC)
 CALLBACK_FIELDS = (
     "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute", "advance",
@@ -66,7 +59,9 @@ _library: ctypes.CDLL | None = None
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
-    A plugin that the process has from a shared library of the same code stays.
+    A shared library of the plugin that lies in this package is loaded, if it was made
+    of these sources for this MuJoCo; otherwise the plugin is compiled, or read from
+    Numba's cache. One that the process has loaded from a library before stays.
 
     Raises:
         ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
@@ -87,8 +82,9 @@ def register() -> None:
         if file is not None:
             _library = _require_same_code(file)
         return
-    mj_offsets.verify()
-    add_plugin(PLUGIN, compiled_callbacks(), KEYS, CAPABILITIES)
+    _library = _load_carried()
+    if _library is None:
+        add_plugin(PLUGIN, compiled_callbacks(), KEYS, plugin_capabilities())
 
 
 def plugin_function(name: str) -> Any:
@@ -96,12 +92,29 @@ def plugin_function(name: str) -> Any:
     kind, symbol = PYTHON_FUNCTIONS[name], f"cc_mujoco_{name}"
     if _library is not None:
         return kind((symbol, _library))
+    import llvmlite.binding  # type: ignore[import-untyped]
+
     return kind(llvmlite.binding.address_of_symbol(symbol))
 
 
 def code_digest() -> str:
     """Return the digest of the plugin's sources and of the version of MuJoCo."""
     return digest(Path(__file__), Path(__file__).parents[1])
+
+
+def _load_carried() -> ctypes.CDLL | None:
+    """Load the shared library in this package, if it fits; that registers the plugin.
+
+    It runs on every x86-64 processor; a system with an older glibc than the one it was
+    linked with, or without glibc, cannot load it.
+    """
+    if not _CARRIED.is_file() or code_digest().encode() not in _CARRIED.read_bytes():
+        return None
+    try:
+        library = ctypes.CDLL(str(_CARRIED))
+    except OSError:
+        return None
+    return library if plugin_slot() >= 0 else None
 
 
 class _SymbolInfo(ctypes.Structure):
@@ -146,8 +159,24 @@ def _require_same_code(file: str) -> ctypes.CDLL:
     return library
 
 
+def plugin_capabilities() -> int:
+    """Return the capabilities of the plugin, `mjtPluginCapabilityBit`."""
+    from mujoco.introspect.enums import ENUMS
+
+    bits = ENUMS["mjtPluginCapabilityBit"].values
+    return int(bits["mjPLUGIN_ACTUATOR"]) | int(bits["mjPLUGIN_PASSIVE"])
+
+
 def compiled_callbacks() -> dict[str, Any]:
-    """Return the compiled callbacks by their names in `mjpPlugin`."""
+    """Return the compiled callbacks by their names in `mjpPlugin`.
+
+    Raises:
+        ImportError: this MuJoCo lays its structures out in another way than it says.
+    """
+    from cc_mujoco.plugin import _mj_offsets as mj_offsets
+    from cc_mujoco.plugin._callbacks import compile_callbacks
+
+    mj_offsets.verify()
     try:
         return compile_callbacks(cache=True)
     except RuntimeError:  # Numba finds no folder for its cache.

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._config import PLUGIN
+from cc_mujoco.plugin._engine import PLUGIN
 
 _OWN = {
     "alt", "classname", "compiler", "frame", "fromto", "id", "info", "name", "parent",

@@ -16,7 +16,8 @@ from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._config import PLUGIN, constant
+from cc_mujoco.plugin._config import constant
+from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
     Bytes,

@@ -29,8 +29,8 @@ from cc_mujoco.control._cable_model import follow
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 from cc_mujoco.human._tasks import clamp, spring_torque, tunnel_torque
 from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._ffi import (
-    LIBRARY,
     floats,
     load_real,
     load_word,

@@ -14,13 +14,15 @@ import pytest
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import PLUGIN_LIBRARY, write_plugin
-from cc_mujoco.plugin._registration import code_digest
+from cc_mujoco.export import write_plugin
+from cc_mujoco.plugin import _registration as registration
+from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or os.uname().machine != "x86_64" or not shutil.which("ld"),
     reason="the library is for Linux on x86-64 and linked by `ld`",
 )
+ROOT = Path(__file__).parents[2]
 SCENES = sorted(scene_path("wrist").parent.glob("*.xml"))
 
 STEPS = """
@@ -80,6 +82,12 @@ for file in sys.argv[2:]:
             print(plugin.route_wrap(model, data, name))
         except ValueError as error:
             print(error)
+"""
+
+SETTLED = """
+import cc_mujoco
+cc_mujoco.plugin.settle(model, data)
+assert not {"numba", "llvmlite"} & set(sys.modules)
 """
 
 STALE = """
@@ -183,6 +191,36 @@ def test_library_of_other_code_is_no_plugin_for_python(
     other.write_bytes(content.replace(digest, b"0" * len(digest)))
     said = run(sys.executable, "-P", "-c", STALE, other, cwd=tmp_path)
     assert f"that of {other}, written by another version of cc_mujoco" in said
+
+
+def test_library_in_the_package_takes_the_place_of_numba(
+    library: Path, tmp_path: Path
+) -> None:
+    for folder, place in (("cc_mujoco", ""), ("envs", "envs"), ("assets", "assets")):
+        ignore = shutil.ignore_patterns("__pycache__", PLUGIN_LIBRARY)
+        shutil.copytree(
+            ROOT / folder,
+            tmp_path / "cc_mujoco" / place,
+            ignore=ignore,
+            dirs_exist_ok=True,
+        )
+    shutil.copy(library, tmp_path / "cc_mujoco" / "plugin")
+    scene = scene_path("wrist")
+    carried = run(sys.executable, "-c", STEPS + SETTLED, "", scene, cwd=tmp_path)
+    loaded = run(sys.executable, "-P", "-c", STEPS, library, scene, cwd=tmp_path)
+    assert carried == loaded
+
+
+def test_library_in_the_package_that_does_not_fit_is_left_alone(
+    library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digest = code_digest().encode()
+    stale = library.read_bytes().replace(digest, b"0" * len(digest))
+    for content in (stale, b"no library: " + digest):
+        file = tmp_path / PLUGIN_LIBRARY
+        file.write_bytes(content)
+        monkeypatch.setattr(registration, "_CARRIED", file)
+        assert registration._load_carried() is None
 
 
 def test_library_refuses_a_configuration_as_python_does(

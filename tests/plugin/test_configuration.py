@@ -11,7 +11,7 @@ from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._parameters import BEND_ALLOWED, CONDUIT_ALLOWED
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import PLUGIN, from_mjcf
-from cc_mujoco.plugin._config import REQUIRED
+from cc_mujoco.plugin._engine import REQUIRED
 from plugin.scenes import CONFIG, build, end, instance, model, pull_pull
 
 NOT_NUMBERS = ("abc", "4o", "nan", "inf", "1e400", "-1", "1e300", "1 2", " ")

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 import cc_mujoco
 from cc_mujoco.plugin._mj_offsets import structure
-from cc_mujoco.plugin._ffi import LIBRARY
+from cc_mujoco.plugin._engine import LIBRARY
 XML = {pull_pull()!r}
 LIMITED = {LIMITED!r}
 ASLEEP = {ASLEEP!r}

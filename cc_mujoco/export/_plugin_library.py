@@ -248,8 +248,8 @@ def _interface(callbacks: list[str]) -> str:
             f"@{DIGEST_TABLE} = global [{DIGEST_SLOTS} x i64] zeroinitializer",
             *(f"declare void @{name}()" for name in callbacks),
             f"@record = internal global {{ {layout} }} {{ ptr @plugin_name, "
-            f"i32 {len(KEYS)}, ptr @keys, i32 {plugin_capabilities()}, i32 {NEEDED_STAGE}, "
-            f"{fields} }}",
+            f"i32 {len(KEYS)}, ptr @keys, i32 {plugin_capabilities()}, "
+            f"i32 {NEEDED_STAGE}, {fields} }}",
             "declare i32 @mj_version()",
             "declare i32 @mjp_registerPlugin(ptr)",
             "declare void @mju_warning(ptr, ...)",

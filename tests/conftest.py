@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import os
+import platform
+import shutil
 import sys
 from collections.abc import Generator
 from importlib.metadata import version
@@ -143,6 +146,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.get_closest_marker("slow") is None,
         )
     )
+
+
+@pytest.fixture(scope="session")
+def plugin_library(pytestconfig: pytest.Config) -> Path | None:
+    """Write the plugin as a shared library once per version; none where it cannot be.
+
+    It takes a quarter of a minute, so it is kept for other workers and later runs.
+    """
+    if sys.platform != "linux" or platform.machine() != "x86_64":
+        return None
+    if shutil.which("ld") is None:
+        return None
+    from cc_mujoco.export import write_plugin
+    from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
+
+    folder = pytestconfig.cache.mkdir("plugin")
+    kept = folder / PLUGIN_LIBRARY
+    if not kept.exists() or code_digest().encode() not in kept.read_bytes():
+        partial = folder / f"of {os.getpid()}"
+        write_plugin(partial).replace(kept)
+        partial.rmdir()
+    return kept
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

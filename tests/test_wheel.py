@@ -11,11 +11,22 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import wheel_backend
 
 ROOT = Path(__file__).parents[1]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 SOURCES = ("cc_mujoco", "envs", "assets")
+LIBRARY = "cc_mujoco/plugin/libcc_mujoco_cable.so"
 
+STEP = """
+import sys
+import cc_mujoco
+import mujoco
+from cc_mujoco.assets import scene_path
+model = mujoco.MjModel.from_xml_path(str(scene_path("wrist")))
+mujoco.mj_step(model, mujoco.MjData(model))
+assert not {"numba", "llvmlite"} & set(sys.modules)
+"""
 SMOKE = """
 import sys
 from pathlib import Path
@@ -47,6 +58,7 @@ def source_files() -> dict[str, Path]:
         if path.is_file()
         and "__pycache__" not in path.parts
         and path.suffix not in (".md", ".png", ".webp")  # pages stay with the sources
+        and path.suffix != ".so"  # made of these sources
     }
 
 
@@ -69,19 +81,35 @@ def test_every_folder_with_modules_is_a_listed_package() -> None:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a source distribution of a copy.
+def wheel(plugin_library: Path | None, copy: Path) -> Path:
+    """Build the wheel from a source distribution, with the plugin of other tests."""
+    return build(copy, f"--config-setting=plugin={plugin_library or 'none'}")
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy the sources.
 
     In the checkout itself setuptools would also take what an earlier build left behind.
     """
     copy = tmp_path_factory.mktemp("copy")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, copy)
+    (copy / "scripts").mkdir()
+    shutil.copy(ROOT / "scripts" / "wheel_backend.py", copy / "scripts")
     for name in SOURCES:
-        ignore = shutil.ignore_patterns("__pycache__")
+        ignore = shutil.ignore_patterns("__pycache__", "*.so")
         shutil.copytree(ROOT / name, copy / name, ignore=ignore)
+    return copy
+
+
+def build(copy: Path, *settings: str) -> Path:
     dist = copy / "dist"
-    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", dist, cwd=copy)
+    shutil.rmtree(dist, ignore_errors=True)
+    run(
+        *(sys.executable, "-m", "build", "--no-isolation", "--outdir", dist, *settings),
+        cwd=copy,
+    )
     (built,) = dist.glob("*.whl")
     return built
 
@@ -123,10 +151,53 @@ def lend_compiled(package: Path) -> None:
 
 
 @pytest.mark.wheel
-def test_wheel_holds_every_source_file(wheel: Path) -> None:
+def test_wheel_holds_every_source_file_and_the_plugin(
+    wheel: Path, plugin_library: Path | None
+) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {n for n in names if ".dist-info/" not in n} == set(source_files())
+    expected = {*source_files()} | ({LIBRARY} if plugin_library else set())
+    assert {n for n in names if ".dist-info/" not in n} == expected
     assert any(n.endswith("licenses/LICENSE") for n in names)
+    assert wheel.stem.endswith("_x86_64" if plugin_library else "-any")
+
+
+@pytest.mark.wheel
+def test_installed_plugin_needs_no_numba(
+    installed: Path, plugin_library: Path | None, tmp_path: Path
+) -> None:
+    if plugin_library is None:
+        pytest.skip("the library is for Linux on x86-64 and linked by `ld`")
+    run(installed / "python", "-c", STEP, cwd=tmp_path)
+
+
+@pytest.mark.wheel
+@pytest.mark.parametrize(
+    "content, reason",
+    [(None, "cannot be read: No such file"), (b"", "is no plugin of these sources")],
+)
+def test_library_that_is_no_plugin_of_these_sources_is_refused(
+    content: bytes | None,
+    reason: str,
+    wheel: Path,
+    tmp_path: Path,
+) -> None:
+    if wheel.stem.endswith("-any"):
+        pytest.skip("only wheels for Linux on x86-64 hold a library")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path)
+    file = tmp_path / "given.so"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(SystemExit, match=reason):
+        wheel_backend._given(file, tmp_path)
+
+
+@pytest.mark.study
+def test_wheel_compiles_the_plugin_that_it_carries(copy: Path, tmp_path: Path) -> None:
+    """The file is that of `cc-mujoco plugin`, to the byte."""
+    run("cc-mujoco", "plugin", "--out", tmp_path / "made", cwd=tmp_path)
+    made = (tmp_path / "made" / Path(LIBRARY).name).read_bytes()
+    assert zipfile.ZipFile(build(copy)).read(LIBRARY) == made
 
 
 @pytest.mark.wheel

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -18,10 +17,6 @@ from cc_mujoco.export import write_plugin
 from cc_mujoco.plugin import _registration as registration
 from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
 
-pytestmark = pytest.mark.skipif(
-    sys.platform != "linux" or os.uname().machine != "x86_64" or not shutil.which("ld"),
-    reason="the library is for Linux on x86-64 and linked by `ld`",
-)
 ROOT = Path(__file__).parents[2]
 SCENES = sorted(scene_path("wrist").parent.glob("*.xml"))
 
@@ -156,9 +151,11 @@ def run(*command: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_plugin(tmp_path_factory.mktemp("plugin"))
+@pytest.fixture
+def library(plugin_library: Path | None) -> Path:
+    if plugin_library is None:
+        pytest.skip("the library is for Linux on x86-64 and linked by `ld`")
+    return plugin_library
 
 
 def test_library_computes_the_bits_of_python(library: Path, tmp_path: Path) -> None:

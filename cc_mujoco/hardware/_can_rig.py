@@ -3,7 +3,8 @@
     CanRig(CanAddress("can0"))                      # SocketCAN
     CanRig(CanAddress("PCAN_USBBUS1", "pcan", bus={"f_clock_mhz": 80, ...}))
 
-A packet is the data of one frame, with bit-rate switch.
+A packet is the data of one frame, with bit-rate switch. Several rigs of a process share
+a bus: an interface may open it only once, and a frame is read once for all.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import difflib
 import importlib.util
 import logging
 import re
-from collections import Counter
+from collections import Counter, deque
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
@@ -36,11 +38,28 @@ _BUS_OFF = 0x40
 _NULL_HANDLER = logging.NullHandler()
 
 
+@dataclass
+class _SharedBus:
+    """An open bus with the packets that came for each of its links."""
+
+    bus: can.BusABC
+    waiting: dict[tuple[int, bool], deque[bytes]] = field(default_factory=dict)
+    """Packets by identifier, and by whether it has 29 bits."""
+
+
+CanBuses = dict[tuple[str, str], _SharedBus]
+"""Buses that are open, by channel and interface."""
+
+
 class CanLink:
     """A packet in a CAN FD frame; frames with other identifiers are left alone."""
 
-    def __init__(self, address: CanAddress) -> None:
-        """Open the bus; nothing is sent yet.
+    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            address: On the bus.
+            buses: Those that are open, to which that of the address is added.
 
         Raises:
             CableError: python-can is not installed, the interface is unknown, cannot be
@@ -50,11 +69,20 @@ class CanLink:
         self.where = _bus_name(address)
         self._address = address
         self._can = _python_can()
-        self._bus = _open_bus(self._can, address)
+        buses = {} if buses is None else buses
+        place = address.channel, address.interface
+        if place not in buses:
+            buses[place] = _SharedBus(_open_bus(self._can, address))
+        self._bus, self._waiting = buses[place].bus, buses[place].waiting
+        self._own: deque[bytes] = deque(maxlen=MAX_DRAINED_FRAMES)
+        self._identifier = address.reading_id, address.reading_id > MAX_SHORT_ID
+        self._waiting[self._identifier] = self._own
         self._failure_counts = {"sent to": 0, "read from": 0}
 
     def receive(self) -> bytes | None:
         """See `Link`."""
+        if self._own:
+            return self._own.popleft()
         for _ in range(MAX_DRAINED_FRAMES):
             try:
                 # Without filters of python-can: by those a frame of others would look
@@ -68,10 +96,12 @@ class CanLink:
             if frame.is_error_frame:
                 self.ignored["error frame"] += 1
                 self._require_on(frame)
-            elif not frame.is_remote_frame and _has_identifier(
-                frame, self._address.reading_id
-            ):
-                return bytes(frame.data)
+            elif not frame.is_remote_frame:
+                name = frame.arbitration_id, frame.is_extended_id
+                if name == self._identifier:
+                    return bytes(frame.data)
+                if name in self._waiting:
+                    self._waiting[name].append(bytes(frame.data))
         return None
 
     def send(self, data: bytes) -> None:
@@ -91,7 +121,10 @@ class CanLink:
         self._failure_counts["sent to"] = 0
 
     def close(self) -> None:
-        """See `Link`."""
+        """See `Link`; the last one closes the bus."""
+        self._waiting.pop(self._identifier, None)
+        if self._waiting:
+            return
         try:
             self._bus.shutdown()
         except Exception:  # of a device that was pulled out, say
@@ -117,13 +150,17 @@ class CanLink:
 class CanRig(PacketRig):
     """A rig on a CAN FD bus."""
 
-    def __init__(self, address: CanAddress) -> None:
-        """Open the bus; nothing is sent yet.
+    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            address: On the bus.
+            buses: Those that are open, see `CanLink`.
 
         Raises:
             CableError: As `CanLink`.
         """
-        super().__init__(CanLink(address))
+        super().__init__(CanLink(address, buses))
 
 
 def _python_can() -> ModuleType:
@@ -223,8 +260,3 @@ def _bus_name(address: CanAddress) -> str:
 def _error_text(error: Exception) -> str:
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(message).split()).rstrip(".")
-
-
-def _has_identifier(frame: can.Message, identifier: int) -> bool:
-    long = identifier > MAX_SHORT_ID
-    return frame.arbitration_id == identifier and frame.is_extended_id == long

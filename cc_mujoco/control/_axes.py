@@ -53,6 +53,11 @@ class AxesController(Controller):
         for law in self.laws:
             law.reset(where)
 
+    def given(self, torque: Any) -> None:
+        """Accept the torques that the motors got (axes,); see `Controller.given`."""
+        for law, own in zip(self.laws, torque, strict=True):
+            law.given(own)
+
     def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """Return the torque of every motor [N m], (..., axes)."""
         torques = [

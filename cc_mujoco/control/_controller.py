@@ -61,8 +61,10 @@ class Controller(ABC):
             A float for numbers, an array for arrays.
         """
 
-    def given(self, torque: float) -> None:  # noqa: B027, most do not ask
+    def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
         """Accept the torque that the motor got instead of the last one [N m].
+
+        Of several axes it is that of every motor, (axes,).
 
         A host calls this if its limits (of rate, a soft start) are not those of the
         drive. Otherwise a model would continue from the wrong torque.

@@ -3,10 +3,11 @@
     python scripts/play_rig.py --port 5005 --effect viscous_friction --amount 200
     python scripts/play_rig.py --rig rig.toml
 
-It is at a port of this machine, or at the address in a `rig.toml`, on CAN as well. The
-bench of `scripts/diagnosis_study/driven.py`. It answers with a reading every `--period`
-(500 Hz unless given), and has the watchdog that the packet demands of a rig: no command
-for 50 ms, no torque.
+It is at a port of this machine, or at the addresses in a `rig.toml`, on CAN as well.
+The bench of `scripts/diagnosis_study/driven.py`; where the scene of the `rig.toml` has
+several axes, that device, on a wearer whose joints move in sines. Every axis answers
+with a reading every `--period` (500 Hz unless given), and has the watchdog that the
+packet demands of a rig: no command for 50 ms, no torque.
 """
 
 from __future__ import annotations
@@ -18,17 +19,30 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Protocol
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
 from driven import Bench, Instruments
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import CanAddress, CanLink, Status, read_settings
+from cc_mujoco.hardware import (
+    CanAddress,
+    CanLink,
+    Readings,
+    Settings,
+    Status,
+    read_axes,
+)
 from cc_mujoco.hardware import _packet as packet
+from cc_mujoco.hardware._can_rig import CanBuses
+from cc_mujoco.hardware._rig_axes import RigAxes
 from rig import make_rig
 from rig.makes import MAKES
 
@@ -36,6 +50,15 @@ PERIOD = 0.002
 """Time between two readings, by default [s]."""
 SILENCE = 0.05
 """Time without a command after which there is no torque [s]."""
+LONGEST = 600.0
+"""Time for which a device is played [s]."""
+STATE = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+)
+"""Columns of an axis that its encoders read."""
 
 
 Sender = tuple[str, int]
@@ -92,9 +115,9 @@ class UdpEnd:
 class CanEnd:
     """The other end of the address that a host has."""
 
-    def __init__(self, address: CanAddress) -> None:
+    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
         self.name = f"can:{address.channel}"
-        self._link = CanLink(address.other_end())
+        self._link = CanLink(address.other_end(), buses)
 
     def receive(self) -> tuple[bytes, Sender] | None:
         """See `End`."""
@@ -151,56 +174,157 @@ class Host:
         self.enabled, self.torque, self._sequence = False, 0.0, None
 
 
-def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) -> None:
+class Played(Protocol):
+    """Simulated motors, cables and joints of a rig."""
+
+    period: float
+    """Length of a step [s]."""
+
+    def advance(self, torques: Sequence[float]) -> None:
+        """Go on by a period with a torque of every motor [N m]."""
+
+    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
+        """Return the readings of the instruments of every axis."""
+
+
+class SwungBench:
+    """The bench of one axis, whose joint a hand swings."""
+
+    def __init__(
+        self, bench: Bench, seed: int, swing: float, swing_period: float
+    ) -> None:
+        self.period = bench.period
+        self._bench, self._instruments = bench, Instruments(seed, bench.period)
+        self._swing, self._pace = swing, 2.0 * math.pi / swing_period
+        self._time = 0.0
+        bench.advance(0.0, 0.0, 0.0)  # compiles
+
+    def advance(self, torques: Sequence[float]) -> None:
+        """See `Played`."""
+        size, along = self._swing * min(1.0, self._time), self._pace * self._time
+        turn, speed = math.sin(along), self._pace * math.cos(along)
+        self._bench.advance(torques[0], size * turn, size * speed)
+        self._time += self.period
+
+    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
+        """See `Played`."""
+        bench, status = self._bench, statuses[0]
+        return [self._instruments.readings(bench.state, bench.joint_torque, status)]
+
+
+class Worn:
+    """A device on a wearer whose joints move in sines; its axes have names."""
+
+    def __init__(self, device: Any) -> None:
+        """Begin an episode.
+
+        Args:
+            device: As `cc_mujoco/Device-v1` takes it.
+        """
+        self._env: Any = gymnasium.make(
+            "cc_mujoco/Device-v1",
+            device=device,
+            disable_env_checker=True,
+            trajectory="sine",
+            task="transparent",
+            duration=LONGEST,
+        ).unwrapped
+        _, self._info = self._env.reset(seed=1)
+        self.period: float = self._env.drives[0].period
+        self.names: tuple[str, ...] = self._env.device.axis_names
+
+    def advance(self, torques: Mapping[str, float]) -> None:
+        """Go on by a period with torques of the motors [N m]; others have none."""
+        given = np.array([torques.get(name, 0.0) for name in self.names])
+        action = self._env.action(given if given.size > 1 else float(given[0]))
+        *_, self._info = self._env.step(action)
+
+    def column(self, axis: str, name: str) -> float:
+        """Return what the sensors measure, without their errors."""
+        prefix = f"{axis}." if len(self.names) > 1 else ""
+        return float(self._info[prefix + name])
+
+    def close(self) -> None:
+        """End the episode."""
+        self._env.close()
+
+
+class WornRig:
+    """A device of which some axes, or all, have a motor that is commanded."""
+
+    def __init__(
+        self, worn: Worn, names: Sequence[str], seed: int, period: float
+    ) -> None:
+        self._steps = max(1, round(period / worn.period))
+        self.period = self._steps * worn.period
+        self._worn, self._names = worn, names
+        self._instruments = [
+            Instruments(seed + k, self.period) for k in range(len(names))
+        ]
+
+    def advance(self, torques: Sequence[float]) -> None:
+        """See `Played`."""
+        given = dict(zip(self._names, torques, strict=True))
+        for _ in range(self._steps):
+            self._worn.advance(given)
+
+    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
+        """See `Played`."""
+        found = []
+        for name, own, status in zip(
+            self._names, self._instruments, statuses, strict=True
+        ):
+            state = np.array([self._worn.column(name, each) for each in STATE])
+            torque = self._worn.column(name, "joint_torque_nm")
+            found.append(own.readings(state, torque, status))
+        return found
+
+
+def serve(ends: Sequence[End], played: Played) -> None:
     """Play until the process is terminated."""
-    period = bench.period
-    instruments, host = Instruments(seed, period), Host()
-    pace = 2.0 * math.pi / swing_period
+    hosts = [Host() for _ in ends]
     count, late = 0, 0
     begin = time.perf_counter()
     while True:
-        deadline = begin + count * period
+        deadline = begin + count * played.period
         while (now := time.perf_counter()) < deadline:
             time.sleep(max(deadline - now - 1e-4, 0.0))
-        late += now > deadline + period
-        had = host.address
-        while (found := end.receive()) is not None:
-            host.take(*found, now)
-        if had is not None and host.address is None:
-            print(f"told to stop; {late} of {count} periods late", flush=True)
-        host.watch(now)
-        time_ = count * period
-        size = swing * min(1.0, time_)
-        along = pace * time_
-        bench.advance(
-            host.torque, size * math.sin(along), size * pace * math.cos(along)
-        )
+        late += now > deadline + played.period
+        for end, host in zip(ends, hosts, strict=True):
+            had = host.address
+            while (found := end.receive()) is not None:
+                host.take(*found, now)
+            if had is not None and host.address is None:
+                print(f"told to stop; {late} of {count} periods late", flush=True)
+            host.watch(now)
+        played.advance([host.torque for host in hosts])
         count += 1
-        status = Status.ENABLED if host.enabled else Status.NONE
-        seen = instruments.readings(bench.state, bench.joint_torque, status)
-        if host.address is not None:
-            stamp = round(count * period * 1e9)
-            end.send(packet.pack_reading(count, stamp, seen), host.address)
+        statuses = [Status.ENABLED if host.enabled else Status.NONE for host in hosts]
+        stamp = round(count * played.period * 1e9)
+        for end, host, seen in zip(ends, hosts, played.readings(statuses), strict=True):
+            if host.address is not None:
+                end.send(packet.pack_reading(count, stamp, seen), host.address)
 
 
-def end_of(rig: Path | None, port: int) -> End:
-    """Return this end of a link.
-
-    Args:
-        rig: A `rig.toml` with the address, or None.
-        port: Of this machine if there is none.
+def ends_of(axes: Sequence[Settings]) -> list[End]:
+    """Return this end of the link of every axis.
 
     Raises:
-        CableError: The file cannot be read, or names no such place.
+        CableError: One has no address.
     """
-    if rig is None:
-        return UdpEnd("127.0.0.1", port)
-    address = read_settings(rig).address()
-    if address is None:
-        raise CableError(f"{rig} names a class of its own, which this cannot play.")
-    if isinstance(address, CanAddress):
-        return CanEnd(address)
-    return UdpEnd(address.host, address.port)
+    buses: CanBuses = {}
+    found: list[End] = []
+    for each in axes:
+        address = each.address()
+        if address is None:
+            raise CableError(
+                f"{each.path} names a class of its own, which this cannot play."
+            )
+        if isinstance(address, CanAddress):
+            found.append(CanEnd(address, buses))
+        else:
+            found.append(UdpEnd(address.host, address.port))
+    return found
 
 
 def _ended(number: int, _: FrameType | None) -> None:
@@ -212,7 +336,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=5005)
     parser.add_argument(
-        "--rig", type=Path, help="rig.toml of the host, for its address"
+        "--rig", type=Path, help="rig.toml of the host, for its addresses"
     )
     parser.add_argument("--effect", choices=sorted(MAKES["guides"].effects))
     parser.add_argument("--amount", type=float, default=0.0)
@@ -225,17 +349,26 @@ def main() -> None:
     if not 2e-4 <= given.period <= 0.1:
         parser.error(f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s.")
     try:
-        bench = Bench(make_rig(given.seed, make="guides"), hidden, given.period)
+        axes = RigAxes(read_axes(given.rig)) if given.rig else None
         print("a rig gets ready, which takes some seconds", flush=True)
-        bench.advance(0.0, 0.0, 0.0)  # compiles
-        end = end_of(given.rig, given.port)  # nobody waits for an answer before
+        played: Played
+        if axes is not None and len(axes.device.axis_names) > 1:
+            worn = Worn(axes.device)
+            played = WornRig(worn, axes.names, given.seed, given.period)
+        else:
+            bench = Bench(make_rig(given.seed, make="guides"), hidden, given.period)
+            played = SwungBench(bench, given.seed, given.swing, given.swing_period)
+        # Nobody waits for an answer before.
+        ends = ends_of(axes.settings) if axes else [UdpEnd("127.0.0.1", given.port)]
     except CableError as error:
         parser.error(str(error))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _ended)
-    with contextlib.closing(end):
-        print(f"a rig is at {end.name}", flush=True)
-        serve(end, bench, given.seed, given.swing, given.swing_period)
+    with contextlib.ExitStack() as closing:
+        for end in ends:
+            closing.enter_context(contextlib.closing(end))
+        print(f"a rig is at {' '.join(end.name for end in ends)}", flush=True)
+        serve(ends, played)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -15,8 +16,9 @@ from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
     from cc_mujoco.control import Controller
-    from cc_mujoco.hardware import RunLog, RunOutcome, Settings
+    from cc_mujoco.hardware import RunLog, RunOutcome
     from cc_mujoco.hardware._references import Desired
+    from cc_mujoco.hardware._rig_axes import RigAxes
     from cc_mujoco.hardware._trials import Planned
 
 
@@ -35,7 +37,8 @@ class RunRig:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for log.csv and run.json; must not hold a run."""
     controller: Annotated[str | None, option_help("NAME")] = None
-    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors; of
+    several axes also AXIS=NAME,AXIS=NAME."""
     duration: Annotated[float | None, option_help("S")] = None
     """Length of the run in seconds; 10 unless given."""
     plan: Annotated[Path | None, option_help("DIR")] = None
@@ -58,39 +61,30 @@ class RunRig:
 
         from cc_mujoco._validation import MAX_DURATION, require_number
         from cc_mujoco.hardware._run_log import require_free
-        from cc_mujoco.hardware._settings import read_settings
+        from cc_mujoco.hardware._settings import read_axes
 
         duration = 10.0 if self.duration is None else self.duration
         require_number("--duration", duration, 0.01, MAX_DURATION, "s")
-        settings = read_settings(self.rig)
+        settings = read_axes(self.rig)
         if self.controller is None:
             raise CableError("name a controller by --controller, or a plan by --plan.")
         require_free(self.out)
-        desired = settings.desired(duration)
 
-        from cc_mujoco.control import PredictiveCompensation, controller
-        from cc_mujoco.hardware._references import TorqueTable
+        from cc_mujoco.control import PredictiveCompensation
+        from cc_mujoco.hardware._rig_axes import RigAxes, laws_of
 
-        limits, period = settings.limits, settings.period
-        drive = settings.drive()
-        if isinstance(desired, TorqueTable):
-            desired.require_within(drive, limits)
-        law = controller(self.controller, drive)
-        if drive.crossed and hasattr(law, "model"):
-            raise CableError(
-                f"controller {self.controller!r} needs to know how joint "
-                f"{', '.join(drive.crossed)} winds the cable too, which the rig does "
-                "not measure; none, feedback and pi need not."
-            )
-        if isinstance(law, PredictiveCompensation):
+        axes = RigAxes(settings)
+        desired = axes.desired(duration)
+        law = axes.controller(self.controller)
+        if any(isinstance(one, PredictiveCompensation) for one in laws_of(law)):
             print(
                 "cc-mujoco: warning: this controller takes the joint to be led by a "
                 "wearer; one that hangs in a loose hand it may swing up. Begin with a "
                 "small torque limit.",
                 file=sys.stderr,
             )
-        found = self._played(settings, law, desired, duration, self.controller)
-        self._told(found, period)
+        found = self._played(axes, law, desired, duration, self.controller)
+        self._told(found, settings[0].period)
 
     def _trials(self, folder: Path) -> None:
         """Play trials of a plan; a person makes the rig ready for each."""
@@ -102,6 +96,7 @@ class RunRig:
                 raise CableError(f"{name} does not go with --plan, which has its own.")
 
         from cc_mujoco.control import controller
+        from cc_mujoco.hardware._rig_axes import RigAxes
         from cc_mujoco.hardware._run_log import require_free
         from cc_mujoco.hardware._settings import read_settings
         from cc_mujoco.hardware._trials import add_trial_facts, read_plan
@@ -116,7 +111,8 @@ class RunRig:
         wanted = self._wanted(read_plan(folder))
         for trial in wanted:
             require_free(self.out, trial.name)
-        drive = settings.drive()
+        axes = RigAxes([settings])
+        (drive,) = axes.drives
         for trial in wanted:
             trial.require_within(limits, drive)
         firm = settings.firm(drive)
@@ -126,7 +122,7 @@ class RunRig:
                 _wait_until_ready(trial.name)
             law, servo = controller("none", drive), trial.servo(drive, firm)
             found = self._played(
-                settings, law, servo, trial.duration, str(folder), trial.name
+                axes, law, [servo], trial.duration, str(folder), trial.name
             )
             add_trial_facts(folder, trial.name, self.out, drive.inertia)
             self._told(found, settings.period)
@@ -161,9 +157,9 @@ class RunRig:
 
     def _played(
         self,
-        settings: Settings,
+        axes: RigAxes,
         law: Controller,
-        desired: Desired,
+        desired: Sequence[Desired],
         duration: float,
         what: str,
         name: str | None = None,
@@ -174,7 +170,7 @@ class RunRig:
         from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop
         from cc_mujoco.hardware._run_log import BLOCK_TIME
 
-        period, winding = settings.period, settings.winding()
+        period = law.drive.period
         about = {
             "controller" if name is None else "plan": what,
             "duration_s": duration,
@@ -183,24 +179,21 @@ class RunRig:
             "versions": versions(),
         }
         with watch_for_stop() as stop:
-            rig = settings.connect()
+            driven = axes.driven(axes.connect(), desired)
             log = RunLog(
                 self.out,
                 about,
                 max(1, round(BLOCK_TIME / period)),
                 name or DEFAULT_LOG_NAME,
-                settings.prefix,
+                axes.log_names,
             )
             loop = Loop(
-                rig,
+                driven,
                 law,
-                desired,
-                settings.limits,
-                settings.watchdog,
                 clock=SystemClock(),
                 log=log,
                 stop=stop,
-                winding=winding,
+                windings=axes.windings,
             )
             try:
                 loop.run(duration)
@@ -223,13 +216,13 @@ class RunRig:
             )
         if found.limited > REPORTED_LIMIT_SHARE * found.cycles:
             print(
-                f"in {found.limited / found.cycles:.0%} of the cycles the motor got "
+                f"in {found.limited / found.cycles:.0%} of the cycles a motor got "
                 "all that [limits] torque allows, and went where that let it; raise it "
                 "if the rig may, or ask for less"
             )
         if found.rate_limited > REPORTED_LIMIT_SHARE * found.cycles:
             print(
-                f"in {found.rate_limited / found.cycles:.0%} of the cycles the torque "
+                f"in {found.rate_limited / found.cycles:.0%} of the cycles a torque "
                 "changed as fast as [limits] torque_rate allows, and went where that "
                 "let it; raise it if the rig may"
             )

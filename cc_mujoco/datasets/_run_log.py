@@ -33,13 +33,11 @@ def truncation_reason(rows: Path) -> str:
 
 def scene_of(rows: Path) -> str:
     """Return the scene that a run's controller used; empty where that is unknown."""
-    return str(_read_rig(rows).get("scene", ""))
-
-
-def axis_of(rows: Path) -> str | None:
-    """Return the axis that a run drove; None where the rig has no name for it."""
-    axis = _read_rig(rows).get("axis")
-    return None if axis is None else str(axis)
+    try:
+        rig = tomllib.loads(str(_read_page(rows).get("rig", "")))
+    except tomllib.TOMLDecodeError:
+        return ""
+    return str(rig.get("scene", ""))
 
 
 def is_log(path: Path) -> bool:
@@ -47,14 +45,6 @@ def is_log(path: Path) -> bool:
     return bool(scene_of(path)) or (
         path.suffix.lower() == ".parquet" and is_marked(path)
     )
-
-
-def _read_rig(rows: Path) -> dict[str, Any]:
-    """Return the settings of the rig of a run; empty where they are unknown."""
-    try:
-        return tomllib.loads(str(_read_page(rows).get("rig", "")))
-    except tomllib.TOMLDecodeError:
-        return {}
 
 
 def _read_page(rows: Path) -> dict[str, Any]:

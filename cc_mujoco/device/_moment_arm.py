@@ -216,10 +216,11 @@ class MeasuredWinding:
         model, data = self._model, self._data
         data.qpos[self._angles] = angles
         data.qvel[self._velocities] = velocities
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
-        mujoco.mj_transmission(model, data)
+        if isinstance(self._winding, Winding):  # a table needs the angle alone
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
+            mujoco.mj_transmission(model, data)
         return {name: float(v) for name, v in self._winding.read(data).items()}
 
 

@@ -4,9 +4,11 @@ from ._can_rig import CanLink as CanLink
 from ._can_rig import CanRig as CanRig
 from ._clock import Clock as Clock
 from ._clock import SystemClock as SystemClock
+from ._drive_model import Windings as Windings
 from ._drive_model import drive_of as drive_of
 from ._limits import Limiter as Limiter
 from ._limits import Limits as Limits
+from ._loop import DrivenAxis as DrivenAxis
 from ._loop import Ending as Ending
 from ._loop import Loop as Loop
 from ._loop import RunOutcome as RunOutcome
@@ -14,12 +16,14 @@ from ._packet import Readings as Readings
 from ._packet import Status as Status
 from ._references import TorqueTable as TorqueTable
 from ._rig import Rig as Rig
+from ._run_log import AxisRow as AxisRow
 from ._run_log import RunLog as RunLog
 from ._run_log import require_free as require_free
 from ._servo import APPROACH_TIME as APPROACH_TIME
 from ._servo import Servo as Servo
 from ._servo import Stiffness as Stiffness
 from ._settings import Settings as Settings
+from ._settings import read_axes as read_axes
 from ._settings import read_settings as read_settings
 from ._stop_signals import watch_for_stop as watch_for_stop
 from ._udp_rig import UdpRig as UdpRig

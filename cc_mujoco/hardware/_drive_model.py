@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from cc_mujoco.assets import SCENES
@@ -78,28 +79,58 @@ def drive_of(
         CableError: There is no such scene or axis, or the scene is no device.
     """
     device = device_of(scene, folder)
-    description = device.description
     drive = axis_model(device, axis).drive(device.cables, device.name, period)
     return dataclasses.replace(
         drive,
         low=-torque,
         high=torque,
         delay=1,
-        torque_noise=known_torque_noise(description),
+        torque_noise=known_torque_noise(device.description),
         safe_torque=min(drive.safe_torque, joint_torque),
         torque_rate=torque_rate,
         motor_lag=drive.motor_lag if motor_lag is None else motor_lag,
     )
 
 
-def winding_of(axis: AxisModel) -> MeasuredWinding | None:
-    """Return the winding of the cables by the joint, for a controller with a model.
+class Windings:
+    """Windings of cables that pull no round pulley, by the joints a rig measures."""
 
-    Returns:
-        None where a round pulley does, or where joints wind the cables that a rig of
-        this axis does not measure; then `Drive.crossed` names them.
-    """
-    if axis.winding is None:
-        return None
-    found = MeasuredWinding(axis.model, axis.winding)
-    return found if found.joints == (axis.axis.joint,) else None
+    def __init__(self, axes: Sequence[AxisModel]) -> None:
+        """Find the joints that wind the cables of each axis.
+
+        Args:
+            axes: Axes that the rig drives, and whose joints it measures.
+        """
+        measured = {axis.axis.joint: place for place, axis in enumerate(axes)}
+        self._windings: list[tuple[MeasuredWinding, list[int]] | None] = []
+        self.unmeasured: list[tuple[str, ...]] = []
+        """Joints that wind the cables of each axis and that the rig does not measure.
+        Controllers with a model cannot drive such an axis."""
+        for axis in axes:
+            winding = axis.winding
+            found = None if winding is None else MeasuredWinding(axis.model, winding)
+            joints = () if found is None else found.joints
+            missing = tuple(joint for joint in joints if joint not in measured)
+            self.unmeasured.append(missing)
+            if found is None or missing:
+                self._windings.append(None)
+            else:
+                self._windings.append((found, [measured[joint] for joint in joints]))
+
+    def read(
+        self, angles: Sequence[float], velocities: Sequence[float]
+    ) -> list[dict[str, float]]:
+        """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown.
+
+        Args:
+            angles: Of the joints of the axes, as the scene counts them [rad].
+            velocities: Of the same [rad/s].
+        """
+        return [
+            {}
+            if each is None
+            else each[0].read(
+                [angles[k] for k in each[1]], [velocities[k] for k in each[1]]
+            )
+            for each in self._windings
+        ]

@@ -1,6 +1,7 @@
 """The loop: read, check, control, limit, write; at absolute times.
 
-    outcome = Loop(rig, law, desired, settings, clock=SystemClock(), ...).run(10.0)
+    axis = DrivenAxis(rig, drive, desired, limits, Watchdog())
+    outcome = Loop([axis], law, clock=SystemClock(), log=log).run(10.0)
 
 However a run ends, the torque goes to zero on a ramp and the rig is informed. The clock
 and the rig are arguments, so a test runs it in simulated time.
@@ -11,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,13 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller
-from cc_mujoco.device._moment_arm import MeasuredWinding
+from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._clock import Clock
+from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._limits import Limiter, Limits
 from cc_mujoco.hardware._packet import Readings
 from cc_mujoco.hardware._references import Desired
 from cc_mujoco.hardware._rig import Rig
+from cc_mujoco.hardware._run_log import AxisRow
 from cc_mujoco.hardware._watchdog import Watch, Watchdog
 
 CONNECT_TIME = 3.0
@@ -53,7 +56,9 @@ class Ending(Exception):
 class Rows(Protocol):
     """Receiver of the rows of a run; `RunLog` is one."""
 
-    def row(self, seen: Readings, before: float, *others: float) -> None:
+    def row(
+        self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
+    ) -> None:
         """See `RunLog.row`."""
 
 
@@ -101,12 +106,12 @@ class RunOutcome:
     missed: int = 0
     """Cycles that were skipped because the host was late."""
     limited: int = 0
-    """Number of `cycles` in which the motor got all torque that its limit allows."""
+    """Number of `cycles` in which a motor got all torque that its limit allows."""
     rate_limited: int = 0
-    """Number of `cycles` in which its torque changed as fast as the limit of the rate
+    """Number of `cycles` in which a torque changed as fast as the limit of the rate
     allows, and the controller, of its full share, wished for more."""
     without_reading: int = 0
-    """Cycles in which no new reading came."""
+    """Cycles in which no new reading came, of several axes from at least one."""
     ignored: Counter[str] = field(default_factory=Counter)
     """Packets that were not used, by why."""
     late: TimeHistogram = field(default_factory=TimeHistogram)
@@ -130,53 +135,110 @@ class RunOutcome:
         }
 
 
+@dataclass(frozen=True)
+class DrivenAxis:
+    """Axis of a run: its rig, and what it is to do within which limits."""
+
+    rig: Rig
+    drive: Drive
+    """Prior knowledge about the axis, with the period of the loop."""
+    desired: Desired
+    """Torque at the joint."""
+    limits: Limits
+    """Limits that are kept."""
+    watchdog: Watchdog
+    """Longest times that something may be amiss."""
+    name: str = ""
+    """Name in sentences, and in the columns that a controller sees, of several axes."""
+
+
+class _AxisState:
+    """An axis while it is driven."""
+
+    def __init__(
+        self, axis: DrivenAxis, unmeasured: Sequence[str], alone: bool
+    ) -> None:
+        self.axis = axis
+        self.limiter = Limiter(axis.limits, axis.drive.period)
+        self.watch = Watch(axis.limits, axis.watchdog, axis.drive, unmeasured)
+        self.prefix = "" if alone else f"{axis.name}."
+        self.seen: Readings | None = None
+        """The newest reading."""
+        self.fresh: Readings | None = None
+        """The reading of this cycle, None if none came."""
+
+    def sentence(self, text: str) -> str:
+        """Return a sentence about the axis, with its name if there are several."""
+        return f"axis {self.axis.name}: {text}" if self.prefix else text
+
+    def read(self) -> None:
+        """Take the newest reading."""
+        self.fresh = self.axis.rig.read()
+        self.seen = self.fresh or self.seen
+
+    def reading(self) -> Readings:
+        """Return the newest reading; there is one after `Loop._connect`."""
+        assert self.seen is not None
+        return self.seen
+
+
 class Loop:
-    """One run of a rig."""
+    """One run of a rig of one or more axes.
+
+    All axes are read, then checked, then controlled, then written. What ends the run of
+    one ends it for all.
+    """
 
     def __init__(
         self,
-        rig: Rig,
+        axes: Sequence[DrivenAxis],
         law: Controller,
-        desired: Desired,
-        limits: Limits,
-        watchdog: Watchdog,
         *,
         clock: Clock,
         log: Rows,
         stop: Callable[[], Ending | None] = lambda: None,
-        winding: MeasuredWinding | None = None,
+        windings: Windings | None = None,
     ) -> None:
         """Prepare; nothing is sent yet.
 
         Args:
-            rig: What is driven.
-            law: The controller; the period is that of its drive.
-            desired: Torque at the joint.
-            limits: That are kept.
-            watchdog: How long something may be amiss.
+            axes: What is driven, at least one; of several each has a name.
+            law: The controller, with the period of the loop. Of several axes it sees
+                columns that begin with the name of the axis, as that of
+                `control.axes_controller`, and returns the torque of every motor.
             clock: That the cycles follow.
             log: Takes the rows.
             stop: Called twice a cycle; returns whether to end, and why.
-            winding: How far the joint winds cables that pull no round pulley.
+            windings: How far the joints wind cables that pull no round pulley.
 
         Raises:
             CableError: A stop cannot be as fast as requested.
         """
-        self._rig, self._law, self._desired = rig, law, desired
-        self._clock, self._log, self._stop = clock, log, stop
-        self._winding = winding
+        self._law, self._clock, self._log, self._stop = law, clock, log, stop
+        self._windings = windings
         self._period = law.drive.period
-        self._limiter = Limiter(limits, self._period)
-        self._watch = Watch(limits, watchdog, law.drive, winding)
-        self._limits = limits
+        alone = len(axes) == 1
+        self._axes = [
+            _AxisState(
+                axis,
+                axis.drive.crossed if windings is None else windings.unmeasured[k],
+                alone,
+            )
+            for k, axis in enumerate(axes)
+        ]
+        self._wound: list[dict[str, float]] = [{} for _ in axes]
         self._deadline = 0.0
         self._late = 0.0
-        self._seen: Readings | None = None
         self.outcome = RunOutcome()
 
     def run(self, duration: float) -> RunOutcome:
         """Run for this time [s], or until something ends it; the rig is closed then."""
-        try:
+        # Also after an unexpected error: zero torque is commanded first.
+        with contextlib.ExitStack() as closing:
+            for one in self._axes:
+                closing.callback(one.axis.rig.close)
+            if len(self._axes) > 1:  # a rig takes its time to close
+                closing.callback(self._write_until_zero, [0.0] * len(self._axes))
             try:
                 self._connect()
                 cycles = max(1, round(duration / self._period))
@@ -187,95 +249,129 @@ class Loop:
                 self._end(ending)
             except Exception as error:  # of the rig's class, or of a full disk
                 self._end(Ending(_error_text(error)))
-        finally:
-            # Also after an unexpected error: zero torque is commanded first.
-            self._rig.close()
-        self.outcome.ignored = Counter(getattr(self._rig, "ignored", ()))
+        self.outcome.ignored = Counter()
+        for one in self._axes:
+            for why, count in Counter(getattr(one.axis.rig, "ignored", ())).items():
+                self.outcome.ignored[one.sentence(why)] = count
         return self.outcome
 
     def _connect(self) -> None:
-        """Load compiled code; then send zero torque until the rig answers."""
+        """Load compiled code; then send zero torque until all rigs have answered."""
         # First, since a rig that has been heard must not wait for its next command.
+        rest = [Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(self._axes)
         for _ in range(WARM_UP_CALLS):
-            self._control_torque(0.0, Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+            self._wind(rest)
+            self._control_torques(0.0, rest)
         self._law.reset()
         end = self._clock.now() + CONNECT_TIME
         self._deadline = self._clock.now()
-        while self._seen is None:
+        while silent := [one for one in self._axes if one.seen is None]:
             if self._clock.now() > end:
-                where = getattr(self._rig, "where", "")
+                where = getattr(silent[0].axis.rig, "where", "")
                 at = f" at {where}" if where else ""
-                raise Ending(f"the rig{at} gave no reading in {CONNECT_TIME:g} s.")
+                why = f"the rig{at} gave no reading in {CONNECT_TIME:g} s."
+                raise Ending(silent[0].sentence(why))
             self._stop_requested()
-            self._rig.write(0.0)
+            self._write([0.0] * len(self._axes))
             self._deadline += self._period
             self._clock.wait(self._deadline)
-            self._seen = self._rig.read()
-        self._check(self._watch.reading(self._seen, 0.0, self._clock.now()))
+            for one in self._axes:
+                with self._named(one):
+                    one.read()
+                # A first reading is looked at with those of the others.
+                one.fresh = one.seen
+        self._check(self._amiss(self._clock.now()))
 
     def _cycle(self) -> None:
         outcome = self.outcome
         self._next()
         began = self._clock.now()
-        fresh = self._rig.read()
-        outcome.without_reading += fresh is None
-        before = self._limiter.torque
+        for one in self._axes:
+            with self._named(one):
+                one.read()
+        outcome.without_reading += any(one.fresh is None for one in self._axes)
+        before = [one.limiter.torque for one in self._axes]
         self._stop_requested()
-        if (amiss := self._watch.reading(fresh, before, began)) is not None:
-            self._log_without_control(fresh, before, before)
+        if (amiss := self._amiss(began)) is not None:
+            self._log_without_control(before, before)
             raise Ending(amiss)
-        self._seen = seen = fresh or self._seen
-        assert seen is not None  # `_connect` waited for one
+        seen = [one.reading() for one in self._axes]
         time = (outcome.cycles + outcome.missed) * self._period
-        desired, wish = self._control_torque(time, seen)
+        desired, wishes = self._control_torques(time, seen)
         # Whatever came while the controller was at work: a stop always wins.
         self._stop_requested()
-        torque = self._limiter.limited(wish)
-        self._rig.write(torque)
-        outcome.rate_limited += self._limiter.is_rate_limited
-        if torque != wish:
-            self._law.given(torque)
-        outcome.limited += abs(torque) >= self._limits.torque
+        torques = [
+            one.limiter.limited(wish)
+            for one, wish in zip(self._axes, wishes, strict=True)
+        ]
+        self._write(torques)
+        outcome.rate_limited += any(one.limiter.is_rate_limited for one in self._axes)
+        if torques != wishes:
+            self._law.given(torques if len(torques) > 1 else torques[0])
+        outcome.limited += any(
+            abs(torque) >= one.axis.limits.torque
+            for one, torque in zip(self._axes, torques, strict=True)
+        )
         work = self._clock.now() - began
         outcome.cycles += 1
         outcome.work.add(work)
-        if fresh is not None:
+        if self._axes[0].fresh is not None:
             number = outcome.cycles + outcome.missed
-            late = self._late
-            self._log.row(seen, before, desired, torque, wish, late, work, number)
+            rows = [*map(AxisRow, seen, before, desired, torques, wishes)]
+            self._log.row(rows, self._late, work, number)
 
     def _end(self, ending: Ending) -> None:
-        """Ramp the torque to zero, then command zero; nothing can end this early."""
+        """Ramp all torques to zero, then command zero; nothing can end this early."""
         self.outcome.sentence, self.outcome.code = str(ending), ending.code
         left = ZERO_TORQUE_CYCLES
         while left:
-            left -= self._limiter.torque == 0.0
+            left -= all(one.limiter.torque == 0.0 for one in self._axes)
             self._next(stopping=True)
-            before = self._limiter.torque
-            torque = self._limiter.stopping()
-            self._log_without_control(self._write_until_zero(torque), before, torque)
+            before = [one.limiter.torque for one in self._axes]
+            torques = [one.limiter.stopping() for one in self._axes]
+            self._write_until_zero(torques)
+            self._log_without_control(before, torques)
 
     def _log_without_control(
-        self, fresh: Readings | None, before: float, torque: float
+        self, before: Sequence[float], torques: Sequence[float]
     ) -> None:
-        """Log a reading that no controller saw; a non-finite one is only reported."""
-        if fresh is None or not all(map(math.isfinite, fresh[:6])):
+        """Log readings that no controller saw; a non-finite one is only reported."""
+        if self._axes[0].fresh is None:
             return
-        if self._watch.has_stepped:
-            return
+        rows = []
+        for one, had, torque in zip(self._axes, before, torques, strict=True):
+            seen = one.seen
+            if seen is None or not all(map(math.isfinite, seen[:6])):
+                return
+            if one.watch.has_stepped:
+                return
+            rows.append(AxisRow(seen, had, command=torque))
         number = self.outcome.cycles + self.outcome.missed
-        nan = math.nan
         # A full disk is no reason to stay.
         with contextlib.suppress(OSError, CableError):
-            self._log.row(fresh, before, nan, torque, nan, self._late, 0.0, number)
+            self._log.row(rows, self._late, 0.0, number)
 
-    def _write_until_zero(self, torque: float) -> Readings | None:
+    def _write(self, torques: Sequence[float]) -> None:
+        """Write to every rig, also where one fails; then raise the first failure."""
+        failure: Ending | None = None
+        for one, torque in zip(self._axes, torques, strict=True):
+            try:
+                with self._named(one):
+                    one.axis.rig.write(torque)
+            except Ending as ending:
+                failure = failure or ending
+        if failure is not None:
+            raise failure
+
+    def _write_until_zero(self, torques: Sequence[float]) -> None:
         """Write and read, whatever the rig raises: it has to be tried until zero."""
-        with contextlib.suppress(Exception):
-            self._rig.write(torque)
-        with contextlib.suppress(Exception):
-            return self._rig.read()
-        return None
+        for one, torque in zip(self._axes, torques, strict=True):
+            with contextlib.suppress(Exception):
+                one.axis.rig.write(torque)
+        for one in self._axes:
+            one.fresh = None
+            with contextlib.suppress(Exception):
+                one.read()
 
     def _next(self, stopping: bool = False) -> None:
         """Wait for the next deadline; skip those that are past."""
@@ -288,48 +384,106 @@ class Loop:
             return
         self.outcome.late.add(self._late)
         self.outcome.missed += missed
-        self._check(self._watch.deadline(missed))
+        for one in self._axes:
+            self._check(one.watch.deadline(missed))
 
-    def _control_torque(self, time: float, seen: Readings) -> tuple[float, float]:
-        """Return the desired torque at the joint and the controller's request [N m]."""
-        try:
-            desired = self._desired.torque(time, seen)
-            wish = float(
-                self._law.torque(
-                    {
-                        "motor_angle_rad": seen.motor_angle,
-                        "motor_velocity_rad_s": seen.motor_velocity,
-                        "joint_angle_rad": seen.joint_angle,
-                        "joint_velocity_rad_s": seen.joint_velocity,
-                        "joint_torque_nm": seen.joint_torque,
-                        "desired_torque_nm": desired,
-                        # No rig measures a gait: it stands at its beginning.
-                        "phase_sine": 0.0,
-                        "phase_cosine": 1.0,
-                        **self._wound(seen),
-                    }
-                )
+    def _amiss(self, now: float) -> str | None:
+        """Return what is amiss in the new readings, in a sentence, or None.
+
+        Args:
+            now: Time by the clock of the host [s].
+        """
+        for one in self._axes:
+            why = one.watch.reading(one.fresh, one.limiter.torque, now)
+            if why is not None:
+                return one.sentence(why)
+        if all(one.fresh is None for one in self._axes):
+            return None
+        self._wind([one.reading() for one in self._axes])
+        for one, wound in zip(self._axes, self._wound, strict=True):
+            if one.fresh is None:
+                continue
+            if (why := one.watch.transmission(one.fresh, wound)) is not None:
+                return one.sentence(why)
+        return None
+
+    def _wind(self, seen: Sequence[Readings]) -> None:
+        """Find how far the joints have wound their cables."""
+        if self._windings is not None:
+            self._wound = self._windings.read(
+                [each.joint_angle for each in seen],
+                [each.joint_velocity for each in seen],
             )
+
+    def _control_torques(
+        self, time: float, seen: Sequence[Readings]
+    ) -> tuple[list[float], list[float]]:
+        """Return the desired torque of each joint, and the controller's request [N m].
+
+        Args:
+            time: Since the loop began [s].
+            seen: The newest reading of each axis.
+        """
+        try:
+            desired = []
+            columns: dict[str, float] = {}
+            for one, own, wound in zip(self._axes, seen, self._wound, strict=True):
+                goal = one.axis.desired.torque(time, own)
+                desired.append(goal)
+                found = {
+                    "motor_angle_rad": own.motor_angle,
+                    "motor_velocity_rad_s": own.motor_velocity,
+                    "joint_angle_rad": own.joint_angle,
+                    "joint_velocity_rad_s": own.joint_velocity,
+                    "joint_torque_nm": own.joint_torque,
+                    "desired_torque_nm": goal,
+                    # No rig measures a gait: it stands at its beginning.
+                    "phase_sine": 0.0,
+                    "phase_cosine": 1.0,
+                    **wound,
+                }
+                for name, value in found.items():
+                    columns[one.prefix + name] = value
+            wishes = _floats(self._law.torque(columns), len(self._axes))
         except Exception as error:
             raise Ending(f"the controller failed: {_error_text(error)}") from error
-        if not math.isfinite(wish):
-            raise Ending(f"the controller asked for {wish} N m.")
-        return desired, wish
-
-    def _wound(self, seen: Readings) -> dict[str, float]:
-        """Return what a controller with a model needs besides, of a lever."""
-        if self._winding is None:
-            return {}
-        return self._winding.read([seen.joint_angle], [seen.joint_velocity])
+        for one, wish in zip(self._axes, wishes, strict=True):
+            if not math.isfinite(wish):
+                raise Ending(one.sentence(f"the controller asked for {wish} N m."))
+        return desired, wishes
 
     def _stop_requested(self) -> None:
         if (ending := self._stop()) is not None:
             raise ending
 
+    @contextlib.contextmanager
+    def _named(self, one: _AxisState) -> Iterator[None]:
+        """End the run with the name of the axis whose rig raises."""
+        try:
+            yield
+        except Exception as error:
+            raise Ending(one.sentence(_error_text(error))) from error
+
     @staticmethod
     def _check(sentence: str | None) -> None:
         if sentence is not None:
             raise Ending(sentence)
+
+
+def _floats(torque: Any, count: int) -> list[float]:
+    """Return the torques of a controller, one for each of the motors.
+
+    Raises:
+        CableError: There are more, or fewer.
+    """
+    if count == 1:
+        return [float(torque)]
+    if np.shape(torque) != (count,):
+        raise CableError(
+            f"it must return {count} torques, one for each axis, not "
+            f"an array of shape {np.shape(torque)}."
+        )
+    return [float(each) for each in torque]
 
 
 def _error_text(error: Exception) -> str:

@@ -10,7 +10,7 @@ torques and their time are those that were measured.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_ours
 from cc_mujoco.assets import SCENES
 from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, axis_of, scene_of
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, scene_of
 from cc_mujoco.device import Drive, find_device
 from cc_mujoco.device._model import DeviceModel
-from cc_mujoco.device._moment_arm import MeasuredWinding
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._drive_model import winding_of
+from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
 from cc_mujoco.metrics._metric import RATIO
 from cc_mujoco.simulation._episode_log import EpisodeLog
@@ -37,12 +36,13 @@ from cc_mujoco.simulation._log_columns import (
     MODEL_XML,
     POSE_COLUMN,
     TIME_COLUMN,
+    prefixes_in,
 )
 
 Array = NDArray[np.float64]
 
-REQUIRED_COLUMNS = RUN_COLUMNS[:8]
-"""Columns that a log must have."""
+REQUIRED_COLUMNS = RUN_COLUMNS[1:8]
+"""Columns that a log must have of every axis, besides time."""
 RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
 _MAX_TWIST = 0.5
 """Difference of the angles of motor and joint, at the joint, that no cable of a scene
@@ -87,8 +87,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
             f"{path} was recorded with scene {ran!r}, not {scene!r}; name that one, or "
             "a file of it."
         )
-    rows = read_rows(path, axis_of(path))
-    model, episode = as_episode(rows, scene, path, axis_of(path))
+    model, episode = as_episode(read_rows(path), scene, path)
     written = files_for(path)
     about = files_of(path.stem)[1]
     require_ours(
@@ -106,12 +105,11 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     return written
 
 
-def read_rows(path: Path, axis: str | None = None) -> dict[str, Array]:
+def read_rows(path: Path) -> dict[str, Array]:
     """Return the columns of a log by name (T,) each, from all whole lines.
 
     Args:
         path: Of the log.
-        axis: Name of the axis that was driven, of a device with several.
 
     Raises:
         CableError: It cannot be read, has no row, lacks a column or has cells that are
@@ -132,10 +130,15 @@ def read_rows(path: Path, axis: str | None = None) -> dict[str, Array]:
     except (OSError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
-    if axis is not None and f"{axis}.{REQUIRED_COLUMNS[1]}" in table.column_names:
-        named = [name.removeprefix(f"{axis}.") for name in table.column_names]
-        table = table.rename_columns(named)
-    missing = [name for name in REQUIRED_COLUMNS if name not in table.column_names]
+    required = [
+        TIME_COLUMN.name,
+        *(
+            prefix + name
+            for prefix in _prefixes(table.column_names)
+            for name in REQUIRED_COLUMNS
+        ),
+    ]
+    missing = [name for name in required if name not in table.column_names]
     if missing:
         raise CableError(
             f"{path} has no column {', '.join(missing)}; it must be a log that "
@@ -144,12 +147,12 @@ def read_rows(path: Path, axis: str | None = None) -> dict[str, Array]:
     if len(table) < 2:
         raise CableError(f"{path} has {len(table)} rows; a log needs two or more.")
     found: dict[str, Array] = {}
-    for name in REQUIRED_COLUMNS:
+    for name in required:
         try:
             values = table.column(name).cast(pa.float64()).to_numpy()
         except pa.ArrowInvalid as error:
             raise CableError(f"{path}, column {name}: {error}") from None
-        may_lack = name == "desired_torque_nm"  # none while a run is stopped
+        may_lack = name.endswith("desired_torque_nm")  # none while a run is stopped
         if not may_lack and not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             raise CableError(
@@ -164,7 +167,7 @@ def read_rows(path: Path, axis: str | None = None) -> dict[str, Array]:
 
 
 def as_episode(
-    rows: dict[str, Array], scene: str, path: Path, axis: str | None = None
+    rows: dict[str, Array], scene: str, path: Path
 ) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Return the scene, and a run as an episode in it.
 
@@ -172,79 +175,104 @@ def as_episode(
         rows: See `read_rows`.
         scene: Name of a device, or the file of one.
         path: Of the log, for the errors.
-        axis: Axis that was driven, of a device with several.
 
     Raises:
         CableError: There is no such device or axis, its ratio is not that of the
-            angles, or joints wind its cables that no run measures.
+            angles, or joints wind its cables that the run did not measure.
     """
     device = find_device(scene)
     description = device.description
     model = device.spec.copy().compile()
     made = DeviceModel(description, model)
-    place = description.axes.index(description.axis(axis))
-    own, prefix = made.axes[place], made.prefixes[place]
-    time, count = rows["time_s"], rows["time_s"].size
-    drive = own.drive(device.cables, device.name, float(np.median(np.diff(time))))
-    winding = winding_of(own)
-    if winding is None and drive.crossed:
-        raise CableError(
-            f"{path} cannot be shown in scene {scene}: joint "
-            f"{', '.join(drive.crossed)} winds the cable too, and a run does not "
-            "measure it."
-        )
-    found = {**rows, **_wound(rows, winding)}
-    twist = rows["motor_angle_rad"] / drive.ratio - found["winding_angle_rad"]
-    if np.ptp(twist) > _MAX_TWIST:
-        raise CableError(
-            f"{path} does not fit scene {scene}: the motor over {drive.ratio:.3g} and "
-            f"the joint drift {np.ptp(twist):.2g} rad apart; give the rig's own scene."
-        )
+    driven = [
+        made.axes[description.axes.index(description.axis(prefix.rstrip(".") or None))]
+        for prefix in _prefixes(rows)
+    ]
+    time = rows[TIME_COLUMN.name]
+    count, period = time.size, float(np.median(np.diff(time)))
+    windings = Windings(driven)
+    found: dict[str, dict[str, Array]] = {}
+    for own, prefix in zip(driven, _prefixes(rows), strict=True):
+        found[own.axis.name] = {n: rows[prefix + n] for n in REQUIRED_COLUMNS}
+    for missing in windings.unmeasured:
+        if missing:
+            raise CableError(
+                f"{path} cannot be shown in scene {scene}: joint {', '.join(missing)} "
+                "winds the cable too, and the run did not measure it."
+            )
+    _add_wound([found[own.axis.name] for own in driven], windings)
     nothing = np.full(count, np.nan)
     columns: dict[str, NDArray[Any]] = {TIME_COLUMN.name: time}
-    for each in made.prefixes:
+    for axis, start in zip(description.axes, made.prefixes, strict=True):
+        own_rows = found.get(axis.name, {})
         for column in AXIS_COLUMNS:
-            values = found.get(column.name, nothing) if each == prefix else nothing
-            columns[each + column.name] = values
+            columns[start + column.name] = own_rows.get(column.name, nothing)
     qpos = np.tile(model.qpos0, (count, 1))
-    qpos[:, own.places.motor_q] += own.sense * rows["motor_angle_rad"]
-    qpos[:, own.places.joint_q] = rows["joint_angle_rad"]
+    for own in driven:
+        own_rows = found[own.axis.name]
+        qpos[:, own.places.motor_q] += own.sense * own_rows["motor_angle_rad"]
+        qpos[:, own.places.joint_q] = own_rows["joint_angle_rad"]
     columns[POSE_COLUMN.name] = qpos
     for name, cable in device.cables.items():
         columns |= _unknown_cable(name, cable.segments, count)
-    columns |= _observed(
-        drive,
-        own.driven,
-        rows["motor_angle_rad"],
-        rows["joint_torque_nm"] / found["leverage_ratio"],
-    )
-    facts = {RATIO: 1.0 / drive.ratio}
+    facts: dict[str, dict[str, float]] = {}
+    for own in driven:
+        own_rows = found[own.axis.name]
+        drive = own.drive(device.cables, device.name, period)
+        _require_ratio(own_rows, drive, scene, path)
+        columns |= _observed(
+            drive,
+            own.driven,
+            own_rows["motor_angle_rad"],
+            own_rows["joint_torque_nm"] / own_rows["leverage_ratio"],
+        )
+        facts[own.axis.name] = {RATIO: 1.0 / drive.ratio}
     about = {
         "scene": scene,
         "run": str(path),
         "tensions": "by the scene's model, from motor angle and joint torque",
-        **({AXES: {own.axis.name: facts}} if prefix else facts),
+        **({AXES: facts} if len(description.axes) > 1 else next(iter(facts.values()))),
         "cables": {name: cable.to_config() for name, cable in device.cables.items()},
         MODEL_XML: device.xml(),
     }
     return model, EpisodeLog(columns, about)
 
 
-def _wound(rows: dict[str, Array], winding: MeasuredWinding | None) -> dict[str, Array]:
-    """Return `WINDING_COLUMNS` of a run."""
-    angles, velocities = rows["joint_angle_rad"], rows["joint_velocity_rad_s"]
-    if winding is None:
-        values: Any = (angles, velocities, np.ones(angles.size))
-    else:
-        values = np.transpose(
-            [
-                [*winding.read([angle], [velocity]).values()]
-                for angle, velocity in zip(
-                    angles.tolist(), velocities.tolist(), strict=True
-                )
-            ]
+def _prefixes(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the beginnings of the columns of each axis in a log."""
+    found = [name for name in prefixes_in(names) if not name or name.endswith(".")]
+    return tuple(found) or ("",)
+
+
+def _require_ratio(
+    rows: dict[str, Array], drive: Drive, scene: str, path: Path
+) -> None:
+    """Refuse a scene in which motor and joint would drift apart."""
+    twist = rows["motor_angle_rad"] / drive.ratio - rows["winding_angle_rad"]
+    if drive.one_way:  # where its cable may be slack, the motor turns as it likes
+        torque = rows["joint_torque_nm"] / rows["leverage_ratio"] * np.sign(drive.ratio)
+        at_rest = max(each.cable.pretension * abs(each.distal) for each in drive.cables)
+        twist = twist[torque > max(at_rest, 0.1 * float(np.max(torque)))]
+    if twist.size and np.ptp(twist) > _MAX_TWIST:
+        raise CableError(
+            f"{path} does not fit scene {scene}: the motor over {drive.ratio:.3g} and "
+            f"the joint drift {np.ptp(twist):.2g} rad apart; give the rig's own scene."
         )
-    return dict(zip(WINDING_COLUMNS, values, strict=True))
+
+
+def _add_wound(axes: Sequence[dict[str, Array]], windings: Windings) -> None:
+    """Add `WINDING_COLUMNS` to the columns of every axis of a run."""
+    angles = np.column_stack([rows["joint_angle_rad"] for rows in axes])
+    velocities = np.column_stack([rows["joint_velocity_rad_s"] for rows in axes])
+    wound = [
+        windings.read(angle, velocity)
+        for angle, velocity in zip(angles.tolist(), velocities.tolist(), strict=True)
+    ]
+    for place, rows in enumerate(axes):
+        round_pulley = angles[:, place], velocities[:, place], np.ones(len(angles))
+        for name, usual in zip(WINDING_COLUMNS, round_pulley, strict=True):
+            own = [each[place].get(name) for each in wound]
+            rows[name] = usual if own[0] is None else np.array(own, dtype=np.float64)
 
 
 def _observed(

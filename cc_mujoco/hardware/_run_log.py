@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, RUN_MARK, page_of
@@ -35,13 +36,17 @@ RUN_COLUMNS = (
     "work_s",
     "cycle",
 )
-"""Columns of a row: time by the rig's clock; what it measured; `motor_torque_nm`, the
-torque that it had been commanded by then; that of the task; the one commanded in this
-cycle; the one that the controller requested (NaN if it was not called); how late the
-cycle began and how long it took until the command was sent; the number of the cycle."""
-_OF_RUN = ("time_s", "late_s", "work_s", "cycle")
-"""Columns of a run that belong to no axis."""
-MAX_HEADER = 4096
+"""Columns of a row of one axis: time by the rig's clock; what it measured;
+`motor_torque_nm`, the torque that it had been commanded by then; that of the task; the
+one commanded in this cycle; the one that the controller requested (NaN if it was not
+called); how late the cycle began and how long it took until the command was sent; the
+number of the cycle."""
+_AXIS_COLUMNS = RUN_COLUMNS[1:-3]
+"""Columns of a run that belong to an axis."""
+SAMPLE_TIME = "sample_time_s"
+"""Column of each of several axes: time of its reading by the clock of its own rig,
+since its first reading in the log. `time_s` is that of the first axis."""
+MAX_HEADER = 65536
 """Bytes of a file from which on it has rows."""
 RESERVED_BYTES = 4096
 """Blanks in the page of a run while it goes on: a full disk leaves no place for its
@@ -50,14 +55,31 @@ BLOCK_TIME = 0.1
 """Length of a block [s]."""
 
 
-def run_columns(axis: str = "") -> tuple[str, ...]:
+class AxisRow(NamedTuple):
+    """Part of a row that belongs to an axis."""
+
+    seen: Readings
+    before: float
+    """Torque that the motor had been commanded when the reading came [N m]."""
+    desired: float = math.nan
+    """Desired torque at the joint [N m]; NaN if the controller was not called."""
+    command: float = math.nan
+    """Torque that is commanded in this cycle [N m]."""
+    wish: float = math.nan
+    """Torque that the controller requested [N m]; NaN if it was not called."""
+
+
+def run_columns(axes: Sequence[str] = ("",)) -> tuple[str, ...]:
     """Return the columns of a row.
 
     Args:
-        axis: Name of the axis, of a device with several: its columns begin with it.
+        axes: Names of the axes that are driven, with which their columns begin; an
+            empty one of a device with one axis.
     """
-    start = f"{axis}." if axis else ""
-    return tuple(n if n in _OF_RUN else f"{start}{n}" for n in RUN_COLUMNS)
+    own = (SAMPLE_TIME, *_AXIS_COLUMNS) if len(axes) > 1 else _AXIS_COLUMNS
+    starts = [f"{axis}." if axis else "" for axis in axes]
+    named = [f"{start}{name}" for start in starts for name in own]
+    return (RUN_COLUMNS[0], *named, *RUN_COLUMNS[-3:])
 
 
 def files_of(name: str) -> tuple[str, str]:
@@ -94,7 +116,9 @@ def _is_empty(folder: Path, name: str) -> bool:
     try:
         header = rows.read_bytes() if rows.stat().st_size < MAX_HEADER else b""
         names = header.decode().removesuffix("\n").split(",")
-        bare = [name.rpartition(".")[2] for name in names] == [*RUN_COLUMNS]
+        ends = [name for name in names if name.endswith(_AXIS_COLUMNS[0])]
+        axes = [name.removesuffix(_AXIS_COLUMNS[0]).rstrip(".") for name in ends]
+        bare = bool(axes) and names == [*run_columns(axes)]
         return bare and page.read_text(encoding="utf-8")[:1] == "{"
     except (OSError, ValueError):
         return False
@@ -109,7 +133,7 @@ class RunLog:
         about: Mapping[str, Any],
         rows: int,
         name: str = DEFAULT_LOG_NAME,
-        axis: str = "",
+        axes: Sequence[str] = ("",),
     ) -> None:
         """Begin both files.
 
@@ -118,7 +142,7 @@ class RunLog:
             about: The settings of the run, as JSON.
             rows: Of a block.
             name: Of the files.
-            axis: Name of the axis, of a device with several.
+            axes: Names of the axes that are driven; an empty one of a device with one.
 
         Raises:
             CableError: As `require_free`.
@@ -130,7 +154,7 @@ class RunLog:
         self._about = {**RUN_MARK, **about}
         self._rows = rows
         self._block: list[str] = []
-        self._start: float | None = None
+        self._starts: list[float] = []
         self._folder.mkdir(parents=True, exist_ok=True)
         self._tell({"outcome": "running, or killed"}, RESERVED_BYTES)
         self._path = self._folder / rows_file
@@ -141,25 +165,37 @@ class RunLog:
         self._size = 0
         self._disk_is_full = False
         try:
-            self._write((",".join(run_columns(axis)) + "\n").encode())
+            self._write((",".join(run_columns(axes)) + "\n").encode())
         except CableError:
             self._file.close()
             self._path.unlink()
             self._page.unlink()
             raise
 
-    def row(self, seen: Readings, before: float, *others: float) -> None:
+    def row(
+        self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
+    ) -> None:
         """Add a row.
 
         Args:
-            seen: The reading of this cycle.
-            before: Torque that the motor had been commanded by then [N m].
-            others: The columns from `desired_torque_nm` on.
+            axes: Of every axis that is driven.
+            late: Lateness of the cycle's beginning [s].
+            work: Time from there until the commands were sent [s].
+            cycle: Number of the cycle.
         """
-        if self._start is None:
-            self._start = seen.time
-        _, angle, velocity, *joint, _ = seen
-        row = (seen.time - self._start, angle, velocity, before, *joint, *others)
+        if not self._starts:
+            self._starts = [axis.seen.time for axis in axes]
+        times = [
+            axis.seen.time - start
+            for axis, start in zip(axes, self._starts, strict=True)
+        ]
+        row = [times[0]]
+        for time, (seen, before, *others) in zip(times, axes, strict=True):
+            if len(axes) > 1:
+                row.append(time)
+            _, angle, velocity, *joint, _ = seen
+            row += (angle, velocity, before, *joint, *others)
+        row += (late, work, cycle)
         self._block.append(",".join(repr(float(value)) for value in row))
         if len(self._block) >= self._rows:
             self.flush()

@@ -1,7 +1,8 @@
 """`rig.toml`: the rig, its limits and what it is to do.
 
 scene = "bench"                 # that the controller knows: a name or an MJCF file
-# axis = "knee"                 # that the rig drives, of a device with several
+# axis = "knee"                 # that the rig drives, of a device with several; of
+                                # more than one see `[axes.NAME]` below
 period = 0.002                  # s, 0.0005 to 0.002
 # motor_lag = 0.003             # s, time constant of the torque; the scene's by default
 
@@ -43,16 +44,31 @@ torque = 0.5                    # N m, constant
 # stiffness = 50.0              # N m/rad, unless given, see `Stiffness`
 # damping = 0.15                # N m s/rad
 # integral = 4000.0             # N m/(rad s)
+
+# [axes.hip]                    # instead of `axis`: one table for each of all axes;
+# motor_lag = 0.004             # whatever it does not give is as above, key by key;
+# [axes.hip.rig]                # but a task is given as a whole
+# command_id = 0x120
+# reading_id = 0x121
+# [axes.hip.limits]
+# torque = 6.0
+# [axes.hip.task]
+# name = "spring"
+# [axes.ankle]
+# driven = false                # no rig drives this one
 """
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
+import itertools
 import math
 import os
+import socket
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -60,16 +76,10 @@ from typing import Any, TypeVar
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._moment_arm import MeasuredWinding
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import CanAddress, UdpAddress, address_of
-from cc_mujoco.hardware._can_rig import CanRig
-from cc_mujoco.hardware._drive_model import (
-    axis_model,
-    device_of,
-    drive_of,
-    winding_of,
-)
+from cc_mujoco.hardware._can_rig import CanBuses, CanRig
+from cc_mujoco.hardware._drive_model import device_of, drive_of
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
 from cc_mujoco.hardware._references import (
     Desired,
@@ -88,12 +98,14 @@ Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 MAX_MOTOR_TIME_CONSTANT = 0.02
 """Greatest time constant of a motor's torque that a loop is made for [s]."""
 _TASK_KEYS = ("torque", "csv", "name", "trajectory")
+_AXIS_TABLES = ("rig", "limits", "watchdog", "task", "servo")
+"""Tables that every axis has."""
 _REQUIRED_LIMITS = ("torque", "torque_rate", "motor_speed", "joint_range")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The contents of a `rig.toml`."""
+    """The contents of a `rig.toml` for one axis."""
 
     path: Path
     scene: str
@@ -111,14 +123,19 @@ class Settings:
     motor_lag: float | None = None
     """Time constant of the motor's torque [s]; None is that of the scene."""
     axis: str | None = None
-    """Name of the axis that the rig drives; None is the only one."""
+    """Name of the axis; None is the only one of the device."""
+    named: tuple[str, ...] = ()
+    """Axes that have a table in the file, also those that are not driven."""
 
     def address(self) -> UdpAddress | CanAddress | None:
         """Return the address of the rig, None for a rig with a class of its own."""
         return address_of(self.rig) if "address" in self.rig.content else None
 
-    def connect(self) -> Rig:
+    def connect(self, buses: CanBuses | None = None) -> Rig:
         """Make the rig that `[rig]` names.
+
+        Args:
+            buses: Open CAN buses that it shares with other axes.
 
         Raises:
             CableError: It cannot be made.
@@ -128,7 +145,7 @@ class Settings:
             return _user_rig(self.rig, self.rig.text("class") or "")
         try:
             if isinstance(address, CanAddress):
-                return CanRig(address)
+                return CanRig(address, buses)
             return UdpRig(address.host, address.port)
         except CableError as error:
             raise CableError(f"{self.rig.where}: {error}") from None
@@ -154,31 +171,25 @@ class Settings:
         """Return the device that `scene` names.
 
         Raises:
-            CableError: There is no such device, or it has several axes and `axis` names
-                none of them.
+            CableError: There is no such device, it has several axes and `axis` names
+                none of them, or `[axes]` lacks one or has another.
         """
         device = device_of(self.scene, self.path.parent)
         names = device.axis_names
         if self.axis is None and len(names) > 1:
-            raise CableError(f"{self.path} needs `axis`, one of {', '.join(names)}.")
-        if self.axis is not None and self.axis not in names:
-            raise CableError.unknown(f"axis in {self.path}", self.axis, names)
+            raise CableError(
+                f"{self.path} needs `axis`, one of {', '.join(names)}, or a table "
+                "[axes.NAME] for each of them."
+            )
+        for name in self.named or (() if self.axis is None else (self.axis,)):
+            if name not in names:
+                raise CableError.unknown(f"axis in {self.path}", name, names)
+        if self.named and (missing := [n for n in names if n not in self.named]):
+            raise CableError(
+                f"{self.path}, [axes] leaves out {', '.join(missing)}; give a table "
+                f"[axes.{missing[0]}], with `driven = false` if no rig drives it."
+            )
         return device
-
-    @property
-    def prefix(self) -> str:
-        """Name of the axis in the columns of a log; empty of a device with one."""
-        device = self.device()
-        several = len(device.axis_names) > 1
-        return device.description.axis(self.axis).name if several else ""
-
-    def winding(self) -> MeasuredWinding | None:
-        """Return how far the joint winds its cables, see `winding_of`.
-
-        Raises:
-            CableError: There is no such device or axis.
-        """
-        return winding_of(axis_model(self.device(), self.axis))
 
     def firm(self, drive: Drive) -> Stiffness:
         """Return the stiffness with which the motor is held on the course of a trial.
@@ -221,11 +232,30 @@ class Settings:
 
 
 def read_settings(path: str | Path) -> Settings:
+    """Read a `rig.toml` that drives one axis.
+
+    Raises:
+        CableError: As `read_axes`, or it drives several.
+    """
+    first, *others = read_axes(path)
+    if others:
+        names = ", ".join(str(each.axis) for each in (first, *others))
+        raise CableError(
+            f"{path} drives the axes {names}, and here one is driven; give a file in "
+            "which all others have `driven = false`."
+        )
+    return first
+
+
+def read_axes(path: str | Path) -> tuple[Settings, ...]:
     """Read a `rig.toml`.
+
+    Returns:
+        The settings of every axis that it drives.
 
     Raises:
         CableError: It cannot be read, lacks a key, or has one or a value that cannot
-            be; says where.
+            be; says where. Or two axes have the same rig.
     """
     path = Path(path)
     try:
@@ -245,6 +275,7 @@ def read_settings(path: str | Path) -> Settings:
         "watchdog",
         "task",
         "servo",
+        "axes",
     )
     scene = _require_value(top, "scene", top.text("scene"))
     period = _require_value(top, "period", top.number("period"))
@@ -252,16 +283,47 @@ def read_settings(path: str | Path) -> Settings:
         raise top.wrong(
             "period", f"{MIN_PERIOD:g} to {MAX_PERIOD:g} s (500 Hz to 2 kHz)"
         )
+    if "axes" not in content:
+        return (_axis(path, scene, period, top, top.text("axis")),)
+    if "axis" in content:
+        raise CableError(
+            f"{path} has `axis` and [axes]; give one of them: the name of the one axis "
+            "that it drives, or a table for each."
+        )
+    tables = top.tables("axes")
+    for table in tables.values():
+        table.only(*_AXIS_TABLES, "motor_lag", "driven")
+    driven = {name: table for name, table in tables.items() if _is_driven(table)}
+    if not driven:
+        raise CableError(
+            f"{path}, [axes] has no axis that is driven; it needs a table [axes.NAME]."
+        )
+    found = tuple(
+        dataclasses.replace(
+            _axis(path, scene, period, _merged(path, top, name, table), name),
+            named=tuple(tables),
+        )
+        for name, table in driven.items()
+    )
+    _require_distinct(found)
+    return found
+
+
+def _axis(
+    path: Path, scene: str, period: float, top: Table, name: str | None
+) -> Settings:
+    """Return the settings of an axis from the tables that belong to it."""
     lag = top.number("motor_lag")
     if lag is not None and not 0.0 <= lag <= MAX_MOTOR_TIME_CONSTANT:
         raise top.wrong(
             "motor_lag", f"0 to {MAX_MOTOR_TIME_CONSTANT:g} s; 3 ms are 0.003"
         )
-    limits = _limits(top.table("limits"))
+    table = top.table("limits")
+    limits = _limits(table)
     try:
         limits.stop_steps(period)
     except CableError as error:
-        raise CableError(f"{path}, [limits]: {error}") from None
+        raise CableError(f"{table.where}: {error}") from None
     dog = top.table("watchdog")
     return Settings(
         path,
@@ -273,8 +335,70 @@ def read_settings(path: str | Path) -> Settings:
         _task(top.table("task")),
         _servo(top.table("servo")),
         lag,
-        top.text("axis"),
+        name,
     )
+
+
+def _is_driven(table: Table) -> bool:
+    value = table.content.get("driven", True)
+    if not isinstance(value, bool):
+        raise table.wrong("driven", "true or false")
+    return value
+
+
+def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
+    """Return the tables of an axis: its own, and what they lack of those at the top."""
+    content = {key: top.content[key] for key in ("motor_lag",) if key in top.content}
+    content |= {key: own.content[key] for key in ("motor_lag",) if key in own.content}
+    for key in _AXIS_TABLES:
+        usual, given = top.table(key).content, own.table(key).content
+        content[key] = given if key == "task" and given else {**usual, **given}
+    return Table(f"{path}, axis {name}", content)
+
+
+def _require_distinct(axes: Sequence[Settings]) -> None:
+    """Refuse two axes whose commands would reach the same motor.
+
+    Raises:
+        CableError: They have the same address, identifiers or class with its keys.
+    """
+    for one, other in itertools.combinations(axes, 2):
+        pair = f"{one.path}, axes {one.axis} and {other.axis}"
+        mine, theirs = one.address(), other.address()
+        if one.rig.content == other.rig.content:
+            raise CableError(
+                f"{pair} have the same rig; give each its own address, or keys, in "
+                f"[axes.{one.axis}.rig] and [axes.{other.axis}.rig]."
+            )
+        if not isinstance(mine, CanAddress) or not isinstance(theirs, CanAddress):
+            if isinstance(mine, UdpAddress) and isinstance(theirs, UdpAddress):
+                if mine.port == theirs.port and _machine(mine) == _machine(theirs):
+                    raise CableError(f"{pair} have the same address.")
+            continue
+        if (mine.channel, mine.interface) != (theirs.channel, theirs.interface):
+            continue
+        if mine.bus != theirs.bus:
+            raise CableError(
+                f"{pair} are on the same CAN bus and open it differently; give `bus` "
+                "once, in [rig]."
+            )
+        same = {mine.command_id, mine.reading_id} & {
+            theirs.command_id,
+            theirs.reading_id,
+        }
+        if same:
+            raise CableError(
+                f"{pair} both use the identifier {min(same):#x} on {mine.channel!r}; "
+                "give each axis a command_id and a reading_id of its own."
+            )
+
+
+def _machine(address: UdpAddress) -> str:
+    """Return the number of a machine; its name where nobody knows it."""
+    try:
+        return str(socket.getaddrinfo(address.host, address.port)[0][4][0])
+    except OSError:
+        return address.host
 
 
 def _limits(table: Table) -> Limits:

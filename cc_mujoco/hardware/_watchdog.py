@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._moment_arm import MeasuredWinding
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings, Status
@@ -46,17 +47,17 @@ class Watchdog:
         require_parameter(self, "twist", 1e-6, 1e9, "rad")
 
 
-def tension_model(drive: Drive, limit: float, known: bool) -> CableModel:
+def tension_model(drive: Drive, limit: float, unmeasured: Sequence[str]) -> CableModel:
     """Return the model that predicts tensions, compiled before the first cycle.
 
     Args:
         drive: Of the rig.
         limit: Of the tension [N].
-        known: True if the rig measures all joints that wind the cables.
+        unmeasured: Joints that wind the cables and that the rig does not measure.
 
     Raises:
-        CableError: Other joints than the one that is measured wind the cable too, or
-            the limit is within the pretension [N].
+        CableError: Joints that are not measured wind the cable too, or the limit is
+            within the pretension [N].
     """
     most = max(each.cable.pretension for each in drive.cables)
     if limit <= most:
@@ -64,10 +65,10 @@ def tension_model(drive: Drive, limit: float, known: bool) -> CableModel:
             f"[limits] tension must be above the scene's pretension of {most:g} N, not "
             f"{limit:g}."
         )
-    if not known:
+    if unmeasured:
         raise CableError(
             "[limits] tension needs to know how joint "
-            f"{', '.join(drive.crossed)} winds the cable too, which the rig does not "
+            f"{', '.join(unmeasured)} winds the cable too, which the rig does not "
             "measure; leave it out."
         )
     model = CableModel(drive)
@@ -84,7 +85,7 @@ class Watch:
         limits: Limits,
         watchdog: Watchdog,
         drive: Drive,
-        winding: MeasuredWinding | None = None,
+        unmeasured: Sequence[str] | None = None,
     ) -> None:
         """Begin with the first cycle.
 
@@ -92,18 +93,20 @@ class Watch:
             limits: Of what is measured.
             watchdog: How long something may be amiss.
             drive: Of the rig.
-            winding: How far its joint winds cables that pull no round pulley.
+            unmeasured: Joints that wind its cables and that the rig does not measure;
+                all but the driven one by default.
 
         Raises:
             CableError: Tension is limited, and the model cannot tell it, or the cables
                 have more to begin with.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
-        self._winding = winding
-        known = winding is not None or not drive.crossed
-        """True if the rig measures all joints that wind the cables."""
+        if unmeasured is None:
+            unmeasured = drive.crossed
         limited = math.isfinite(limits.tension)
-        self._cables = tension_model(drive, limits.tension, known) if limited else None
+        self._cables = (
+            tension_model(drive, limits.tension, unmeasured) if limited else None
+        )
         self._twist: float | None = None
         self._late = 0
         self._without = 0
@@ -123,11 +126,11 @@ class Watch:
                 watchdog.frozen_readings,
                 watchdog.frozen_torque * limits.torque * abs(drive.ratio),
             )
-            if drive.cables and known
+            if drive.cables and not unmeasured
             else None
         )
         # One cable may be slack.
-        self._twists = known and not drive.one_way
+        self._twists = not (unmeasured or drive.one_way)
 
     def deadline(self, missed: int) -> str | None:
         """Look at the time.
@@ -159,7 +162,6 @@ class Watch:
             or self._impossible(found)
             or self._stepped(found.time, now)
             or self._frozen(found, torque)
-            or self._transmission_fault(found)
         )
 
     def _stepped(self, time: float, now: float) -> str | None:
@@ -176,26 +178,19 @@ class Watch:
             "is not logged."
         )
 
-    def _transmission_fault(self, found: Readings) -> str | None:
-        """Return the fault that motor and joint show together, through the cables."""
-        motor, (angle, torque) = found.motor_angle, self._on_pulley(found)
+    def transmission(self, found: Readings, wound: Mapping[str, float]) -> str | None:
+        """Look at what motor and joint show together, through the cables.
+
+        Args:
+            found: The new reading, in which `reading` found no fault.
+            wound: `WINDING_COLUMNS` of cables that pull no round pulley, else empty.
+        """
+        motor, (angle, torque) = found.motor_angle, _on_pulley(found, wound)
         return (
             self._twist_fault(motor, angle)
             or self._tension_fault(motor, torque)
             or (self._sensor.reading(motor, angle, torque) if self._sensor else None)
         )
-
-    def _on_pulley(self, found: Readings) -> tuple[float, float]:
-        """Return angle [rad] and torque [N m] of a joint with a round pulley.
-
-        Models of cables are of one, see `control.as_round_pulley`.
-        """
-        if self._winding is None:
-            return found.joint_angle, found.joint_torque
-        angle, _, leverage = self._winding.read(
-            [found.joint_angle], [found.joint_velocity]
-        ).values()
-        return angle, found.joint_torque / leverage
 
     def _check_rig_status(self, found: Readings) -> str | None:
         status = found.status
@@ -313,3 +308,14 @@ class Watch:
             f"beyond twist = {self._watchdog.twist:g}: a cable is off, or the sign of "
             f"an encoder or the scene's ratio of {drive.ratio:g} is wrong."
         )
+
+
+def _on_pulley(found: Readings, wound: Mapping[str, float]) -> tuple[float, float]:
+    """Return angle [rad] and torque [N m] of a joint with a round pulley.
+
+    Models of cables are of one, see `control.as_round_pulley`.
+    """
+    if not wound:
+        return found.joint_angle, found.joint_torque
+    angle, _, leverage = (wound[name] for name in WINDING_COLUMNS)
+    return angle, found.joint_torque / leverage

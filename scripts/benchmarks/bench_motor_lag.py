@@ -28,11 +28,20 @@ import cc_mujoco.envs  # noqa: F401, registers the environments
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
 
+from collections.abc import Sequence
+
 from driven import Bench, Lockstep
 
 from cc_mujoco.control import Controller, controller
 from cc_mujoco.device import Drive, Measuring, load_device
-from cc_mujoco.hardware import Loop, Readings, RunOutcome, Settings, read_settings
+from cc_mujoco.hardware import (
+    AxisRow,
+    DrivenAxis,
+    Loop,
+    RunOutcome,
+    Settings,
+    read_settings,
+)
 from cc_mujoco.report import table
 from cc_mujoco.simulation import Single, Trace, run
 from rig import make_rig
@@ -81,7 +90,7 @@ def page_settings(changes: dict[str, str] | None = None) -> Settings:
 class Nowhere:
     """Keeps no log."""
 
-    def row(self, seen: Readings, before: float, *others: float) -> None:
+    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
         """See `RunLog.row`."""
 
 
@@ -123,10 +132,8 @@ def bench(
         swing,
     )
     desired = settings.desired(seconds)
-    loop = Loop(
-        rig, law_of(law, drive), desired, settings.limits, settings.watchdog,
-        clock=rig, log=Nowhere(),
-    )  # fmt: skip
+    axis = DrivenAxis(rig, drive, desired, settings.limits, settings.watchdog)
+    loop = Loop([axis], law_of(law, drive), clock=rig, log=Nowhere())
     outcome = loop.run(seconds)
     felt = np.array(rig.torques)[: round(seconds / settings.period)]
     felt = felt[round(min(SETTLED, 0.5 * seconds) / settings.period) :]

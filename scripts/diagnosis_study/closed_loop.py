@@ -41,6 +41,7 @@ from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     APPROACH_TIME,
+    DrivenAxis,
     Limits,
     Loop,
     RunLog,
@@ -127,10 +128,8 @@ class Case:
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
         log = RunLog(self.folder / run, {"controller": law}, 200)
-        loop = Loop(
-            lockstep, controller(law, drive), desired, LIMITS, Watchdog(),
-            clock=lockstep, log=log,
-        )  # fmt: skip
+        axis = DrivenAxis(lockstep, drive, desired, LIMITS, Watchdog())
+        loop = Loop([axis], controller(law, drive), clock=lockstep, log=log)
         outcome = loop.run(SECONDS)
         log.close(outcome.to_json())
         # The first period passes before the first cycle.
@@ -162,10 +161,8 @@ class Case:
             servo = Servo(drive, times, trial.command[:, 0], firm)
             lockstep = Lockstep(bench, 100 * self.seed + number, led(times, trial))
             log = RunLog(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
-            loop = Loop(
-                lockstep, controller("none", drive), servo, limits, Watchdog(),
-                clock=lockstep, log=log,
-            )  # fmt: skip
+            axis = DrivenAxis(lockstep, drive, servo, limits, Watchdog())
+            loop = Loop([axis], controller("none", drive), clock=lockstep, log=log)
             log.close(loop.run(APPROACH_TIME + float(times[-1])).to_json())
             if loop.outcome.code:
                 raise RuntimeError(f"{data}, trial {number}: {loop.outcome.sentence}")

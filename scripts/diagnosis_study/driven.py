@@ -2,7 +2,8 @@
 
     bench = Bench(make_rig(1, make="guides"), {"viscous_friction": 200.0}, 0.002)
     rig = Lockstep(bench, seed=1, swing=lambda time: (0.0, 0.0))
-    Loop(rig, law, desired, limits, watchdog, clock=rig, log=log).run(10.0)
+    axis = DrivenAxis(rig, law.drive, desired, limits, watchdog)
+    Loop([axis], law, clock=rig, log=log).run(10.0)
 
 Cables in equilibrium at every step, a rotor, a joint with inertia, and a hand that
 holds it by a spring and a damper and swings it; encoders and torque sensor with steps

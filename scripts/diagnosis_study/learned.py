@@ -19,7 +19,10 @@ import argparse
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import (
+    Mapping,
+    Sequence,
+)
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +34,13 @@ from tqdm import tqdm
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Loop, Watchdog, drive_of
+from cc_mujoco.hardware import (
+    AxisRow,
+    DrivenAxis,
+    Loop,
+    Watchdog,
+    drive_of,
+)
 from cc_mujoco.report import table
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
@@ -55,9 +64,9 @@ class Rows:
         """Begin with nothing."""
         self.torques: list[float] = []
 
-    def row(self, seen: Any, before: float, *others: float) -> None:
-        """See `Rows` of the loop; the second of the others is the command."""
-        self.torques.append(others[1])
+    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
+        """See `Rows` of the loop."""
+        self.torques.append(axes[0].command)
 
 
 def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
@@ -93,7 +102,8 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
     period = law.drive.period
     bench = Bench(*built(effect, seed), period)
     lockstep, rows = Lockstep(bench, seed, swing), Rows()
-    loop = Loop(lockstep, law, desired, LIMITS, Watchdog(), clock=lockstep, log=rows)
+    axis = DrivenAxis(lockstep, law.drive, desired, LIMITS, Watchdog())
+    loop = Loop([axis], law, clock=lockstep, log=rows)
     outcome = loop.run(SECONDS)
     whole = outcome.code == 0
     true = np.array(lockstep.torques[1 : 1 + round(SECONDS / period)])

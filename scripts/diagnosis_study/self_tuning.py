@@ -36,7 +36,14 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
-from cc_mujoco.hardware import Limits, Loop, TorqueTable, Watchdog, drive_of
+from cc_mujoco.hardware import (
+    DrivenAxis,
+    Limits,
+    Loop,
+    TorqueTable,
+    Watchdog,
+    drive_of,
+)
 from cc_mujoco.report import COLORS, GREY, figure, save, style, table
 from rig.nominal import make_rig
 
@@ -204,9 +211,8 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
     drive = dataclasses.replace(drive, torque_noise=0.025)
     lockstep = Lockstep(bench, seed, swing)
     law = equipped(name, drive, bench, seed)
-    loop = Loop(
-        lockstep, law, desired, LIMITS, Watchdog(), clock=lockstep, log=Nothing()
-    )
+    axis = DrivenAxis(lockstep, law.drive, desired, LIMITS, Watchdog())
+    loop = Loop([axis], law, clock=lockstep, log=Nothing())
     outcome = loop.run(SECONDS)
     true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
     now = PERIOD * np.arange(true.size)

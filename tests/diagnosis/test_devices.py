@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.control import controller
+from cc_mujoco.control import axes_controller
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._resume import Earlier
 from cc_mujoco.hardware import (
+    DrivenAxis,
     Limits,
     Loop,
     Readings,
@@ -23,7 +24,8 @@ from cc_mujoco.hardware import (
     Watchdog,
     drive_of,
 )
-from hardware.devices import ARM, KNEE, SimulatedRig, written
+from hardware.devices import ARM, KNEE, SimulatedDevice, written
+from hardware.fakes import add_row
 
 
 def log_of_a_knee(folder: Path, scene: Path, marked: bool = True) -> Path:
@@ -35,7 +37,7 @@ def log_of_a_knee(folder: Path, scene: Path, marked: bool = True) -> Path:
         torque = -2.0 - np.sin(3.0 * time)
         noise = 1e-6 * np.sin(7.0 * k)
         seen = Readings(time, -4.5 * knee + noise, 0.0, knee - noise, 0.0, torque)
-        log.row(seen, 0.5 + 0.2 * np.sin(3.0 * time), torque, *[0.0] * 5)
+        add_row(log, seen, 0.5 + 0.2 * np.sin(3.0 * time), torque)
     log.close({"outcome": "", "exit_code": 0})
     return folder / "log.csv"
 
@@ -73,21 +75,27 @@ def test_the_command_takes_the_scene_first_and_asks_for_the_axis(
 
 
 @pytest.mark.slow
-def test_an_axis_is_diagnosed_by_the_log_of_its_run(tmp_path: Path) -> None:
+def test_an_axis_is_diagnosed_by_the_log_of_a_run_of_both(tmp_path: Path) -> None:
     """Its rotor, which takes part of the command that a log has, is what is missing."""
     scene = written(tmp_path, ARM)
-    drive = drive_of(str(scene), tmp_path, 1e-3, 5.0, axis="elbow")
     times = np.arange(0.0, 13.0, 0.01)
     torques = 5.0 + 3.0 * np.sin(2.0 * times) + np.sin(7.3 * times)
-    rig = SimulatedRig(scene, "elbow", noise=1e-5)
-    about = {"rig": f'scene = "{scene}"\naxis = "elbow"'}
-    log = RunLog(tmp_path / "run", about, 100, axis="elbow")
-    loop = Loop(
-        rig, controller("none", drive), TorqueTable(times, torques),
-        Limits(5.0, 1e4, 100.0, (-1.0, 2.4), soft_start=0.5), Watchdog(),
-        clock=rig, log=log,
-    )  # fmt: skip
-    log.close(loop.run(12.0).to_json())
+    device, names = SimulatedDevice(scene, noise=1e-5), ("elbow", "shoulder")
+    about = {"rig": f'scene = "{scene}"\n[axes.elbow]\n[axes.shoulder]'}
+    log = RunLog(tmp_path / "run", about, 100, axes=names)
+    limits = Limits(5.0, 1e4, 100.0, (-1.6, 2.4), soft_start=0.5)
+    drives = [drive_of(str(scene), tmp_path, 1e-3, 5.0, axis=name) for name in names]
+    axes = [
+        DrivenAxis(device.rig(name), drive, goal, limits, Watchdog(), name)
+        for name, drive, goal in zip(
+            names,
+            drives,
+            [TorqueTable(times, torques), TorqueTable(times, 0.0 * torques)],
+            strict=True,
+        )
+    ]
+    law = axes_controller("none", drives, ("elbow.", "shoulder."))
+    log.close(Loop(axes, law, clock=device, log=log).run(12.0).to_json())
     out = tmp_path / "out"
     found = diagnose(tmp_path / "run" / "log.csv", scene, out, axis="elbow")
     assert "motor_inertia" in [effect.id for effect in found.effects]

@@ -12,7 +12,13 @@ from driven import Bench, Lockstep
 
 from cc_mujoco.control import StictionCompensation, controller
 from cc_mujoco.device import Drive
-from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
+from cc_mujoco.hardware import (
+    DrivenAxis,
+    Limits,
+    Loop,
+    Watchdog,
+    drive_of,
+)
 from cc_mujoco.hardware._references import constant_course
 from hardware.fakes import Rows
 from rig import make_rig
@@ -26,7 +32,8 @@ def played(seed: int, limits: Limits = LIMITS) -> tuple[Lockstep, np.ndarray]:
         Rows(),
     )
     law = controller("none", drive)
-    loop = Loop(rig, law, constant_course(1.0), limits, Watchdog(), clock=rig, log=rows)
+    axis = DrivenAxis(rig, drive, constant_course(1.0), limits, Watchdog())
+    loop = Loop([axis], law, clock=rig, log=rows)
     assert loop.run(0.4).code == 0
     assert loop.outcome.missed == loop.outcome.without_reading == 0
     return rig, np.array(rows.rows)
@@ -67,7 +74,8 @@ def test_a_controller_that_knows_the_drag_tracks_three_times_better(
         law = StictionCompensation(dataclasses.replace(plain, cable_drives=(row,)))
         bench = Bench(case.rig, {"viscous_friction": 150.0}, 0.0005)
         rig = Lockstep(bench, 1, swing)
-        Loop(rig, law, desired, LIMITS, Watchdog(), clock=rig, log=Rows()).run(SECONDS)
+        axis = DrivenAxis(rig, law.drive, desired, LIMITS, Watchdog())
+        Loop([axis], law, clock=rig, log=Rows()).run(SECONDS)
         now = 0.0005 * np.arange(len(rig.torques))
         off = np.array(rig.torques) - np.interp(now, desired.times, desired.torques)
         found.append(np.std(off[(now > 2.0) & (now < SECONDS)]))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import gymnasium
 import numpy as np
+from play_rig import STATE, Worn
 
 from cc_mujoco.hardware import Readings
 
@@ -84,64 +83,60 @@ def written(folder: Path, text: str, name: str = "device.xml") -> Path:
     return path
 
 
-class SimulatedRig:
-    """A device in lockstep with a loop: its clock and its rig."""
+class SimulatedDevice:
+    """A device in lockstep with a loop: its clock, and the rig of every axis."""
 
-    def __init__(
-        self, scene: Path, axis: str | None = None, noise: float = 0.0
-    ) -> None:
+    def __init__(self, scene: str | Path, noise: float = 0.0) -> None:
         """Begin an episode.
 
         Args:
             scene: The device.
-            axis: That is driven, of a device with several; the others get no torque.
             noise: Standard deviation of angles [rad], a hundredth of that of torques.
         """
-        self._noise, self._random = noise, np.random.default_rng(0)
-        env: Any = gymnasium.make(
-            "cc_mujoco/Device-v1",
-            device=scene,
-            disable_env_checker=True,
-            trajectory="sine",
-            task="transparent",
-            duration=30.0,
-        ).unwrapped
-        _, self._info = env.reset(seed=1)
-        self._env, self._prefix = env, f"{axis}." if axis else ""
-        names = [one.name for one in env.exo.description.axes]
-        self._driven = np.array([axis in (None, name) for name in names], float)
-        self._time, self._torque = 0.0, 0.0
-        self.torques: list[tuple[float, float]] = []
-        """Times [s] and true torques at the joint [N m]."""
+        self.worn = Worn(scene)
+        self.noise, self.random = noise, np.random.default_rng(0)
+        self._time = 0.0
+        self._rigs: list[SimulatedRig] = []
+
+    def rig(self, axis: str | None = None) -> SimulatedRig:
+        """Return the rig of an axis; those that nobody asks for get no torque."""
+        self._rigs.append(SimulatedRig(self, axis or self.worn.names[0]))
+        return self._rigs[-1]
 
     def now(self) -> float:
         return self._time
 
     def wait(self, deadline: float) -> None:
         while self._time < deadline - 1e-9:
-            torque = self._torque * self._driven
-            given = torque if torque.size > 1 else float(torque[0])
-            *_, self._info = self._env.step(self._env.action(given))
-            self._time += self._env.drives[0].period
-            self.torques.append((self._time, self._column("joint_torque_nm")))
+            self.worn.advance({rig.axis: rig.torque for rig in self._rigs})
+            self._time += self.worn.period
+            for rig in self._rigs:
+                rig.torques.append((self._time, rig.column("joint_torque_nm")))
+
+
+class SimulatedRig:
+    """An axis of a device in lockstep with a loop."""
+
+    def __init__(self, device: SimulatedDevice, axis: str) -> None:
+        self.axis, self.torque = axis, 0.0
+        self._device = device
+        self.torques: list[tuple[float, float]] = []
+        """Times [s] and true torques at the joint [N m]."""
 
     def read(self) -> Readings:
-        sizes = self._noise * np.array([1.0, 100.0, 1.0, 100.0, 100.0])
-        errors = (sizes * self._random.normal(size=5)).tolist()
-        return Readings(
-            self._time,
-            self._column("motor_angle_rad") + errors[0],
-            self._column("motor_velocity_rad_s") + errors[1],
-            self._column("joint_angle_rad") + errors[2],
-            self._column("joint_velocity_rad_s") + errors[3],
-            self._column("joint_torque_nm") + errors[4],
-        )
+        sizes = self._device.noise * np.array([1.0, 100.0, 1.0, 100.0, 100.0])
+        errors = (sizes * self._device.random.normal(size=5)).tolist()
+        values = [
+            self.column(name) + error
+            for name, error in zip((*STATE, "joint_torque_nm"), errors, strict=True)
+        ]
+        return Readings(self._device.now(), *values)
 
     def write(self, torque: float) -> None:
-        self._torque = torque
+        self.torque = torque
 
     def close(self) -> None:
-        self._env.close()
+        self.torque = 0.0
 
-    def _column(self, name: str) -> float:
-        return float(self._info[self._prefix + name])
+    def column(self, name: str) -> float:
+        return self._device.worn.column(self.axis, name)

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from cc_mujoco.control import Controller, External, controller
 from cc_mujoco.device import Drive
-from cc_mujoco.hardware import Ending, Limits, Loop, Readings, RunOutcome, Watchdog
+from cc_mujoco.hardware import (
+    AxisRow,
+    DrivenAxis,
+    Ending,
+    Limits,
+    Loop,
+    Readings,
+    RunLog,
+    RunOutcome,
+    Watchdog,
+)
 from cc_mujoco.hardware._references import Desired, constant_course
 
 PERIOD = 0.002
@@ -84,8 +94,18 @@ class Rows:
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
 
-    def row(self, seen: Readings, before: float, *others: float) -> None:
-        self.rows.append((*seen[:6], before, *others))
+    def row(
+        self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
+    ) -> None:
+        values = [value for seen, *rest in axes for value in (*seen[:6], *rest)]
+        self.rows.append((*values, late, work, cycle))
+
+
+def add_row(
+    log: RunLog, seen: Readings, before: float = 0.0, desired: float = 0.0
+) -> None:
+    """Add a row of one axis to a log."""
+    log.row([AxisRow(seen, before, desired, 0.0, 0.0)], 0.0, 0.0, 0)
 
 
 def drive(period: float = PERIOD) -> Drive:
@@ -119,14 +139,8 @@ def play(
     clock = SimulatedClock()
     clock.before = lambda: before(clock)
     rig, rows = FakeRig(clock, fault), Rows()
-    loop = Loop(
-        rig,
-        law or controller("none", drive()),
-        desired or constant_course(2.0),
-        limits,
-        watchdog,
-        clock=clock,
-        log=rows,
-        stop=stop,
-    )
+    law = law or controller("none", drive())
+    goal = desired or constant_course(2.0)
+    axis = DrivenAxis(rig, law.drive, goal, limits, watchdog)
+    loop = Loop([axis], law, clock=clock, log=rows, stop=stop)
     return Played(loop.run(duration), rig, rows)

@@ -16,6 +16,7 @@ from cc_mujoco.hardware import (
     CanAddress,
     CanLink,
     CanRig,
+    DrivenAxis,
     Loop,
     Readings,
     RunOutcome,
@@ -128,16 +129,10 @@ def test_a_frame_of_classical_can_is_no_reading(opened: Opened) -> None:
 def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> RunOutcome:
     """In simulated time."""
     monkeypatch.setattr(can, "Bus", lambda **_: bus)
-    loop = Loop(
-        CanRig(CanAddress("can7")),
-        controller("none", drive()),
-        constant_course(2.0),
-        LIMITS,
-        dog,
-        clock=SimulatedClock(),
-        log=Rows(),
-    )
-    return loop.run(1.0)
+    rig = CanRig(CanAddress("can7"))
+    axis = DrivenAxis(rig, drive(), constant_course(2.0), LIMITS, dog)
+    law = controller("none", drive())
+    return Loop([axis], law, clock=SimulatedClock(), log=Rows()).run(1.0)
 
 
 def readings(count: int) -> list[can.Message]:
@@ -301,3 +296,43 @@ def test_a_virtual_bus_is_opened_from_rig_toml(tmp_path: Path) -> None:
     rig.close()
     rig.close()
     end.close()
+
+
+def test_axes_on_one_bus_open_it_once_and_read_their_own_frames(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def frame(identifier: int, angle: float, number: int = 1) -> can.Message:
+        seen = Readings(0.0, angle, *[0.0] * 4)
+        data = packet.pack_reading(number, 1000 * number, seen)
+        return can.Message(
+            arbitration_id=identifier, is_extended_id=False, is_fd=True, data=data
+        )
+
+    bus = Broken([frame(0x121, 0.2), frame(0x111, 0.1), frame(0x121, 0.3, 2)])
+    opened: list[can.BusABC] = []
+
+    def once(**_: object) -> Broken:
+        assert not opened
+        opened.append(bus)
+        return bus
+
+    monkeypatch.setattr(can, "Bus", once)
+    ended: list[bool] = []
+    monkeypatch.setattr(bus, "shutdown", lambda: ended.append(True))
+    buses: can_rig.CanBuses = {}
+    hip = CanRig(CanAddress("can7"), buses)
+    knee = CanRig(CanAddress("can7", command_id=0x120, reading_id=0x121), buses)
+    found = hip.read(), knee.read()
+    assert [seen and seen.motor_angle for seen in found] == [0.1, 0.3]
+    assert knee.ignored["overtaken"] == 1 and not hip.ignored.total()
+    hip.write(0.5)
+    knee.write(0.7)
+    assert [each.arbitration_id for each in bus.sent] == [0x110, 0x120]
+    hip.close()
+    assert not ended
+    bus.frames = [frame(0x111, 0.4, 2), frame(0x121, 0.5, 3)]
+    seen = knee.read()
+    assert seen is not None and seen.motor_angle == 0.5
+    knee.close()
+    knee.close()
+    assert ended == [True]

@@ -27,6 +27,7 @@ from cc_mujoco.hardware._run_log import RUN_COLUMNS
 from cc_mujoco.hardware._stop_signals import SIGNALS
 from cc_mujoco.simulation._log_columns import AXIS_COLUMNS, TIME_COLUMN
 from hardware.ends import End, MulticastEnd, UdpEnd
+from hardware.fakes import add_row
 from hardware.peers import NOWHERE, Peer, toml
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
@@ -105,7 +106,10 @@ def test_a_model_is_refused_where_a_joint_is_not_told(
     rig = tmp_path / "rig.toml"
     rig.write_text(rig.read_text().replace('"bench"', '"exosuit"'))
     assert cli.main(given) == 2
-    assert "rig.toml needs `axis`, one of hip, ankle." in capsys.readouterr().err
+    assert (
+        "rig.toml needs `axis`, one of hip, ankle, or a table"
+        in capsys.readouterr().err
+    )
     rig.write_text('axis = "hip"\n' + rig.read_text())
     assert cli.main(given) == 2
     assert "how joint knee winds the cable too" in capsys.readouterr().err
@@ -122,7 +126,7 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
     for k in range(1000):
         turn = 0.3 * np.sin(0.02 * k)
         seen = Readings(5.0 + 0.002 * k, turn, 0.0, turn - 1e-3, 0.0, 0.5 * turn)
-        log.row(seen, 0.6 * turn, *[0.0] * 6)
+        add_row(log, seen, 0.6 * turn)
     log.close({})
     dataset, _ = load([tmp_path / "out" / "log.csv"])
     (trial,) = dataset.trials
@@ -131,7 +135,7 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
 
 def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
     log = RunLog(tmp_path / "out", {}, 1)
-    log.row(Readings(0.0, *[0.1] * 5), 0.0, *[0.0] * 6)
+    add_row(log, Readings(0.0, *[0.1] * 5))
     log.close({})
     with pytest.raises(CableError, match="measured data are never replaced"):
         require_free(tmp_path / "out")
@@ -163,7 +167,7 @@ def test_a_log_without_an_end_lacks_less_than_a_block(
 ) -> None:
     log = RunLog(tmp_path / "out", {}, 50)
     for k in range(count):
-        log.row(Readings(0.002 * k, *[0.1] * 5), 0.0, *[0.0] * 6)
+        add_row(log, Readings(0.002 * k, *[0.1] * 5))
     found = rows(tmp_path / "out" / "log.csv")
     assert len(found) == count - count % 50
     assert all(len(row) == len(RUN_COLUMNS) for row in found)
@@ -201,10 +205,10 @@ def test_a_full_disk_leaves_whole_lines_and_the_outcome(
     seen = Readings(0.0, *[0.1] * 5)
     with pytest.raises(CableError, match=rf"{path} cannot be written: No space left"):
         for k in range(10_000):
-            log.row(seen._replace(time=0.002 * k), 0.0, *[0.0] * 6)
+            add_row(log, seen._replace(time=0.002 * k))
             written = k
     for k in range(100):  # while the torque goes down
-        log.row(seen._replace(time=k), 0.0, *[0.0] * 6)
+        add_row(log, seen._replace(time=k))
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -11,7 +11,15 @@ import pytest
 
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Loop, Readings, RunOutcome, Status, UdpRig, Watchdog
+from cc_mujoco.hardware import (
+    DrivenAxis,
+    Loop,
+    Readings,
+    RunOutcome,
+    Status,
+    UdpRig,
+    Watchdog,
+)
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._packet import Command
 from cc_mujoco.hardware._references import constant_course
@@ -38,16 +46,9 @@ class PacedClock:
 
 
 def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> RunOutcome:
-    loop = Loop(
-        peer.end.host(),
-        controller("none", drive()),
-        constant_course(2.0),
-        LIMITS,
-        watchdog,
-        clock=PacedClock(),
-        log=Rows(),
-    )
-    return loop.run(duration)
+    axis = DrivenAxis(peer.end.host(), drive(), constant_course(2.0), LIMITS, watchdog)
+    law = controller("none", drive())
+    return Loop([axis], law, clock=PacedClock(), log=Rows()).run(duration)
 
 
 class Received:

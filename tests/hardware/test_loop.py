@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from cc_mujoco.control import CableModel
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
+    AxisRow,
     Ending,
     Limiter,
     Limits,
@@ -441,8 +443,8 @@ def test_a_rig_that_never_gives_torque_ends_the_run() -> None:
 def test_a_log_that_cannot_be_written_ends_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def row(rows: Rows, seen: Readings, *others: float) -> None:
-        rows.rows.append(seen[:6])
+    def row(rows: Rows, axes: Sequence[AxisRow], *_: float) -> None:
+        rows.rows.append(axes[0].seen[:6])
         if len(rows.rows) >= 100:
             raise OSError("no space left on device")
 
@@ -492,7 +494,9 @@ def test_a_cable_that_carries_too_much_by_the_model_ends_the_run() -> None:
             seen = Readings(PERIOD * k, angle, 0.0, 1e-9 * k, 0.0, 125.0 * angle)
             model.follow([seen.motor_angle], [seen.joint_torque])
             peaks.append(max(float(model.tension(c).max()) for c in range(2)))
-            if why := watch.reading(seen, 0.0, seen.time):
+            if why := watch.reading(seen, 0.0, seen.time) or watch.transmission(
+                seen, {}
+            ):
                 found.append(why)
         return found
 

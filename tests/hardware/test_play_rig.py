@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
-from play_rig import PERIOD, SILENCE, Host, end_of
+from play_rig import PERIOD, SILENCE, Host, UdpEnd, Worn, WornRig, ends_of
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings
@@ -114,7 +114,8 @@ def test_it_is_where_rig_toml_says(rig: str, tmp_path: Path) -> None:
         rig = rig.replace(":0", f":{free.getsockname()[1]}")
     path = tmp_path / "rig.toml"
     path.write_text(toml(rig))
-    end, made = end_of(path, 1), read_settings(path).connect()
+    settings = read_settings(path)
+    (end,), made = ends_of([settings]), settings.connect()
     assert end.receive() is None
     made.write(0.0)
     found = arrived(end.receive)
@@ -138,7 +139,22 @@ def test_a_class_of_ones_own_cannot_be_played(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(toml('class = "my_rig:Rig"'))
     with pytest.raises(CableError, match="names a class of its own"):
-        end_of(path, 1)
+        ends_of([read_settings(path)])
+
+
+def test_a_device_is_played_with_the_torque_of_the_axes_that_are_driven() -> None:
+    played = WornRig(Worn("exosuit"), ["ankle"], 1, 0.002)
+    assert played.period == pytest.approx(0.002)
+    for _ in range(25):
+        played.advance([0.5])
+    (seen,) = played.readings([Status.ENABLED])
+    others = WornRig(Worn("exosuit"), ["hip", "ankle"], 1, 0.002)
+    for _ in range(25):
+        others.advance([0.0, 0.5])
+    hip, ankle = others.readings([Status.NONE, Status.ENABLED])
+    assert ankle.motor_angle == pytest.approx(seen.motor_angle, abs=2e-3)
+    assert (hip.status, ankle.status) == (Status.NONE, Status.ENABLED)
+    assert abs(ankle.motor_angle - hip.motor_angle) > 0.01
 
 
 def test_a_port_in_use_is_one_sentence() -> None:
@@ -147,7 +163,7 @@ def test_a_port_in_use_is_one_sentence() -> None:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
         with pytest.raises(CableError, match=f"{port} cannot be used .* already"):
-            end_of(None, port)
+            UdpEnd("127.0.0.1", port)
 
 
 SECONDS = 2.0

@@ -23,7 +23,7 @@ PROMISES = [
 
 
 def test_the_table_and_its_letters_are_read() -> None:
-    assert set(FILES) == set("LUCPBST")
+    assert set(FILES) == set("LUCPBSTA")
     assert len(PROMISES) >= 10
 
 

@@ -18,6 +18,8 @@ from cc_mujoco.datasets._run_log import RUN_MARK, page_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, RunLog
 from cc_mujoco.hardware._replay import as_episode, read_rows
+from cc_mujoco.hardware._run_log import RUN_COLUMNS
+from hardware.fakes import add_row
 
 BENCH = Bench.of(scene_path("bench"))
 
@@ -35,10 +37,26 @@ def log(tmp_path: Path) -> Path:
     for k, now in enumerate(time.tolist()):
         joint = float(played.joint_torque[k])
         seen = Readings(5.0 + now, float(motor[k]), 0.0, 0.0, 0.0, joint)
-        others = [np.nan if k > 390 else 0.5, *[0.0] * 5]
-        log.row(seen, float(played.motor_torque[k]), *others)
+        desired = np.nan if k > 390 else 0.5
+        add_row(log, seen, float(played.motor_torque[k]), desired)
     log.close({})
     return tmp_path / "run" / "log.csv"
+
+
+@pytest.mark.parametrize("torque", [0.0, -8.0])
+def test_a_slack_cable_is_no_wrong_scene_and_a_taut_one_that_drifts_is(
+    torque: float,
+) -> None:
+    """Of an axis that one cable pulls: its motor may pay out more than the joint."""
+    rows = {name: np.zeros(50) for name in RUN_COLUMNS}
+    rows["time_s"] = 1e-3 * np.arange(50)
+    rows["motor_angle_rad"] = np.linspace(0.0, -6.0, 50)
+    rows["joint_torque_nm"] = np.full(50, torque)
+    if torque:
+        with pytest.raises(CableError, match=r"drift 1\.2 rad apart"):
+            as_episode(rows, "ankle", Path("log.csv"))
+    else:
+        as_episode(rows, "ankle", Path("log.csv"))
 
 
 def test_a_log_becomes_a_recording_and_a_figure_beside_it(

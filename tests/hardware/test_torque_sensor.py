@@ -14,6 +14,7 @@ from driven import Bench, Lockstep, Swing
 
 from cc_mujoco.control import CONTROLLERS, controller
 from cc_mujoco.hardware import (
+    DrivenAxis,
     Limits,
     Loop,
     Readings,
@@ -73,10 +74,8 @@ def played(law: str, motion: str, fault: Fault = NONE, seed: int = 1) -> RunOutc
     desired, swing = MOTIONS[motion]
     rig = Faulty(Bench(make_rig(seed, make="guides"), {}, PERIOD), swing, fault, seed)
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
-    loop = Loop(
-        rig, controller(law, drive), desired, LIMITS, Watchdog(twist=10.0),
-        clock=rig, log=Rows(),
-    )  # fmt: skip
+    axis = DrivenAxis(rig, drive, desired, LIMITS, Watchdog(twist=10.0))
+    loop = Loop([axis], controller(law, drive), clock=rig, log=Rows())
     return loop.run(3.0)
 
 

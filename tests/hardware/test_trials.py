@@ -21,6 +21,7 @@ from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     APPROACH_TIME,
+    DrivenAxis,
     Limits,
     Loop,
     Readings,
@@ -31,7 +32,10 @@ from cc_mujoco.hardware import (
     Watchdog,
 )
 from cc_mujoco.hardware._trials import read_plan
-from hardware.fakes import Rows
+from hardware.fakes import (
+    Rows,
+    add_row,
+)
 from hardware.peers import Peer, toml
 from rig import make_rig
 
@@ -81,9 +85,8 @@ def test_a_motor_in_cables_follows_its_course() -> None:
     rig, rows = Lockstep(bench, 1, lambda time: (0.0, 0.0)), Rows()
     times = np.linspace(0.0, 2.0, 201)
     servo = Servo(DRIVE, times, 0.4 * np.sin(2.0 * times))
-    loop = Loop(
-        rig, controller("none", DRIVE), servo, LIMITS, Watchdog(), clock=rig, log=rows
-    )
+    axis = DrivenAxis(rig, DRIVE, servo, LIMITS, Watchdog())
+    loop = Loop([axis], controller("none", DRIVE), clock=rig, log=rows)
     assert loop.run(APPROACH_TIME + 2.0).code == 0
     seen = np.array(rows.rows)
     now = seen[:, 0] - seen[0, 0]
@@ -133,7 +136,7 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
 
 def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
     log = RunLog(tmp_path, {}, 1, "trial_01")
-    log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
+    add_row(log, Readings(0.0, *[0.1] * 5, Status.ENABLED))
     log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})
     first, second, none = (tmp_path / f"trial_0{k}.csv" for k in (1, 2, 3))
     assert truncation_reason(first) == "stopped by SIGTERM."
@@ -151,7 +154,7 @@ def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(
     for rows in (0, 0, 1):
         log = RunLog(tmp_path, {}, 1)
         for _ in range(rows):
-            log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
+            add_row(log, Readings(0.0, *[0.1] * 5, Status.ENABLED))
         log.close({"outcome": "the rig gave no reading in 3 s.", "exit_code": 3})
     before = (tmp_path / "log.csv").read_bytes()
     with pytest.raises(CableError, match="measured data are never replaced"):

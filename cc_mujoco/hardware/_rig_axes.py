@@ -1,0 +1,136 @@
+"""Axes that a `rig.toml` drives, on the model of their device.
+
+axes = RigAxes(read_axes("rig.toml"))
+law = axes_controller("pi", axes.drives, axes.prefixes)
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+
+from cc_mujoco.control import Controller, axes_controller
+from cc_mujoco.control._axes import AxesController
+from cc_mujoco.device._axis_columns import column_prefixes
+from cc_mujoco.device._device import bare_model
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._can_rig import CanBuses
+from cc_mujoco.hardware._drive_model import Windings
+from cc_mujoco.hardware._loop import DrivenAxis
+from cc_mujoco.hardware._references import Desired, TorqueTable
+from cc_mujoco.hardware._rig import Rig
+from cc_mujoco.hardware._settings import Settings
+
+
+def laws_of(law: Controller) -> tuple[Controller, ...]:
+    """Return the controllers of each axis, or the one that has all axes."""
+    return law.laws if isinstance(law, AxesController) else (law,)
+
+
+class RigAxes:
+    """Axes that a rig drives, in the order of the device."""
+
+    def __init__(self, settings: Sequence[Settings]) -> None:
+        """Load the device.
+
+        Args:
+            settings: Of every axis, of one file.
+
+        Raises:
+            CableError: There is no such device or axis.
+        """
+        self.device = device = settings[0].device()
+        every = device.axis_names
+
+        def place(axis: Settings) -> int:
+            return 0 if axis.axis is None else axis.device().axis_names.index(axis.axis)
+
+        self.settings = tuple(sorted(settings, key=place))
+        places = [place(each) for each in self.settings]
+        self.names = tuple(every[k] for k in places)
+        self.prefixes = column_prefixes(self.names)
+        """Beginnings of the columns of each axis, as a controller sees them."""
+        self.log_names = ("",) if len(every) == 1 else self.names
+        """Names of the axes in a log, see `RunLog`."""
+        self.drives = tuple(each.drive() for each in self.settings)
+        models = DeviceModel(device.description, bare_model(device).compile()).axes
+        self.windings = Windings([models[k] for k in places])
+        self._measuring = {
+            model.axis.joint: model.axis.name
+            for model in models
+            if model.axis.name not in self.names
+        }
+        """Axes that are not driven, by the joint that they would measure."""
+
+    def controller(self, name: str) -> Controller:
+        """Return a controller of all axes, see `control.axes_controller`.
+
+        Raises:
+            CableError: There is none, or it needs to know how a joint that the rig does
+                not measure winds a cable.
+        """
+        law = axes_controller(name, self.drives, self.prefixes)
+        for axis, one, missing in zip(
+            self.names, laws_of(law), self.windings.unmeasured, strict=False
+        ):
+            if not missing or not hasattr(one, "model"):
+                continue
+            others = [self._measuring[j] for j in missing if j in self._measuring]
+            known = len(others) == len(missing)
+            hint = f"drive {' and '.join(others)}, whose rig does; " if known else ""
+            of = f" of axis {axis}" if len(self.names) > 1 else ""
+            raise CableError(
+                f"controller {name!r}{of} needs to know how joint {', '.join(missing)} "
+                f"winds the cable too, which the rig does not measure; {hint}none, "
+                "feedback and pi need not."
+            )
+        return law
+
+    def desired(self, duration: float) -> list[Desired]:
+        """Return the desired torque of each axis, see `Settings.desired`.
+
+        Args:
+            duration: Of the run [s].
+
+        Raises:
+            CableError: One cannot be made, or is beyond what its motor can give.
+        """
+        found = [each.desired(duration) for each in self.settings]
+        for name, desired, drive, each in zip(
+            self.names, found, self.drives, self.settings, strict=True
+        ):
+            if not isinstance(desired, TorqueTable):
+                continue
+            try:
+                desired.require_within(drive, each.limits)
+            except CableError as error:
+                of = f"axis {name}: " if len(self.names) > 1 else ""
+                raise CableError(f"{of}{error}") from None
+        return found
+
+    def driven(
+        self, rigs: Sequence[Rig], desired: Sequence[Desired]
+    ) -> list[DrivenAxis]:
+        """Return the axes for a loop."""
+        return [
+            DrivenAxis(rig, drive, goal, each.limits, each.watchdog, name)
+            for rig, drive, goal, each, name in zip(
+                rigs, self.drives, desired, self.settings, self.names, strict=True
+            )
+        ]
+
+    def connect(self) -> list[Rig]:
+        """Make the rig of every axis; those on one CAN bus share it.
+
+        Raises:
+            CableError: One cannot be made; the others are closed.
+        """
+        buses: CanBuses = {}
+        rigs: list[Rig] = []
+        with contextlib.ExitStack() as closing:
+            for each in self.settings:
+                rigs.append(each.connect(buses))
+                closing.callback(rigs[-1].close)
+            closing.pop_all()
+        return rigs

@@ -17,6 +17,7 @@ import math
 import re
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,6 @@ import numpy as np
 import cc_mujoco.envs  # noqa: F401, registers the environments
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
-
-from collections.abc import Sequence
 
 from driven import Bench, Lockstep
 

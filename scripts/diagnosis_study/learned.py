@@ -19,10 +19,7 @@ import argparse
 import dataclasses
 import json
 import math
-from collections.abc import (
-    Mapping,
-    Sequence,
-)
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +31,7 @@ from tqdm import tqdm
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import (
-    AxisRow,
-    DrivenAxis,
-    Loop,
-    Watchdog,
-    drive_of,
-)
+from cc_mujoco.hardware import AxisRow, DrivenAxis, Loop, Watchdog, drive_of
 from cc_mujoco.report import table
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig

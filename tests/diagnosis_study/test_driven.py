@@ -12,13 +12,7 @@ from driven import Bench, Lockstep
 
 from cc_mujoco.control import StictionCompensation, controller
 from cc_mujoco.device import Drive
-from cc_mujoco.hardware import (
-    DrivenAxis,
-    Limits,
-    Loop,
-    Watchdog,
-    drive_of,
-)
+from cc_mujoco.hardware import DrivenAxis, Limits, Loop, Watchdog, drive_of
 from cc_mujoco.hardware._references import constant_course
 from hardware.fakes import Rows
 from rig import make_rig

@@ -215,6 +215,21 @@ def test_an_axis_has_its_own_settings_and_otherwise_those_of_all(
     assert [goal.torque(0.0, rest) for goal in axes.desired(1.0)] == [1.0, 0.5]
 
 
+def test_the_example_of_the_page_drives_two_axes(tmp_path: Path) -> None:
+    page = (
+        Path(read_axes.__code__.co_filename).with_name("README.md").read_text("utf-8")
+    )
+    section = page.partition("\n## Several axes\n")[2]
+    example = section.partition("```toml\n")[2].partition("```")[0]
+    axes = RigAxes(read_axes(file_of(tmp_path, example)))
+    assert axes.names == ("hip", "ankle")
+    assert [each.limits.torque for each in axes.settings] == [4.0, 8.0]
+    axes.desired(1.0)
+    axes.controller("hip=pi,ankle=predictive")
+    with pytest.raises(CableError, match="of axis hip needs to know how joint knee"):
+        axes.controller("predictive")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [

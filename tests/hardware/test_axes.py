@@ -36,6 +36,7 @@ from hardware.fakes import LIMITS, PERIOD, FakeRig, Rows, SimulatedClock, drive
 from hardware.peers import Peer
 
 Fault = Callable[[int, Readings], Readings | None]
+PAGE = Path(__file__).parents[2] / "cc_mujoco" / "hardware" / "README.md"
 NAMES = ("hip", "knee", "ankle")
 PREFIXES = ("hip.", "knee.", "ankle.")
 TROUBLE = 100
@@ -216,9 +217,7 @@ def test_an_axis_has_its_own_settings_and_otherwise_those_of_all(
 
 
 def test_the_example_of_the_page_drives_two_axes(tmp_path: Path) -> None:
-    page = (
-        Path(read_axes.__code__.co_filename).with_name("README.md").read_text("utf-8")
-    )
+    page = PAGE.read_text("utf-8")
     section = page.partition("\n## Several axes\n")[2]
     example = section.partition("```toml\n")[2].partition("```")[0]
     axes = RigAxes(read_axes(file_of(tmp_path, example)))

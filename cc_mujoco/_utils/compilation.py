@@ -54,6 +54,7 @@ def internal(function: Function) -> Function:
         "error_model": "numpy",
         "no_cpython_wrapper": True,
         "no_cfunc_wrapper": True,
+        "forceinline": True,
     }
     return cast("Function", _share_specialisations(njit(**options)(function)))
 

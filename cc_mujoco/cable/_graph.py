@@ -97,6 +97,41 @@ def _read_solution(
 
 
 @internal
+def _solve_lines(
+    n: int,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+    slip_direction: FloatArray,
+    slack: FloatArray,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
+    shift: FloatArray,
+    node: FloatArray,
+    lines: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Solve a step for displacements and tensions, slip and slack nodes known."""
+    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    for s in range(n):
+        if slip_direction[s] == 0.0:
+            own[s] = np.inf
+            continue
+        gain[s], offset[s], own[s] = slipping(
+            slip_direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
+        )
+    solve(
+        n, tension, stiffness, gain, offset, own, slack,
+        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
+    )  # fmt: skip
+
+
+@internal
 def _solve_marked(
     n: int,
     tension: FloatArray,
@@ -116,27 +151,20 @@ def _solve_marked(
     lines: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve a step for displacements and tensions, slip known from `_read_solution`."""
-    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    """Solve a step whose slip is known from `_read_solution`, and lay what is slack."""
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
             slack[s] = 1.0
-        slip = slip_direction[s]
         if slack[s] != 0.0 and slack[s + 1] != 0.0:
-            slip = 0.0
-        if slip == 0.0:
-            own[s] = np.inf
-            continue
-        gain[s], offset[s], own[s] = slipping(
-            slip, hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-        )
-    solve(
-        n, tension, stiffness, gain, offset, own, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
+            slip_direction[s] = 0.0
+    _solve_lines(
+        n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
+        slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
+        shift, node, lines, work,
     )  # fmt: skip
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
-    free = gain
+    free = lines[:n]
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
     lay_slack(
@@ -180,7 +208,7 @@ def _solve_from_guess(
     for s in range(n):
         slip_direction[s] = np.sign(last[s])
     for _ in range(_MAX_GUESSES):
-        _solve_marked(
+        _solve_lines(
             n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
             slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
             shift, node, lines, work,

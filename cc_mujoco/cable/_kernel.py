@@ -221,6 +221,30 @@ def _end_relation(
 
 
 @internal
+def _constant_coefficients(
+    prm: FloatArray, n: int, state: FloatArray, work: FloatArray
+) -> None:
+    """Write the coefficients of segments whose friction is constant."""
+    growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
+    constant_drag, slips = at.constant_drag(prm, n), at.slips(state, n)
+    growth_distal, growth_proximal = (
+        at.row(work, n, _GROWTH),
+        at.row(work, n, _GROWTH_PROXIMAL),
+    )
+    hold_distal, hold_proximal = (
+        at.row(work, n, _HOLD_DISTAL),
+        at.row(work, n, _HOLD_PROXIMAL),
+    )
+    drag, viscosity = at.row(work, n, _DRAG), at.row(work, n, _VISCOSITY)
+    for j in range(n):
+        growth_distal[j] = growth_proximal[j] = growth[j]
+        drag[j], viscosity[j] = constant_drag[j], 0.0
+        # A segment that goes on slipping the same way has already broken away.
+        hold_distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
+        hold_proximal[j] = growth[j] if slips[j] < 0.0 else hold[j]
+
+
+@internal
 def _coefficients(
     prm: FloatArray,
     n: int,
@@ -230,8 +254,10 @@ def _coefficients(
     work: FloatArray,
 ) -> None:
     """Write the coefficients of every segment for this step, see `_friction.py`."""
+    if prm[at.CONSTANT_COULOMB] != 0.0:
+        _constant_coefficients(prm, n, state, work)
+        return
     values = at.scalars(prm)
-    is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
     asymmetry = values[_ASYMMETRY]
     guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
@@ -248,11 +274,7 @@ def _coefficients(
     drift = 1.0
     if is_state_dependent:
         drift = law.drift_factor(values, state[at.TIME] + dt, state[at.HEAT])
-    constant_growth, constant_hold = (
-        at.constant_growth(prm, n),
-        at.constant_hold(prm, n),
-    )
-    constant_drag = at.constant_drag(prm, n)
+    constant_hold = at.constant_hold(prm, n)
     slips, speeds = at.slips(state, n), at.slip_speeds(state, n)
     angles, ages = at.segment_angles(prm, n), at.contact_ages(state, n)
     reached = 0.0
@@ -260,51 +282,44 @@ def _coefficients(
         begin, reached = reached, reached + length[j]
         slip = slips[j]
         distal_hold = proximal_hold = constant_hold[j]
-        if is_constant_coulomb:
-            growth[j] = growth_proximal[j] = constant_growth[j]
-            drag[j] = constant_drag[j]
-            viscosity[j] = 0.0
-        else:
-            angle = angles[j]
-            if is_state_dependent:
-                angle *= law.wrap_factor(
-                    values, state[at.TRAVEL], begin, reached, prm[at.LENGTH]
-                )
-            mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
-            coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
-            holding = resting
-            if is_state_dependent:
-                factor = drift * law.load_factor(values, mean)
-                extra = values[_AGEING] * ages[j]
-                holding = factor * (holding + extra)
-                # Without memory the first slip renews the contacts.
-                extra = extra if values[_CRITICAL_SLIP] > 0.0 else 0.0
-                coefficient = factor * (coefficient + extra)
-            growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
-            if is_state_dependent:
-                distal_hold = proximal_hold = growth[j]
-                if holding != coefficient:
-                    distal_hold = proximal_hold = law.ratio(holding, angle)
-            drag[j] = law.drag(values, length[j], growth[j], j, guided)
-            viscosity[j] = law.viscosity(
-                values, length[j], growth[j], at.row(work, n, _SPEED)[j], dt
+        angle = angles[j]
+        if is_state_dependent:
+            angle *= law.wrap_factor(
+                values, state[at.TRAVEL], begin, reached, prm[at.LENGTH]
             )
-            if asymmetry != 0.0:
-                distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
-                growth[j] = law.ratio(coefficient * distal, angle)
-                growth_proximal[j] = law.ratio(coefficient * proximal, angle)
-                distal_hold, proximal_hold = growth[j], growth_proximal[j]
-                if holding != coefficient:
-                    distal_hold = law.ratio(holding * distal, angle)
-                    proximal_hold = law.ratio(holding * proximal, angle)
-            if values[_BRISTLE] > 0.0:
-                spring = law.bristle_stiffness(
-                    values, coefficient, angle, mean, drag[j]
-                )
-                force = at.bristle_forces(state, n)[j]
-                stretch = at.bristle_stretches(state, n)[j]
-                at.row(work, n, _SPRING)[j] = spring
-                at.row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
+        mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
+        coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
+        holding = resting
+        if is_state_dependent:
+            factor = drift * law.load_factor(values, mean)
+            extra = values[_AGEING] * ages[j]
+            holding = factor * (holding + extra)
+            # Without memory the first slip renews the contacts.
+            extra = extra if values[_CRITICAL_SLIP] > 0.0 else 0.0
+            coefficient = factor * (coefficient + extra)
+        growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
+        if is_state_dependent:
+            distal_hold = proximal_hold = growth[j]
+            if holding != coefficient:
+                distal_hold = proximal_hold = law.ratio(holding, angle)
+        drag[j] = law.drag(values, length[j], growth[j], j, guided)
+        viscosity[j] = law.viscosity(
+            values, length[j], growth[j], at.row(work, n, _SPEED)[j], dt
+        )
+        if asymmetry != 0.0:
+            distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
+            growth[j] = law.ratio(coefficient * distal, angle)
+            growth_proximal[j] = law.ratio(coefficient * proximal, angle)
+            distal_hold, proximal_hold = growth[j], growth_proximal[j]
+            if holding != coefficient:
+                distal_hold = law.ratio(holding * distal, angle)
+                proximal_hold = law.ratio(holding * proximal, angle)
+        if values[_BRISTLE] > 0.0:
+            spring = law.bristle_stiffness(values, coefficient, angle, mean, drag[j])
+            force = at.bristle_forces(state, n)[j]
+            stretch = at.bristle_stretches(state, n)[j]
+            at.row(work, n, _SPRING)[j] = spring
+            at.row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
         # A segment that goes on slipping the same way has already broken away.
         hold_distal[j] = growth[j] if slip > 0.0 else distal_hold
         hold_proximal[j] = growth_proximal[j] if slip < 0.0 else proximal_hold

@@ -177,13 +177,11 @@ def _spring(prm: FloatArray, n: int, i: int) -> float:
 def _tension_by_law(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
-    """Return the tension of node i by the law, from the linear solution `after` [N]."""
-    spring = _spring(prm, n, i)
-    if spring == 0.0 and not nodes.is_curved(prm):
-        whole = prm[_EA] + before
-        risen = min(after - before, _MAX_NODE_SHARE * whole)
-        return float(before + risen * whole / (whole - risen))
-    start = stretch_ratio(prm, before)
+    """Return the tension of a node that bedding or a spring makes nonlinear [N].
+
+    By the law, from the linear solution `after` [N].
+    """
+    spring, start = _spring(prm, n, i), stretch_ratio(prm, before)
     length = at.node_length(prm, n)[i] * start * start
     moved = nodes.stretch_between(prm, n, i, before, after)
     unit, tension = _cable_per_length(prm), after
@@ -203,8 +201,15 @@ def apply_material_law(
 
     They are those before the step and, in and out, after it.
     """
+    ea, straight = prm[_EA], not nodes.is_curved(prm)
     for i in range(n + 1):
-        if after[i] != before[i]:
+        if after[i] == before[i]:
+            continue
+        if straight and _spring(prm, n, i) == 0.0:
+            whole = ea + before[i]
+            risen = min(after[i] - before[i], _MAX_NODE_SHARE * whole)
+            after[i] = before[i] + risen * whole / (whole - risen)
+        else:
             after[i] = _tension_by_law(prm, n, i, before[i], after[i])
 
 

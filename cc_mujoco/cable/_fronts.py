@@ -25,6 +25,7 @@ from cc_mujoco._utils.compilation import (
     REAL,
     REALS,
     FloatArray,
+    borrow,
     exported,
     internal,
     types,
@@ -180,6 +181,10 @@ def march(
     Returns:
         True, or False where the march does not apply; outputs are then undefined.
     """
+    tension, compliance, half = borrow(tension), borrow(compliance), borrow(half)
+    growth, hold_distal = borrow(growth), borrow(hold_distal)
+    hold_proximal, drag = borrow(hold_proximal), borrow(drag)
+    shift, node, work = borrow(shift), borrow(node), borrow(work)
     m = n + 1
     # w_i = proximal_c T_i - proximal_e after the spring of node i and proximal_a
     # T_{i+1} - proximal_b before that of node i + 1; from the distal end the same for

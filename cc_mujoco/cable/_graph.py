@@ -31,6 +31,7 @@ from cc_mujoco._utils.compilation import (
     REAL,
     REALS,
     FloatArray,
+    borrow,
     exported,
     internal,
     types,
@@ -277,6 +278,11 @@ def sweep(
     and T = distal_p - distal_q w. `work` holds (11 n + 11,). `hold_distal` and
     `hold_proximal` are overwritten with E where a segment breaks away.
     """
+    last, tension, stiffness = borrow(last), borrow(tension), borrow(stiffness)
+    growth_distal, growth_proximal = borrow(growth_distal), borrow(growth_proximal)
+    hold_distal, hold_proximal = borrow(hold_distal), borrow(hold_proximal)
+    drag, viscosity, work = borrow(drag), borrow(viscosity), borrow(work)
+    shift, node = borrow(shift), borrow(node)
     size = 2 * n + 3
     # Knots, and what it means to be left of one, see `_read_solution`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]

@@ -27,6 +27,7 @@ from cc_mujoco._utils.compilation import (
     REAL,
     REALS,
     FloatArray,
+    borrow,
     compiled,
     exported,
     internal,
@@ -475,6 +476,9 @@ def step(
     Returns:
         OK or NOT_FINITE.
     """
+    prm, state, new_state, work = (
+        borrow(prm), borrow(state), borrow(new_state), borrow(work),
+    )  # fmt: skip
     for i in range(at.state_size(n)):
         new_state[i] = state[i]
     # Until what changes the tensions before the ends move is done, they hold.

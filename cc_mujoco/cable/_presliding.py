@@ -26,6 +26,7 @@ from cc_mujoco._utils.compilation import (
     REAL,
     REALS,
     FloatArray,
+    borrow,
     exported,
     internal,
     types,
@@ -276,6 +277,13 @@ def preslide(
     Returns:
         True, or False where no solution was found; outputs are then undefined.
     """
+    tension, stiffness, held = borrow(tension), borrow(stiffness), borrow(held)
+    growth_distal, growth_proximal = borrow(growth_distal), borrow(growth_proximal)
+    hold_distal, hold_proximal = borrow(hold_distal), borrow(hold_proximal)
+    drag, viscosity, spring = borrow(drag), borrow(viscosity), borrow(spring)
+    shift, node, slipped, work = (
+        borrow(shift), borrow(node), borrow(slipped), borrow(work),
+    )  # fmt: skip
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]

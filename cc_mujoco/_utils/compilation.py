@@ -269,7 +269,7 @@ def _borrow(context: Any, given: Any) -> Any:
     return given(given), codegen
 
 
-borrow: Callable[[FloatArray], FloatArray] = _borrow
+borrow = cast("Callable[[FloatArray], FloatArray]", _borrow)
 """Return an argument of a function as an array whose views count no references.
 
 Its caller keeps it. Counting calls a function at every view, even where the array has

@@ -43,9 +43,10 @@ def scene(version: str, segments: int) -> mujoco.MjModel:
         name="motor", target=NAME if version == "ideal" else "motor"
     )
     pull.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    pull.gear = [0.0] * 6  # a winch that pulls nothing would run into its stop
     if version == "ideal":
         pull.trntype = mujoco.mjtTrn.mjTRN_TENDON
-        pull.gear = [-1.0 / 0.008, 0, 0, 0, 0, 0]
+        pull.gear[0] = -1.0 / 0.008
     return spec.compile()
 
 

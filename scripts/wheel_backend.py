@@ -24,6 +24,7 @@ import sys
 import tempfile
 import tomllib
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,8 @@ def build_wheel(
         return name
     if not _can_have_plugin():
         return _without(name, "only Linux on x86-64 can load it")
+    if choice is None and shutil.which("ld") is None and find_spec("ziglang") is None:
+        return _without(name, "it takes a linker, `ld` or `ziglang`")
     plain = Path(wheel_directory) / name
     with tempfile.TemporaryDirectory() as folder:
         tree, made = Path(folder) / "wheel", Path(folder) / "made"

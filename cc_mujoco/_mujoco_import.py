@@ -15,11 +15,17 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
+from cc_mujoco.errors import CableError
+
 OLDEST_MUJOCO = (3, 17)
 """Oldest release of MuJoCo on which the plugin is right; tested on it and the newest.
 
 Earlier ones load it, but not all cables on open paths conserve energy there.
 """
+
+
+class OldMujocoError(CableError, ImportError):
+    """A part of this package that the installed MuJoCo is too old for."""
 
 
 def register_with_mujoco() -> None:
@@ -37,14 +43,14 @@ def require_plugin_support() -> None:
     """Require a MuJoCo that can run the plugin.
 
     Raises:
-        ImportError: it is older than `OLDEST_MUJOCO`.
+        OldMujocoError: it is older than `OLDEST_MUJOCO`.
     """
     if not _supports_plugin():
         oldest = ".".join(map(str, OLDEST_MUJOCO))
-        raise ImportError(
+        raise OldMujocoError(
             f"cables inside MuJoCo need mujoco {oldest} or newer, not "
-            f"{_mujoco().__version__}; `pip install --upgrade mujoco` brings it, and "
-            "cc_mujoco.cable and cc_mujoco.estimation work without"
+            f"{_mujoco().__version__}: `pip install --upgrade mujoco`, or use the "
+            "parts without it, such as cc_mujoco.cable and cc_mujoco.control."
         )
 
 

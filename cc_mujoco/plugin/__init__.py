@@ -3,7 +3,7 @@
 Importing this package registers the plugin `cc_mujoco.cable`.
 
 Raises:
-    ImportError: this MuJoCo cannot run the plugin.
+    ImportError: this MuJoCo is too old for the plugin, or cannot run it.
 """
 
 from importlib import import_module

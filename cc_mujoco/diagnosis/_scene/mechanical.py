@@ -156,8 +156,9 @@ def _add_periodic_torque(
     actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
     actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
     wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
+    # Without an input the motor constant has no effect, but MuJoCo 3 refuses zero.
     actuator.set_to_dcmotor(
-        motorconst=[0.0, 0.0], resistance=1.0, cogging=wave, ctrlspec=NO_INPUT
+        motorconst=[1e-300, 0.0], resistance=1.0, cogging=wave, ctrlspec=NO_INPUT
     )
 
 

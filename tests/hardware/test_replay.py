@@ -47,7 +47,7 @@ def log(tmp_path: Path) -> Path:
 def test_a_slack_cable_is_no_wrong_scene_and_a_taut_one_that_drifts_is(
     torque: float,
 ) -> None:
-    """Of an axis that one cable pulls: its motor may pay out more than the joint."""
+    """The motor of an axis that one cable pulls may pay out more than the joint."""
     rows = {name: np.zeros(50) for name in RUN_COLUMNS}
     rows["time_s"] = 1e-3 * np.arange(50)
     rows["motor_angle_rad"] = np.linspace(0.0, -6.0, 50)

@@ -107,6 +107,7 @@ _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _NO_EULER_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 _JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 _AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _AFFINE_GAIN = int(mujoco.mjtGain.mjGAIN_AFFINE)
 _PRM_SIZE = 10  # of gain and bias of an actuator
@@ -281,13 +282,10 @@ def _smooth_forces(
             continue
         first = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
         number = mj_struct.integer(model, mj_struct.ACTUATOR_OUTNUM, actuator)
+        share = _tendon_share(model, data, actuator)
         for output in range(first, first + number):
-            given_force = mj_struct.force(data, output)
-            if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
-                low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
-                high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
-                given_force = min(max(given_force, low), high)
-            _add_moment(data, output, given_force, acted)
+            given_force = _limited_force(model, data, actuator, output)
+            _add_moment(data, output, share * given_force, acted)
     for instance in range(mj_struct.plugins(model)):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, instance) == kind:
@@ -326,6 +324,56 @@ def _smooth_forces(
             high = mj_struct.real(model, mj_struct.JNT_ACTFRCRANGE, 2 * joint + 1)
             acted[dof] = min(max(acted[dof], low), high)
     add(force, acted, 1.0)
+
+
+@internal
+def _limited_force(model: int, data: int, actuator: int, output: int) -> float:
+    """Return the force of an actuator's output within its `forcerange`."""
+    force = mj_struct.force(data, output)
+    if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
+        low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
+        high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
+        force = min(max(force, low), high)
+    return float(force)
+
+
+@internal
+def _is_clamped(model: int, data: int, actuator: int) -> bool:
+    """Return whether a range limits an actuator's force, which then has no damping."""
+    output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
+    if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
+        force = mj_struct.force(data, output)
+        low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
+        high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
+        if force <= low or force >= high:
+            return True
+    return _tendon_share(model, data, actuator) != 1.0
+
+
+@internal
+def _tendon_share(model: int, data: int, actuator: int) -> float:
+    """Return the share of an actuator's force that its tendon's range leaves.
+
+    MuJoCo scales the forces of all actuators of a tendon so that their sum is within
+    the `actuatorfrcrange` of that tendon.
+    """
+    if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) != _TENDON:
+        return 1.0
+    tendon = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
+    if mj_struct.byte(model, mj_struct.TENDON_ACTFRCLIMITED, tendon) == 0:
+        return 1.0
+    total = 0.0
+    for other in range(mj_struct.actuators(model)):
+        if (
+            mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, other) == _TENDON
+            and mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * other) == tendon
+        ):
+            output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, other)
+            total += _limited_force(model, data, other, output)
+    low = mj_struct.real(model, mj_struct.TENDON_ACTFRCRANGE, 2 * tendon)
+    high = mj_struct.real(model, mj_struct.TENDON_ACTFRCRANGE, 2 * tendon + 1)
+    allowed = min(max(total, low), high)
+    return allowed / total if allowed != total else 1.0
 
 
 @internal
@@ -378,7 +426,7 @@ def _damping_matrix(
                 model, mj_struct.ACTUATOR_GAINPRM, _PRM_SIZE * actuator + 2
             )
             rate -= gain * mj_struct.real(data, mj_struct.CTRL, control)
-        if rate > 0.0:
+        if rate > 0.0 and not _is_clamped(model, data, actuator):
             fill(scratch, 0.0)
             output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
             _add_moment(data, output, 1.0, scratch)

@@ -29,13 +29,13 @@ def add_element(owner: Any, kind: str, **fields: Any) -> Any:
         fields: values of its fields that differ from those of MuJoCo.
     """
     element = getattr(owner, f"add_{kind}")()
-    for field, value in (_pristine_fields(kind) | fields).items():
+    for field, value in (pristine_fields(kind) | fields).items():
         setattr(element, field, value)
     return element
 
 
 @cache
-def _pristine_fields(kind: str) -> dict[str, Any]:
+def pristine_fields(kind: str) -> dict[str, Any]:
     """Return the fields of an element of a model without defaults."""
     spec = mujoco.MjSpec()
     owner = spec if kind in ("actuator", "tendon") else spec.worldbody.add_body()

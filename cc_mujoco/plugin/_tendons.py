@@ -314,6 +314,7 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
     """Return the cables of branches, as long and as bent as their paths in `qpos0`."""
     model = compile_spec(spec.copy())
     laid = []
+    every = {target for end in ends for target, _ in end.branch.path}
     for end in ends:
         name = end.branch.name
         length = float(model.tendon_length0[model.tendon(name).id])
@@ -327,8 +328,11 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
         }
         own |= given
         if len(ends) > 1:
-            passed = [target for target, _ in end.branch.path]
-            own["guides"] = tuple(g for g in given["guides"] if g[0] in passed)
+            # The engine refuses a name that no branch passes, at the first.
+            own_names = {target for target, _ in end.branch.path}
+            if end is ends[0]:
+                own_names |= set(dict(given["guides"])) - every
+            own["guides"] = tuple(g for g in given["guides"] if g[0] in own_names)
         laid.append((end, Cable(**own)))
     tried = spec.copy()
     _write_cables(tried, laid)

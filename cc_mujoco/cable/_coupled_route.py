@@ -1,4 +1,4 @@
-"""Cables whose path one joint moves: bends that change, and pieces that lie open.
+"""Cables whose path a joint moves: bends that change, and pieces that lie open.
 
     drive = CoupledCables((cable,), (course,), motor_radius=0.008)
     drive.replay(dt, motor_angle=motor, joint_angle=joint).joint_torque
@@ -6,7 +6,8 @@
 What the path does is a table over the angle of the joint; the cable is that of the
 kernel. What a piece gains in length enters the cable there, and by virtual work the
 joint feels every tension with the gain of its piece per angle. Angles are positive
-where the first cable pulls, and positive motor rotation winds that cable.
+where the first cable pulls, and positive motor rotation winds that cable. Of a path
+that other joints move, too, the table is over the rows of a recording, and has slopes.
 """
 
 from __future__ import annotations
@@ -45,6 +46,9 @@ class CoupledPath:
         length: (angles, n + 1) of path that every node stands for [m]; empty where
             the sections of the cable say so.
         guided: number of segments inside a conduit.
+        gain: (angles, n + 1) change of `gained` per angle of the joint [m/rad]; None
+            where that is its slope in the table.
+        arm: (angles,) the same of `distal`.
     """
 
     joint: FloatArray
@@ -54,6 +58,8 @@ class CoupledPath:
     distal: FloatArray
     length: FloatArray
     guided: int
+    gain: FloatArray | None = None
+    arm: FloatArray | None = None
 
     @property
     def open(self) -> bool:
@@ -64,6 +70,13 @@ class CoupledPath:
     def reach(self) -> FloatArray:
         """Length of cable that path and distal end take together (angles,) [m]."""
         found: FloatArray = self.gained.sum(axis=1) + self.distal
+        return found
+
+    @property
+    def slope(self) -> FloatArray:
+        """Change of `reach` per angle of the joint, where it is known [m/rad]."""
+        assert self.gain is not None and self.arm is not None
+        found: FloatArray = self.gain.sum(axis=1) + self.arm
         return found
 
 
@@ -159,9 +172,13 @@ class CoupledCables:
                 course.contact,
                 course.length,
                 course.gained,
-                np.gradient(course.gained, step, axis=0),
+                np.gradient(course.gained, step, axis=0)
+                if course.gain is None
+                else course.gain,
                 reached,
-                np.gradient(reached, step),
+                np.gradient(reached, step)
+                if course.arm is None
+                else self.distal_share * course.arm,
             ),
             motor,
             joint,

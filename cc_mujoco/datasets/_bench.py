@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,14 +20,18 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import SCENES
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
+from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._coupled_route import (
     OPEN_PATHS,
     CoupledScene,
     Leading,
+    PullingCable,
+    RecordedPath,
     is_tied_to_path,
+    other_movers,
     path_motion,
     path_tables,
-    require_single_mover,
+    pulling_cables,
     tied_joint,
 )
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
@@ -55,6 +59,11 @@ class Bench:
         joint_radius: of the joint's pulley, or arm of its lever at 0 [m].
         lever: that the cable pulls in place of a pulley, or None.
         led: what the joint moves of the cables besides their ends.
+        others: names of other joints that move the cables, whose angles are recorded.
+        pulled_by: other axes' cables that pull at the joint, too.
+        stops: smallest and largest angle of each of `others`, infinite without [rad].
+        strangers: names of the scene's cables that are not of this axis.
+        angle_columns: column by name of another axis's joint in a log of the device.
         span: angles of the joint between which the scene is known [rad].
         drawn_radius: `joint_radius` as the scene has it [m].
         axis: name of the axis of a device with several; empty else.
@@ -84,6 +93,11 @@ class Bench:
     centre: float = 0.0
     reach: float = math.inf
     torque_noise: float = 0.0
+    others: tuple[str, ...] = ()
+    pulled_by: tuple[PullingCable, ...] = ()
+    stops: tuple[tuple[float, float], ...] = ()
+    strangers: tuple[str, ...] = ()
+    angle_columns: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     @property
     def transmission(self) -> Transmission:
@@ -102,25 +116,83 @@ class Bench:
         """
         if not self.led:
             return ()
+        return path_tables(self.coupled, max(segments, self.min_cable_segments))
+
+    @property
+    def coupled(self) -> CoupledScene:
+        """The scene of the paths."""
         sign = 1.0 if self.lever is None else self.lever.sign
-        scene = CoupledScene(
+        return CoupledScene(
             str(self.path), self.sha256, self.names, self.joint, *self.span, sign
         )
-        return path_tables(scene, max(segments, self.min_cable_segments))
+
+    def recorded_path(
+        self, joint: FloatArray, others: FloatArray, ramp: int = 0
+    ) -> RecordedPath | None:
+        """Return the paths of the cables along a recording; None if no other moves.
+
+        Args:
+            joint: (samples,) of the driven joint [rad].
+            others: (others, samples) of the other joints [rad].
+            ramp: rows of either part of a lead-in, see `RecordedPath`.
+        """
+        if not self.others:
+            return None
+        return RecordedPath(self.coupled, self.others, joint, others, ramp)
+
+    def recorded_angles(self, with_torque: bool = True) -> dict[str, str]:
+        """Return the other joints whose angles are needed, with their columns in a log.
+
+        Args:
+            with_torque: the torque at the joint is measured, from which that of other
+                axes' cables is taken off.
+        """
+        needed = dict.fromkeys(self.others)
+        for cable in self.pulled_by if with_torque else ():
+            needed |= dict.fromkeys(cable.others)
+        plain = {joint: channels.other_angle(joint) for joint in needed}
+        return {
+            joint: self.angle_columns.get(joint, own) for joint, own in plain.items()
+        }
 
     @property
     def min_cable_segments(self) -> int:
         """Segments that the cables have at least: a path in the open needs its own."""
         return max(c.segments for c in self.cables) if self.led in OPEN_PATHS else 1
 
-    def turned(self, joint: FloatArray) -> FloatArray:
-        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+    def turned(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
+        """Return a pulley's angle that takes as much cable as the joint (samples,).
+
+        Args:
+            joint: (samples,) [rad].
+            path: of a recording in which other joints move, too.
+        """
+        if path is not None:
+            course = path.along(joint, self.min_cable_segments)[0]
+            found: FloatArray = -course.reach[2 * path.ramp :] / self.drawn_radius
+            return found
         return joint if self.lever is None else self.lever.turned(joint)
 
-    def following(self, joint: FloatArray) -> FloatArray:
+    def along_lead_in(self, path: RecordedPath) -> FloatArray:
+        """Return `turned` in the first part of a path's lead-in (ramp + 1,)."""
+        course = path.along(path.joint, self.min_cable_segments)[0]
+        found: FloatArray = -course.reach[: path.ramp + 1] / self.drawn_radius
+        return found
+
+    def share(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
+        """Return the arm at the joint over that at 0 (samples,); see `turned`."""
+        if path is not None:
+            course = path.along(joint, self.min_cable_segments)[0]
+            found: FloatArray = -course.slope[2 * path.ramp :] / self.drawn_radius
+            return found
+        return np.ones(1) if self.lever is None else self.lever.share(joint)
+
+    def following(
+        self, joint: FloatArray, path: RecordedPath | None = None
+    ) -> FloatArray:
         """Return the motor angle at which the cables keep their length (samples,)."""
         ratio = self.joint_radius / self.motor_radius
-        found: FloatArray = ratio * self.turned(joint)
+        found: FloatArray = ratio * self.turned(joint, path)
         return found
 
     def carried(self, motor: FloatArray) -> FloatArray:
@@ -136,7 +208,11 @@ class Bench:
         return found
 
     def replay(
-        self, dt: float, motor_angle: FloatArray, joint_angle: FloatArray
+        self,
+        dt: float,
+        motor_angle: FloatArray,
+        joint_angle: FloatArray,
+        others: FloatArray | None = None,
     ) -> Driven:
         """Play both angles through the cables of the scene, from rest.
 
@@ -144,7 +220,20 @@ class Bench:
             dt: time between samples [s].
             motor_angle: (samples,) [rad].
             joint_angle: (samples,) [rad].
+            others: (others, samples) of the other joints [rad]; None leaves them where
+                they are in the scene.
         """
+        if others is not None and self.others:
+            segments = max(cable.segments for cable in self.cables)
+            path = RecordedPath(self.coupled, self.others, joint_angle, others)
+            drive = CoupledCables(
+                self.cables, path.along(joint_angle, segments), self.motor_radius
+            )
+            rows = np.arange(joint_angle.size, dtype=np.float64)
+            return replace(
+                drive.replay(dt, motor_angle=motor_angle, joint_angle=rows),
+                joint_angle=joint_angle,
+            )
         own = self.courses(max(cable.segments for cable in self.cables))
         if own:
             drive = CoupledCables(self.cables, own, self.motor_radius)
@@ -191,6 +280,7 @@ class Bench:
         scene: str | Path,
         axis: str | None = None,
         cables: Collection[str] | None = None,
+        driven: str = "",
     ) -> Bench:
         """Read a scene.
 
@@ -198,6 +288,7 @@ class Bench:
             scene: MJCF file, file of a description, or name of a built-in scene.
             axis: name of the axis, of a device with several.
             cables: names of the cables, in place of an axis.
+            driven: joint that these drive, where several move them.
 
         Raises:
             CableError: the scene cannot be read, has several axes of which none is
@@ -213,12 +304,18 @@ class Bench:
             reason = " ".join(str(error).split())
             raise CableError(f"scene {path} does not load: {reason}") from None
         present = from_mjcf(spec)
-        described, torque_noise = None, 0.0
+        described, torque_noise, columns = None, 0.0, {}
         if cables is None and (axis or table or len(present) > 2):
             device = load_device(source).description
             described = device.axis(axis)
             axis = described.name if len(device.axes) > 1 else ""
             cables = described.cables
+            driven = described.joint
+            columns = {
+                other.joint: f"{other.name}.{channels.JOINT_ANGLE}"
+                for other in device.axes
+                if other.name != axis
+            }
             torque_noise = known_torque_noise(device)
         cables = {n: c for n, c in present.items() if cables is None or n in cables}
         if len(cables) not in (1, 2):
@@ -228,7 +325,7 @@ class Bench:
                 f"or a pull-pull pair (plugin `{PLUGIN}`)"
             )
         found = {
-            name: _cable_connections(spec, model, path, name, cable)
+            name: _cable_connections(spec, model, path, name, cable, driven)
             for name, cable in cables.items()
         }
         if len({ends.motor for ends in found.values()}) > 1:
@@ -252,9 +349,24 @@ class Bench:
                 "`bend`); a diagnosis takes a pull-pull pair of like cables"
             )
         (led,) = kinds
-        for name in order if led else ():
-            where = f"scene {path}: cable {name}"
-            require_single_mover(model, name, found[name].joint, where)
+        moved = {
+            other: None
+            for name in order
+            if led or lever is not None
+            for other in other_movers(
+                model, name, found[name].joint, f"scene {path}: cable {name}"
+            )
+        }
+        if moved and lever is None:
+            raise CableError(
+                f"scene {path}: cable {order[0]} ends on a pulley and lies along a "
+                f"route that moves with {', '.join(moved)} as well; a diagnosis "
+                "follows other joints only where a cable ends at a tendon: lock them "
+                "on the rig, and take their <joint> out of the scene"
+            )
+        if moved and not led:
+            led = "bent"
+        strangers = {n: cable for n, cable in present.items() if n not in order}
         segments = {cable.segments for cable in cables.values()}
         if led and len(segments) > 1:
             raise CableError(
@@ -297,12 +409,26 @@ class Bench:
             joint_radius=abs(distal),
             lever=lever,
             led=led,
+            others=tuple(moved),
+            pulled_by=tuple(pulling_cables(model, joint, strangers, f"scene {path}")),
+            stops=tuple(_stops(model, other) for other in moved),
+            strangers=tuple(strangers),
+            angle_columns=columns,
             span=_span(model, joint, lever),
             drawn_radius=abs(distal),
             axis=axis or "",
             torque_noise=torque_noise,
             **_excursion(model, joint, lever, described),
         )
+
+
+def _stops(model: mujoco.MjModel, joint: str) -> tuple[float, float]:
+    """Return the range of a joint [rad]."""
+    index = model.joint(joint).id
+    if not model.jnt_limited[index]:
+        return -math.inf, math.inf
+    low, high = model.jnt_range[index].tolist()
+    return low, high
 
 
 def _require_axis(source: str | Path) -> None:
@@ -343,9 +469,14 @@ class _Ends(NamedTuple):
 
 
 def _cable_connections(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str, cable: Cable
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    path: Path,
+    name: str,
+    cable: Cable,
+    driven: str,
 ) -> _Ends:
-    """Return the two joints that a cable connects."""
+    """Return the two joints that a cable connects; several may move it, one driven."""
     ends: list[tuple[str, float]] = []
     lever = None
     for actuator in spec.actuators:
@@ -355,9 +486,9 @@ def _cable_connections(
             where = f"scene {path}: cable {name}"
             gear, tendon = float(actuator.gear[0]), str(actuator.target)
             if is_tied_to_path(model, name, cable, tendon):
-                turned, arm, lever = tied_joint(model, name, where)
+                turned, arm, lever = tied_joint(model, name, where, driven)
             else:
-                turned, arm, lever = lever_of(model, tendon, gear, where)
+                turned, arm, lever = lever_of(model, tendon, gear, where, driven)
             ends.append((turned, -arm))
             continue
         joint = spec.joint(actuator.target)

@@ -31,6 +31,8 @@ REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
 NON_TENSION_CHANNELS = (*MAIN_CHANNELS, MOTOR_CURRENT, TEMPERATURE)
 """Channels of a trial other than tensions and time."""
 
+_OTHER_ANGLE_PATTERN = re.compile(r".+_angle_rad")
+
 TENSION_TEMPLATE = "tension_<cable>_<proximal|distal>_n"
 _TENSION_PATTERN = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
 _TENSION_UNIT_PATTERN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z]+)")
@@ -83,6 +85,8 @@ def kind_of(channel: str) -> Kind:
     """
     if is_tension(channel):
         return FORCE
+    if is_other_angle(channel):
+        return ANGLE
     if channel not in _KINDS:
         raise CableError.unknown("channel", channel, [*_KINDS, TENSION_TEMPLATE])
     return _KINDS[channel]
@@ -91,6 +95,16 @@ def kind_of(channel: str) -> Kind:
 def is_tension(column: str) -> bool:
     """Return whether the name of a column is that of a measured end tension."""
     return _TENSION_PATTERN.fullmatch(column) is not None
+
+
+def other_angle(joint: str) -> str:
+    """Return the channel of the angle of a joint that is not the driven one."""
+    return f"{joint}_angle_rad"
+
+
+def is_other_angle(channel: str) -> bool:
+    """Return whether a channel is the angle of a joint that is not the driven one."""
+    return channel not in ANGLES and _OTHER_ANGLE_PATTERN.fullmatch(channel) is not None
 
 
 def cable_end(tension: str) -> tuple[str, str]:

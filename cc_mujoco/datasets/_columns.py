@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
@@ -91,9 +91,15 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
 
 
 def channel_sources(
-    where: str, names: Sequence[str], file: DatasetFile
+    where: str, names: Sequence[str], file: DatasetFile, others: Collection[str] = ()
 ) -> dict[str, tuple[str, str]]:
     """Return the column and unit of every channel that a trial has, time aside.
+
+    Args:
+        where: the file, for a sentence.
+        names: of its columns.
+        file: what these mean.
+        others: joints whose angles are needed besides that of the driven one.
 
     Raises:
         CableError: one is missing, or there are several. A torque may be missing where
@@ -103,7 +109,13 @@ def channel_sources(
     optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
     found: dict[str, tuple[str, str]] = {}
     absent = []
-    for channel in dict.fromkeys([*channels.MAIN_CHANNELS, *file.columns, *optional]):
+    needed = [channels.other_angle(joint) for joint in others]
+    if strange := [c for c in file.columns if channels.is_other_angle(c)]:
+        if unknown := [c for c in strange if c not in needed]:
+            known = [*channels.REQUIRED_CHANNELS, *needed]
+            raise CableError.unknown(f"channel in {file.path}", unknown[0], known)
+    needed += channels.MAIN_CHANNELS
+    for channel in dict.fromkeys([*needed, *file.columns, *optional]):
         source = file.source(channel)
         if channel == channels.TIME or not source.measured:
             continue
@@ -115,7 +127,7 @@ def channel_sources(
             if len(set(places)) > 1:
                 raise _ambiguous_column(where, places, channel)
             if not places:
-                if channel in channels.MAIN_CHANNELS or channel in file.columns:
+                if channel in needed or channel in file.columns:
                     absent.append(channel)
                 continue
             column = places[0]
@@ -198,6 +210,8 @@ def _missing_column(
         listing += f", or declare [columns.{channel}] measured = false"
     if channel in channels.ANGLES:
         listing += "; without this angle there is nothing to play through the cables"
+    if channels.is_other_angle(channel):
+        listing += "; this joint moves a cable, too, so its angle must be recorded"
     return CableError(f"{listing}.")
 
 

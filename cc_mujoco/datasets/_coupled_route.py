@@ -1,25 +1,33 @@
 """Cables that the joint leads: bends that move with it, and pieces in the open.
 
 The scene's own path, at every angle of the joint, in the angles of the data: positive
-where the cable pulls.
+where the cable pulls. Where other joints move it as well, it is the path at every
+sample of a recording, see `RecordedPath`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._coupled_route import CoupledPath
+from cc_mujoco.datasets._channels import ANGLES, other_angle
 from cc_mujoco.datasets._moment_arm import Lever, make_lever, single_hinge, swept_angles
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf, route_tendon, to_mjcf
-from cc_mujoco.plugin._path_table import compute_path_table, moving_joints
-from cc_mujoco.report._html import list_words
+from cc_mujoco.plugin._path_table import (
+    compute_path_table,
+    compute_recorded_path,
+    moving_joints,
+)
 
 Leading = Literal["", "bent", "open", "mixed"]
 """Part of a cable that the joint moves: "" for its end only, "bent" for the bends of
@@ -48,16 +56,22 @@ def is_tied_to_path(
 
 
 def tied_joint(
-    model: mujoco.MjModel, name: str, where: str
+    model: mujoco.MjModel, name: str, where: str, driven: str = ""
 ) -> tuple[str, float, Lever]:
     """Return the joint that an open path turns, its moment arm at 0 [m], and its lever.
+
+    Args:
+        model: of the scene.
+        name: of the cable.
+        where: scene and cable, for a sentence.
+        driven: joint of the axis, of a path that several move.
 
     Raises:
         CableError: the path moves with no joint, with several or with one that is no
             hinge, or it has no arm at 0.
     """
     joint = single_hinge(
-        model, moving_joints(model, name), f"{where} lies along a path that"
+        model, moving_joints(model, name), f"{where} lies along a path that", driven
     )
     angles = swept_angles(model, joint, ANGLE_COUNT)
     reach = compute_path_table(model, name, joint, angles).reach
@@ -67,21 +81,59 @@ def tied_joint(
     return joint, radius, lever
 
 
-def require_single_mover(
-    model: mujoco.MjModel, name: str, joint: str, where: str
-) -> None:
-    """Require that only the joint that a cable turns moves its path.
+def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> list[str]:
+    """Return the joints that move the path of a cable besides the one that it turns.
 
     Raises:
-        CableError: another one does.
+        CableError: one of them is no hinge, or its column would be that of the driven
+            joint or the motor.
     """
     others = [each for each in moving_joints(model, name) if each != joint]
-    if others:
-        raise CableError(
-            f"{where} lies along a route that moves with {list_words(others)}; a "
-            f"diagnosis takes a route that only the joint it turns moves, {joint!r}: "
-            "lock the others on the rig, and take their <joint> out of the scene"
+    for each in others:
+        if model.joint(each).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise CableError(
+                f"{where} lies along a path that moves with joint {each!r}, which is "
+                "no hinge; lock it on the rig, and take its <joint> out of the scene"
+            )
+        if other_angle(each) in ANGLES:
+            raise CableError(
+                f"{where} lies along a path that moves with joint {each!r}, whose "
+                f"column {other_angle(each)} is another one; rename the joint"
+            )
+    return others
+
+
+class PullingCable(NamedTuple):
+    """Cable of another axis that pulls at the joint of an axis.
+
+    Attributes:
+        name: of the cable.
+        others: joints that move its path besides that joint.
+        friction: coefficient of friction.
+    """
+
+    name: str
+    others: tuple[str, ...]
+    friction: float
+
+
+def pulling_cables(
+    model: mujoco.MjModel, joint: str, cables: Mapping[str, Cable], where: str
+) -> list[PullingCable]:
+    """Return those of the cables of other axes that pull at a joint.
+
+    Raises:
+        CableError: one is moved by a joint that is no hinge, see `other_movers`.
+    """
+    return [
+        PullingCable(
+            name,
+            tuple(other_movers(model, name, joint, f"{where}: cable {name}")),
+            cable.friction,
         )
+        for name, cable in cables.items()
+        if joint in moving_joints(model, name, pulled=True)
+    ]
 
 
 class CoupledScene(NamedTuple):
@@ -106,13 +158,258 @@ class CoupledScene(NamedTuple):
     sign: float
 
 
+class RecordedPath:
+    """The paths of cables along recorded angles of all joints that move them.
+
+    The driven joint's own angle is uncertain by its offset, its clock and its noise, so
+    paths are tabulated along the recorded motion with that joint turned aside by a few
+    steps, as they are needed, and interpolated. Rows begin with a lead-in from the pose
+    of the scene to the first sample.
+    """
+
+    def __init__(
+        self,
+        scene: CoupledScene,
+        others: Sequence[str],
+        joint: FloatArray,
+        angles: FloatArray,
+        ramp: int = 0,
+    ) -> None:
+        """Keep the angles; nothing is tabulated yet.
+
+        Args:
+            scene: of the cables.
+            others: names of the other joints.
+            joint: (samples,) of the driven joint in the count of the data [rad].
+            angles: (others, samples) of the other joints in that of the scene [rad].
+            ramp: rows in which the joints go to the first sample, and rows that they
+                then stay there; 0 begins there.
+        """
+        self.scene, self.others, self.ramp = scene, tuple(others), ramp
+        self.joint, self.angles = joint, angles
+        ahead = np.linspace(0.0, 1.0, ramp + 1)[:-1] if ramp else np.empty(0)
+        self._share = np.concatenate([ahead, np.ones(ramp + joint.size)])
+        self._known: dict[tuple[int, int], tuple[CoupledPath, ...]] = {}
+
+    def thinned(self, every: int) -> RecordedPath:
+        """Return the same with one in so many samples."""
+        joint, angles = self.joint[::every].copy(), self.angles[:, ::every].copy()
+        return RecordedPath(self.scene, self.others, joint, angles, self.ramp)
+
+    def with_lead_in(self, signal: FloatArray) -> FloatArray:
+        """Return a signal of the samples with the rows that lead in from 0 (rows,)."""
+        start = np.full(2 * self.ramp, signal[0])
+        found: FloatArray = self._share * np.concatenate([start, signal])
+        return found
+
+    def along(self, joint: FloatArray, segments: int) -> tuple[CoupledPath, ...]:
+        """Return the paths of the cables, by row, for a motion near the recorded one.
+
+        Args:
+            joint: (samples,) of the driven joint [rad].
+            segments: of every cable.
+        """
+        aside = np.clip(joint - self.joint, -_MAX_ASIDE, _MAX_ASIDE)
+        aside = np.concatenate([np.full(2 * self.ramp, aside[0]), aside])
+        steps = np.floor(aside / _ASIDE_STEP).astype(int)
+        share = aside / _ASIDE_STEP - steps
+        parts = [(k, np.flatnonzero(steps == k)) for k in np.unique(steps).tolist()]
+        before, after = (
+            [
+                _joined([(rows, own[cable]) for rows, own in known])
+                for cable in range(len(self.scene.names))
+            ]
+            for ahead in (0, 1)
+            for known in [
+                [(rows, self._tabulated(segments, k + ahead)) for k, rows in parts]
+            ]
+        )
+        return tuple(
+            _between(a, b, share, _ASIDE_STEP * self._share)
+            for a, b in zip(before, after, strict=True)
+        )
+
+    def _tabulated(self, segments: int, step: int) -> tuple[CoupledPath, ...]:
+        """Return the paths with the driven joint so many steps aside."""
+        key = segments, step
+        if key not in self._known:
+            scene = self.scene
+            model = _model_of(scene, segments)
+            turned = self.with_lead_in(self.joint + _ASIDE_STEP * step)
+            rests = [_rest(model, name) for name in self.others]
+            angles = [
+                rest + self.with_lead_in(angle - rest)
+                for rest, angle in zip(rests, self.angles, strict=True)
+            ]
+            poses = _poses(
+                model, scene, turned, dict(zip(self.others, angles, strict=True))
+            )
+            found = (
+                compute_recorded_path(model, name, scene.joint, poses)
+                for name in scene.names
+            )
+            self._known[key] = tuple(
+                found if scene.sign > 0.0 else map(_negate_slopes, found)
+            )
+        return self._known[key]
+
+
+def _poses(
+    model: mujoco.MjModel,
+    scene: CoupledScene,
+    joint: FloatArray,
+    others: Mapping[str, FloatArray],
+) -> FloatArray:
+    """Return the poses (samples, nq) with these angles and the rest as in the scene."""
+    poses = np.tile(model.qpos0, (joint.size, 1))
+    place = int(model.joint(scene.joint).qposadr[0])
+    poses[:, place] = scene.sign * np.clip(joint, scene.low, scene.high)
+    for name, angle in others.items():
+        poses[:, int(model.joint(name).qposadr[0])] = angle
+    return poses
+
+
+def _rest(model: mujoco.MjModel, joint: str) -> float:
+    return float(model.qpos0[int(model.joint(joint).qposadr[0])])
+
+
+class Bounds(NamedTuple):
+    """Least and largest torque (samples,) [N m]."""
+
+    low: FloatArray
+    high: FloatArray
+
+
+def pulling_torque(
+    scene: CoupledScene,
+    cable: PullingCable,
+    joint: FloatArray,
+    others: Mapping[str, FloatArray],
+    proximal: FloatArray | None,
+    distal: FloatArray | None,
+) -> Bounds:
+    """Bound the torque of another axis's cable at the joint by its measured tensions.
+
+    Between its ends the tension changes by no more than friction along the bends lets
+    it, T exp(+-friction wrap); where the whole cable slides the bounds are one.
+
+    Args:
+        scene: of the axis's own cables.
+        cable: of another axis.
+        joint: (samples,) of the driven joint in the count of the data [rad].
+        others: (samples,) each of all other joints that move the cable [rad].
+        proximal: (samples,) tension at the motor's end [N], or None.
+        distal: (samples,) tension at the other end [N], or None; one of both is needed.
+    """
+    model = _model_of(scene, 0)
+    poses = _poses(model, scene, joint, others)
+    course = compute_recorded_path(model, cable.name, scene.joint, poses)
+    assert course.gain is not None and course.arm is not None
+    bent = np.cumsum(course.wrap, axis=1)
+    bent = np.concatenate([np.zeros((joint.size, 1)), bent], axis=1)
+    low, high = np.zeros(bent.shape), np.full(bent.shape, np.inf)
+    ends = (proximal, bent), (distal, bent[:, -1:] - bent)
+    for tension, between in ends:
+        if tension is not None:
+            taut = np.maximum(tension, 0.0)[:, None]
+            low = np.maximum(low, taut * np.exp(-cable.friction * between))
+            high = np.minimum(high, taut * np.exp(cable.friction * between))
+    # By noise the ends may differ by more than friction can make of it.
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    gain = course.gain.copy()
+    gain[:, -1] += course.arm
+    arms = -scene.sign * gain
+    pulls, pushes = np.maximum(arms, 0.0), np.minimum(arms, 0.0)
+    return Bounds(
+        (pulls * low + pushes * high).sum(axis=1),
+        (pulls * high + pushes * low).sum(axis=1),
+    )
+
+
+_MAX_ASIDE, _ASIDE_STEP = 0.5, 0.02
+"""Range and step of the driven joint's deviations from its recorded angle [rad]."""
+_BY_ROW = ("wrap", "contact", "gained", "distal", "length", "gain", "arm")
+
+
+def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPath:
+    """Return the path that has these rows of several others."""
+    first = parts[0][1]
+    if len(parts) == 1:
+        return first
+    made = {name: getattr(first, name).copy() for name in _BY_ROW}
+    for rows, course in parts[1:]:
+        for name, values in made.items():
+            if len(values):  # the lengths of a conduit are those of its sections
+                values[rows] = getattr(course, name)[rows]
+    return replace(first, **made)
+
+
+def _between(
+    here: CoupledPath, there: CoupledPath, share: FloatArray, turn: FloatArray
+) -> CoupledPath:
+    """Return a path between two, with displacements that follow their slopes.
+
+    Args:
+        here: with the joint less far aside.
+        there: with the joint further aside.
+        share: (rows,) of the way from one to the other.
+        turn: (rows,) of the joint from one to the other [rad].
+    """
+    assert here.gain is not None and there.gain is not None
+    assert here.arm is not None and there.arm is not None
+
+    def linear(a: FloatArray, b: FloatArray) -> FloatArray:
+        found: FloatArray = a + _as_rows(share, a) * (b - a)
+        return found
+
+    def hermite(
+        a: FloatArray, b: FloatArray, slope: FloatArray, end: FloatArray
+    ) -> FloatArray:
+        part, angle, rise = _as_rows(share, a), _as_rows(turn, a), b - a
+        bend = (1.0 - part) * (angle * slope - rise) - part * (angle * end - rise)
+        found: FloatArray = a + part * rise + part * (1.0 - part) * bend
+        return found
+
+    return replace(
+        here,
+        wrap=linear(here.wrap, there.wrap),
+        contact=linear(here.contact, there.contact),
+        gained=hermite(here.gained, there.gained, here.gain, there.gain),
+        distal=hermite(here.distal, there.distal, here.arm, there.arm),
+        length=linear(here.length, there.length) if here.open else here.length,
+        gain=linear(here.gain, there.gain),
+        arm=linear(here.arm, there.arm),
+    )
+
+
+def _as_rows(signal: FloatArray, like: FloatArray) -> FloatArray:
+    """Return a signal that multiplies the rows of an array."""
+    return signal if like.ndim == 1 else signal[:, None]
+
+
+def _negate_slopes(course: CoupledPath) -> CoupledPath:
+    """Return the same path with slopes by an angle that counts the other way."""
+    assert course.gain is not None and course.arm is not None
+    return replace(course, gain=-course.gain, arm=-course.arm)
+
+
+@lru_cache(maxsize=16)
+def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
+    """Return the model of a scene whose cables have so many segments each.
+
+    With 0 they have as many as in its file.
+    """
+    spec = mujoco.MjSpec.from_file(scene.path)
+    for name, cable in from_mjcf(spec).items():
+        if segments and name in scene.names:
+            to_mjcf(spec, name, cable.replace(segments=segments))
+    return spec.compile()
+
+
 @lru_cache(maxsize=16)
 def path_tables(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
     """Return the paths of the cables of a scene at the angles of the data."""
-    spec = mujoco.MjSpec.from_file(scene.path)
-    for name, cable in from_mjcf(spec).items():
-        to_mjcf(spec, name, cable.replace(segments=segments))
-    model = spec.compile()
+    model = _model_of(scene, segments)
     ends = sorted((scene.sign * scene.low, scene.sign * scene.high))
     angles = np.linspace(ends[0], ends[1], ANGLE_COUNT)
     found = (

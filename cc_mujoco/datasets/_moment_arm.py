@@ -55,7 +55,7 @@ class Lever:
 
 
 def lever_of(
-    model: mujoco.MjModel, tendon: str, gear: float, where: str
+    model: mujoco.MjModel, tendon: str, gear: float, where: str, driven: str = ""
 ) -> tuple[str, float, Lever]:
     """Return the joint that a tendon turns, its moment arm at 0 [m], and its lever.
 
@@ -64,6 +64,7 @@ def lever_of(
         tendon: at which the cable ends.
         gear: of that end.
         where: scene and cable, for a sentence.
+        driven: joint of the axis, of a tendon that several move.
 
     Raises:
         CableError: the tendon depends on no joint, on several or on one that is no
@@ -73,8 +74,9 @@ def lever_of(
     data = mujoco.MjData(model)
     dofs = _moving_dofs(model, data, row)
     names = [str(model.joint(int(model.dof_jntid[dof])).name) for dof in dofs]
-    joint = single_hinge(model, names, f"{where} ends at tendon {tendon!r}, which")
-    (dof,) = dofs
+    what = f"{where} ends at tendon {tendon!r}, which"
+    joint = single_hinge(model, names, what, driven)
+    dof = int(model.joint(joint).dofadr[0])
     place = int(model.joint(joint).qposadr[0])
     angles = swept_angles(model, joint)
     lengths, arms = np.empty((2, LEVER_ANGLE_COUNT))
@@ -89,20 +91,26 @@ def lever_of(
     return joint, radius, lever
 
 
-def single_hinge(model: mujoco.MjModel, moved: Sequence[str], what: str) -> str:
-    """Return the one hinge among the joints that move something.
+def single_hinge(
+    model: mujoco.MjModel, moved: Sequence[str], what: str, driven: str = ""
+) -> str:
+    """Return the one hinge among the joints that move something, or the driven one.
 
     Raises:
-        CableError: there is none, there are several, or it is no hinge.
+        CableError: there is none, there are several of which none is driven, or it is
+            no hinge.
     """
+    if driven in moved:
+        moved = [driven]
     if len(moved) != 1:
         movement = (
             f"moves with joints {', '.join(moved)}" if moved else "moves with none"
         )
         raise CableError(
             f"{what} {movement}; a diagnosis takes a cable that turns one hinge joint, "
-            "by a pulley or a lever, and that no other joint moves: lock the others on "
-            "the rig, and take their <joint> out of the scene"
+            "by a pulley or a lever: name it as `joint` of an [[axis]] in the scene's "
+            "description and record the angles of the others, or lock them on the rig "
+            "and take their <joint> out of the scene"
         )
     if model.joint(moved[0]).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
         raise CableError(f"{what} moves with joint {moved[0]!r}, which is no hinge")

@@ -7,7 +7,7 @@ the names themselves: `motor_angle_deg` is the motor angle in degrees.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -68,7 +68,11 @@ class Recording:
 
 
 def read(
-    path: Path, file: DatasetFile, name: str | None = None, axis: str = ""
+    path: Path,
+    file: DatasetFile,
+    name: str | None = None,
+    axis: str = "",
+    others: Mapping[str, str] | None = None,
 ) -> Recording:
     """Read the channels of one file.
 
@@ -77,16 +81,22 @@ def read(
         file: what its columns mean.
         name: of the trial; None is the file's name without ending.
         axis: with whose name columns may begin, as in logs of several axes.
+        others: joints whose angles are needed besides that of the driven one, with
+            their columns in such logs.
 
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
     parts = (TrialFile("", path, PartFile("")),)
-    return read_parts(parts, file, name or path.stem, axis)
+    return read_parts(parts, file, name or path.stem, axis, others)
 
 
 def read_parts(
-    parts: Sequence[TrialFile], file: DatasetFile, name: str, axis: str = ""
+    parts: Sequence[TrialFile],
+    file: DatasetFile,
+    name: str,
+    axis: str = "",
+    others: Mapping[str, str] | None = None,
 ) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
@@ -95,6 +105,7 @@ def read_parts(
         file: what their columns mean.
         name: of the trial.
         axis: with whose name columns may begin, as in logs of several axes.
+        others: as of `read`.
 
     Raises:
         CableError: a file cannot be read, lacks a column or holds text; clocks of
@@ -104,15 +115,17 @@ def read_parts(
     tabled = [_Table.of(part, file) for part in parts]
     # In full where there are several: their columns may have the same names.
     start = f"{axis}." if axis else ""
+    others = others or {}
+    logged = {column: channels.other_angle(joint) for joint, column in others.items()}
     homes = {
         f"{table.part.key}.{column}"
         if len(parts) > 1
-        else column.removeprefix(start): (table, column)
+        else logged.get(column, column.removeprefix(start)): (table, column)
         for table in tabled
         for column in table.names
         if len(parts) == 1 or column != table.time
     }
-    found = columns.channel_sources(where, list(homes), file)
+    found = columns.channel_sources(where, list(homes), file, others)
     for channel, (column, unit) in found.items():
         table, own = homes[column]
         table.channels[channel] = (own, unit)

@@ -97,6 +97,8 @@ class Trial:
         segments: valid stretches in order, each sampled at `step` without a gap.
         step: time between samples [s].
         tensions: (samples,) [N] each, by column name (`tension_<cable>_proximal_n`).
+        others: (samples,) [rad] each, of other joints that move cables, by column name
+            (`<joint>_angle_rad`).
         temperature: (samples,) [degC], or None.
         motor_current: (samples,) [A], or None.
         facts: what `dataset.toml` says.
@@ -117,6 +119,7 @@ class Trial:
     segments: tuple[slice, ...]
     step: float
     tensions: Mapping[str, FloatArray] = field(default_factory=dict)
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
     temperature: FloatArray | None = None
     facts: Facts = field(default_factory=Facts)
     path: str = ""
@@ -148,6 +151,7 @@ class Trial:
         return (
             *(name for name in channels.MAIN_CHANNELS if own[name] is not None),
             *self.tensions,
+            *self.others,
             *(
                 name
                 for name in (channels.MOTOR_CURRENT, channels.TEMPERATURE)
@@ -161,8 +165,9 @@ class Trial:
         Raises:
             CableError: the trial has no such channel.
         """
-        if name in self.tensions:
-            return self.tensions[name]
+        for kind in (self.tensions, self.others):
+            if name in kind:
+                return kind[name]
         found = self._plain(name)
         if found is None:
             raise CableError.unknown("channel", name, self.channels)

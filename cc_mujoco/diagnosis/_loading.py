@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,12 +30,18 @@ from cc_mujoco.datasets._folders import (
 from cc_mujoco.datasets._multi_file import TrialFile, group_files
 from cc_mujoco.datasets._reading import Recording, read, read_parts
 from cc_mujoco.datasets._run_log import is_log, truncation_reason
+from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, Trial
 from cc_mujoco.diagnosis._checks.noise import noise_of
 from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
-from cc_mujoco.diagnosis._checks.run import check_recording, check_trials
+from cc_mujoco.diagnosis._checks.run import (
+    check_motions,
+    check_recording,
+    check_trials,
+)
+from cc_mujoco.diagnosis._inference.lowpass import compared_band
 from cc_mujoco.errors import CableError
 
 
@@ -69,6 +75,10 @@ def load(
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"{toml} says what the columns mean."))
     axis = bench.axis if bench else ""
+    others: Mapping[str, str] = {}
+    if bench is not None:
+        others = bench.recorded_angles(file.source(channels.JOINT_TORQUE).measured)
+        other_axes = OtherAxes(bench)
     names, parts = _trials_by_file(files, file)
     findings += file.check_trials(names, nearby_data_files(files, file.path))
     trials: list[Trial] = []
@@ -76,9 +86,9 @@ def load(
     for path, name in names.items():
         try:
             recording = (
-                read_parts(parts[path], file, name, axis)
+                read_parts(parts[path], file, name, axis, others)
                 if path in parts
-                else read(path, file, name, axis)
+                else read(path, file, name, axis, others)
             )
         except CableError as wrong:
             findings.append(error(str(wrong), name))
@@ -107,11 +117,17 @@ def load(
         )
         track, found = decimate(track, str(path), name)
         findings += found
+        if bench is not None:
+            findings += other_axes.take_off(recording, track)
         trials.append(_trial(recording, track, facts))
     known_bench = bench.known(file.rig) if bench else None
     trials, instruments, found = add_derived_torques(trials, file, known_bench)
     alone = known_bench is not None and len(known_bench.cables) == 1
-    findings += found + check_trials(trials, alone)
+    if bench is not None and bench.others:  # the ends do not turn by one ratio
+        found += check_motions(trials)
+    else:
+        found += check_trials(trials, alone)
+    findings += found
     dataset = Dataset(
         trials=tuple(trials),
         constants=file.rig,
@@ -122,6 +138,11 @@ def load(
         instruments=instruments,
     )
     noise = noise_of(dataset, file)
+    if bench is not None and channels.JOINT_TORQUE in noise:
+        rate = min(trial.rate for trial in trials)
+        passed = min(1.0, 2.0 * compared_band(rate) / rate)
+        own = noise[channels.JOINT_TORQUE]
+        noise[channels.JOINT_TORQUE] = other_axes.noise(own, passed)
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
     findings += wrong_repeats(dataset.trials)
     return replace(dataset, noise=noise), findings
@@ -183,6 +204,11 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
         step=track.step,
         tensions={
             name: value for name, value in values.items() if channels.is_tension(name)
+        },
+        others={
+            name: value
+            for name, value in values.items()
+            if channels.is_other_angle(name)
         },
         temperature=temperature,
         motor_current=values.get(channels.MOTOR_CURRENT),

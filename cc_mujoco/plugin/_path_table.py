@@ -4,7 +4,8 @@
     course = compute_path_table(model, "extensor", "finger", angles)
 
 The table has the path that the plugin finds at these angles, with all other joints as
-in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo.
+in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo. Where
+other joints move as well, `compute_recorded_path` has a row for every pose.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ from cc_mujoco.plugin._routing import follow
 
 _TRIAL_TURN = 1e-3
 """Turn by which a joint is tried [rad]."""
+_SLOPE_TURN = 1e-4
+"""Turn either way by which a slope is found [rad]."""
 _ROUNDING_RATE = 1e-6
 """Change by rounding of a path that a joint does not move, per radian."""
 
@@ -78,8 +81,59 @@ def compute_path_table(
     return CoupledPath(np.array(angles), wrap, contact, gained, distal, length, guided)
 
 
-def moving_joints(model: mujoco.MjModel, cable: str, poses: int = 8) -> list[str]:
+def compute_recorded_path(
+    model: mujoco.MjModel, cable: str, joint: str, poses: FloatArray
+) -> CoupledPath:
+    """Compute the course of a cable's path along poses, by the number of the pose.
+
+    Args:
+        model: with the cable.
+        cable: its name.
+        joint: the hinge by whose angle the slopes are.
+        poses: (poses, nq), from near `qpos0` on by small steps.
+
+    Raises:
+        CableError: the model has no such cable.
+    """
+    walk = _Walk(model, cable)
+    place = int(model.joint(joint).qposadr[0])
+    n, count = walk.wrap.size, len(poses)
+    wrap, contact = np.empty((2, count, n))
+    gained, length, gain = np.empty((3, count, n + 1))
+    distal, arm = np.empty((2, count))
+    rest = walk.lay(model.qpos0)
+    total = np.zeros(n + 1)
+    for k, pose in enumerate(poses):
+        distal[k] = walk.lay(pose) - rest
+        total += walk.longer
+        wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
+        length[k] = walk.length
+        aside = pose.copy()
+        aside[place] += _SLOPE_TURN
+        ahead = walk.lay(aside, stay=True)
+        gain[k] = walk.longer
+        aside[place] -= 2.0 * _SLOPE_TURN
+        arm[k] = (ahead - walk.lay(aside, stay=True)) / (2.0 * _SLOPE_TURN)
+        gain[k] = (gain[k] - walk.longer) / (2.0 * _SLOPE_TURN)
+    guided = walk.guided()
+    if guided == n:
+        length = np.empty((0, n + 1))
+    rows = np.arange(count, dtype=np.float64)
+    return CoupledPath(
+        rows, wrap, contact, gained, distal, length, guided, gain=gain, arm=arm
+    )
+
+
+def moving_joints(
+    model: mujoco.MjModel, cable: str, poses: int = 8, pulled: bool = False
+) -> list[str]:
     """Return the joints that move the path or distal end of a cable in some pose.
+
+    Args:
+        model: with the cable.
+        cable: its name.
+        poses: number of poses that are tried.
+        pulled: leave out joints that only bend its conduit, which it does not pull.
 
     Raises:
         CableError: the model has no such cable.
@@ -96,7 +150,9 @@ def moving_joints(model: mujoco.MjModel, cable: str, poses: int = 8) -> list[str
             mujoco.mj_integratePos(model, moved, turn, 1.0)
             before, wrap = walk.lay(pose), walk.wrap.copy()
             after = walk.lay(moved)
-            parts = (walk.wrap - wrap, walk.longer, np.array([after - before]))
+            parts = [walk.longer, np.array([after - before])]
+            if not pulled:
+                parts.append(walk.wrap - wrap)
             if (
                 max(float(np.abs(part).max()) for part in parts)
                 > _ROUNDING_RATE * _TRIAL_TURN
@@ -131,8 +187,13 @@ class _Walk:
         self.longer, self.length = np.empty((2, n + 1))
         self.lay(model.qpos0)
 
-    def lay(self, pose: FloatArray) -> float:
-        """Lay the cable along its path in a pose; return its distal displacement."""
+    def lay(self, pose: FloatArray, stay: bool = False) -> float:
+        """Lay the cable along its path in a pose; return its distal displacement.
+
+        Args:
+            pose: (nq,).
+            stay: let the next pose be compared with the one before, not with this one.
+        """
         self._data.qpos[:] = pose
         mujoco.mj_fwdPosition(self._model, self._data)
         return float(
@@ -144,6 +205,7 @@ class _Walk:
                 self.contact,
                 self.longer,
                 self.length,
+                stay,
             )
         )
 
@@ -161,6 +223,7 @@ def _lay_path(
     contact: FloatArray,
     longer: FloatArray,
     length: FloatArray,
+    stay: bool,
 ) -> float:
     block, state = (
         mj_struct.block(data, instance),
@@ -176,7 +239,8 @@ def _lay_path(
         shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
         assign(longer, floats(scratch_at(block, n), n + 1))
         assign(length, open_path.lengths(shape, n))
-        open_path.save_path(shape, n, path_memory(state, n))
+        if not stay:
+            open_path.save_path(shape, n, path_memory(state, n))
     return displacement(data, block, DISTAL)
 
 

@@ -33,6 +33,7 @@ from cc_mujoco.diagnosis._checks.signs import (
 MAX_JOINT_TURNS, MAX_MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
 _ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
+_BEYOND_STOPS = 0.3  # of an angle whose zero is not exact [rad]
 _LOCKED_RANGE = 0.05  # range of an angle that was held fast [rad]
 _MAX_WIND_UP, _MAX_LEAD, _IMPOSSIBLE_LEAD = 2.0, 1.3, 1.5
 """A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
@@ -74,9 +75,12 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFindi
         findings += check_signs(group) + check_units(group)
     for trial in hooked:
         findings += check_alignment(trial, alone)
-    for trial in trials:
-        findings += _check_motion(trial)
-    return findings
+    return findings + check_motions(trials)
+
+
+def check_motions(trials: Sequence[Trial]) -> list[DataFinding]:
+    """Run the checks of trials that hold whatever connects the two ends."""
+    return [finding for trial in trials for finding in _check_motion(trial)]
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataFinding]:
@@ -130,6 +134,13 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
         bench: of the scene, with what is known of the rig.
     """
     ratio = bench.joint_radius / bench.motor_radius
+    if bench.others:  # the ends do not turn by one ratio
+        return [
+            finding
+            for trial in trials
+            for check in (_check_overload, _check_known_range, _check_others_range)
+            for finding in check(trial, bench)
+        ]
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     found = {trial.name: measure_mechanics(trial) for trial in hooked}
     certain = [t for t in hooked if abs(found[t.name].follows) > 0.6]
@@ -161,6 +172,23 @@ def _check_known_range(trial: Trial, bench: Bench) -> list[DataFinding]:
         f"and sign of [columns.{channels.JOINT_ANGLE}]."
     )
     return [error(message, trial.name, channels.JOINT_ANGLE)]
+
+
+def _check_others_range(trial: Trial, bench: Bench) -> list[DataFinding]:
+    """Find angles of other joints beyond their stops."""
+    findings = []
+    for joint, (low, high) in zip(bench.others, bench.stops, strict=True):
+        channel = channels.other_angle(joint)
+        least, most = (f(trial.channel(channel)) for f in (np.nanmin, np.nanmax))
+        if low - _BEYOND_STOPS <= least and most <= high + _BEYOND_STOPS:
+            continue
+        message = (
+            f"{trial.column(channel)} goes from {least:.3g} to {most:.3g} rad, but "
+            f"joint {joint!r} of the scene from {low:.3g} to {high:.3g} rad; declare "
+            f"unit, offset and sign of [columns.{channel}], which count as the scene."
+        )
+        findings.append(error(message, trial.name, channel))
+    return findings
 
 
 def _check_overload(trial: Trial, bench: Bench) -> list[DataFinding]:

@@ -228,7 +228,8 @@ def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
     """Estimate the joint angle at which the motor at zero is in balance [rad]."""
     ratio = bench.motor_radius / bench.joint_radius
     gaps = [
-        np.median(ratio * r.motor_angle - bench.turned(r.joint_angle)) for r in records
+        np.median(ratio * r.motor_angle - bench.turned(r.joint_angle, r.path))
+        for r in records
     ]
     return float(np.median(gaps))
 

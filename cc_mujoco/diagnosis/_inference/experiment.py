@@ -389,4 +389,5 @@ def _record(problem: Problem, motion: CataloguedTrial) -> Record:
         pretension=tension * motion.pretension,
         start=0.0,
         tilt=motion.tilt,
+        path=None,
     )

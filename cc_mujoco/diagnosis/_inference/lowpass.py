@@ -9,8 +9,15 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 
+MAX_BAND = 25.0
+"""Highest frequency compared [Hz]."""
 _EDGE_SAMPLES = 9
 """Samples by which a signal is continued, turned over, at either end."""
+
+
+def compared_band(rate: float) -> float:
+    """Return the cut-off of torques that are recorded at a rate [Hz]."""
+    return min(MAX_BAND, 0.3 * rate)
 
 
 def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:

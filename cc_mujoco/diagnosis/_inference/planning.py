@@ -28,9 +28,10 @@ from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.identifiability import MIN_CLARITY
 from cc_mujoco.diagnosis._inference.jacobian import jacobian
 from cc_mujoco.diagnosis._inference.load_trials import load_values
+from cc_mujoco.diagnosis._inference.lowpass import MAX_BAND
 from cc_mujoco.diagnosis._inference.motions import MOTION_STEP, CataloguedTrial, motions
 from cc_mujoco.diagnosis._inference.plausibility import plausible_size
-from cc_mujoco.diagnosis._inference.records import MAX_BAND, Record
+from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.screening import effect_amplitudes, screen
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 

@@ -20,7 +20,13 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._channels import JOINT_ANGLE, JOINT_TORQUE, MOTOR_ANGLE
+from cc_mujoco.datasets._channels import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    other_angle,
+)
+from cc_mujoco.datasets._coupled_route import RecordedPath
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Trial
 from cc_mujoco.diagnosis._inference.load_trials import (
@@ -28,10 +34,8 @@ from cc_mujoco.diagnosis._inference.load_trials import (
     load_torque,
     load_values,
 )
-from cc_mujoco.diagnosis._inference.lowpass import low_pass
+from cc_mujoco.diagnosis._inference.lowpass import compared_band, low_pass
 
-MAX_BAND = 25.0
-"""Highest frequency compared [Hz]."""
 MAX_MOTION_BAND = 60.0
 """Highest frequency of the angles that are played [Hz]."""
 MIN_KEPT_RATE = 250.0
@@ -94,6 +98,8 @@ class Record:
     division."""
     tilt: float = 0.0
     """Angle by which the rig was turned about the joint's axis [rad]."""
+    path: RecordedPath | None = None
+    """Paths of the cables along the recording, where other joints move them, too."""
 
     @property
     def unhooked(self) -> bool:
@@ -132,7 +138,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     """Return the records of a dataset, in order, and how they were filtered."""
     slowest = min(trial.rate for trial in dataset.trials)
     band, motion_band = (
-        min(MAX_BAND, 0.3 * slowest),
+        compared_band(slowest),
         min(MAX_MOTION_BAND, 0.4 * slowest),
     )
     first = dataset.trials[0]
@@ -142,7 +148,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
         STILL_SIGMAS * dataset.noise[name].deviation * passed[1] ** 0.5
         if name in dataset.noise
         else 0.0
-        for name in (MOTOR_ANGLE, JOINT_ANGLE)
+        for name in _angle_channels(bench)
     )
     records = []
     for trial in dataset.trials:
@@ -153,7 +159,12 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     if dataset.instruments.joint == "known load":
         noise = dataset.noise[JOINT_ANGLE].deviation
         shaken = load_noise(dataset.constants, noise, first.rate, bands)
-    return tuple(records), Filtering(motion_band, passed[0], still, shaken)
+    return tuple(records), Filtering(motion_band, passed[0], still[:2], shaken)
+
+
+def _angle_channels(bench: Bench) -> list[str]:
+    """Return the channels of the angles that are played, motor and joint first."""
+    return [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
 
 
 def _thinning_factor(rate: float) -> int:
@@ -175,7 +186,7 @@ def _record(
     angles = np.array(
         [
             reconstruct_angle(trial.channel(name)[part], noise.get(name))
-            for name in (MOTOR_ANGLE, JOINT_ANGLE)
+            for name in _angle_channels(bench)
         ]
     )
     passed = low_pass(angles, motion_band, trial.rate)
@@ -216,7 +227,7 @@ def _record(
         time=time,
         motor_angle=smooth[0],
         joint_angle=smooth[1],
-        read=read,
+        read=read[:2],
         measured=measured,
         band=band,
         counts=counts,
@@ -225,6 +236,7 @@ def _record(
         split=trial.facts.split,
         group=trial.facts.repeat_of or trial.name,
         tilt=tilt,
+        path=bench.recorded_path(smooth[1], smooth[2:], RAMP_SAMPLES),
     )
 
 

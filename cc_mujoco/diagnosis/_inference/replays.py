@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from threading import Lock
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -103,10 +104,21 @@ def replay(record: Record, setting: Setting) -> Played:
     if record.unhooked:
         nothing = np.zeros(joint.size)
         return Played(joint - setting.offset, *4 * (nothing,))
-    angles = with_lead_in(
-        record.motor_angle, joint, setting.following, setting.substeps
-    )
-    torques = _replay_cables(setting, record.dt / setting.substeps, *angles)
+    following: Callable[[FloatArray], FloatArray] = setting.following
+    courses = setting.courses
+    path = record.path
+    if path is not None:
+        courses = path.along(joint, setting.cables[0].segments)
+        along = (
+            -setting.share * courses[0].reach[: path.ramp + 1] / setting.motor_radius
+        )
+        following = partial(_recorded, along)
+
+    motor, turned = with_lead_in(record.motor_angle, joint, following, setting.substeps)
+    if path is not None:  # its courses go by the rows
+        turned = np.arange(motor.size) / setting.substeps
+    dt = record.dt / setting.substeps
+    torques = _replay_cables(setting, courses, dt, motor, turned)
     keep = slice(LEAD_SAMPLES * setting.substeps, None, setting.substeps)
     signs = np.array([1.0, -1.0])[: len(setting.cables)]
     return Played(
@@ -118,13 +130,22 @@ def replay(record: Record, setting: Setting) -> Played:
     )
 
 
+def _recorded(along: FloatArray, joint: FloatArray) -> FloatArray:
+    """Return the motor angle of a lead-in that is known, whatever the joint's."""
+    return along
+
+
 def _replay_cables(
-    setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
+    setting: Setting,
+    courses: tuple[CoupledPath, ...],
+    dt: float,
+    motor: FloatArray,
+    joint: FloatArray,
 ) -> Driven:
     """Return both angles, of the joint itself, played through the cables."""
     proximal, distal = setting.motor_radius, setting.joint_radius
-    if setting.courses:
-        drive = CoupledCables(setting.cables, setting.courses, proximal, setting.share)
+    if courses:
+        drive = CoupledCables(setting.cables, courses, proximal, setting.share)
         return drive.replay(dt, motor_angle=motor, joint_angle=joint)
     pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     lever = setting.lever

@@ -172,6 +172,7 @@ def _thin_record(record: Record) -> Record:
         read=record.read[:, ::every],
         measured=record.measured[:, ::every].copy(),
         counts=counts[::every],
+        path=None if record.path is None else record.path.thinned(every),
     )
 
 
@@ -199,7 +200,7 @@ def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Lin
     rows, tensions = [], []
     for place, record in enumerate(records):
         used = record.counts
-        along = bench.motor_radius * bench.following(record.joint_angle)
+        along = bench.motor_radius * bench.following(record.joint_angle, record.path)
         lead = bench.motor_radius * record.motor_angle - along
         row = np.zeros((record.time.size, 2 + len(records)))
         row[:, 0], row[:, 2 + place] = lead, 1.0
@@ -219,7 +220,7 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     if 1 in shown and bench.lever is None:
         ends.append(shown[1] / bench.joint_radius)
     elif not ends:
-        arm = bench.lever.share(record.joint_angle) if bench.lever else np.ones(1)
+        arm = bench.share(record.joint_angle, record.path)
         ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, _MIN_ARM)))
     found: FloatArray = np.mean(ends, axis=0)
     return found

@@ -247,6 +247,14 @@ def rollout_difference(
             lead_in=distal / proximal,
             tilt=record.tilt,
             cables=result.bench.names,
+            driven=result.bench.joint,
+            others=(
+                {}
+                if record.path is None
+                else dict(
+                    zip(record.path.others, record.path.angles[:, :short], strict=True)
+                )
+            ),
         )
     )
     quiet = {

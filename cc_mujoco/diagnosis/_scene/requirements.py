@@ -120,7 +120,14 @@ def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> 
     joint = middle + swing * np.sin(phase)
     wind_up = 0.1 * _REHEARSAL_SWING * bench.joint_radius / bench.motor_radius
     motor = bench.following(joint) + wind_up * np.sin(1.7 * phase)
-    shown = rollout(scene, step * np.arange(count), motor, joint, cables=bench.names)
+    shown = rollout(
+        scene,
+        step * np.arange(count),
+        motor,
+        joint,
+        cables=bench.names,
+        driven=bench.joint,
+    )
     alone = bench.replay(step, motor, joint)
     for side, torque, own in zip(
         ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True

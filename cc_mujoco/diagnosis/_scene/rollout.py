@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Collection, Mapping
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench, driven_joint
-from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES
+from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES, RAMP_SAMPLES
 from cc_mujoco.diagnosis._inference.replays import with_lead_in
 from cc_mujoco.diagnosis._scene.instruments import (
     add_instruments,
@@ -47,6 +47,8 @@ def rollout(
     lead_in: float | None = None,
     tilt: float = 0.0,
     cables: Collection[str] | None = None,
+    driven: str = "",
+    others: Mapping[str, ArrayLike] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torques that the sensors of a scene show along a motion.
 
@@ -68,7 +70,11 @@ def rollout(
             sample, see `replays.with_lead_in`; None begins there at rest.
         tilt: by which the rig was turned about the joint's axis, positive as the joint
             is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
-        cables: names of the cables that are played, of a scene with others besides.
+        cables: names of the cables that are played, of a scene with others besides,
+            which are left out.
+        driven: joint that these drive, where several move them.
+        others: (samples,) of other joints that move the cables, by name [rad]; those
+            that are not given stay where they are in the scene.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -79,19 +85,39 @@ def rollout(
             bench, or one that does not stay finite.
     """
     clock, angles = _motion(time, motor_angle, joint_angle)
+    model, bench = _instrumented_model(scene, cables, driven)
+    held = _other_angles(model, bench, others or {}, clock.size)
     if lead_in is not None:
         step = (clock[-1] - clock[0]) / (clock.size - 1)
         before = clock[0] + step * np.arange(-LEAD_SAMPLES, 0)
-        turned = _pulley_angle(scene, cables)
-        motor, joint = with_lead_in(
-            angles[0], angles[1], lambda q: lead_in * turned(q), 1
-        )
+        path = None
+        if bench is not None and held:
+            angles_of_others = np.array([held[name] for name in bench.others])
+            path = bench.recorded_path(angles[1], angles_of_others, RAMP_SAMPLES)
+        ramp = np.linspace(0.0, 1.0, RAMP_SAMPLES + 1) * angles[1, 0]
+        turned = ramp if bench is None else bench.turned(ramp)
+        if bench is not None and path is not None:
+            turned = bench.along_lead_in(path)
+            held = dict(
+                zip(path.others, map(path.with_lead_in, path.angles), strict=True)
+            )
+        motor, joint = with_lead_in(angles[0], angles[1], lambda _: lead_in * turned, 1)
         clock = np.concatenate([before, clock])
-        led_in = rollout(scene, clock, motor, joint, tilt=tilt, cables=cables)
+        led_in = rollout(
+            scene,
+            clock,
+            motor,
+            joint,
+            tilt=tilt,
+            cables=cables,
+            driven=driven,
+            others=held,
+        )
         return led_in[0][LEAD_SAMPLES:], led_in[1][LEAD_SAMPLES:]
-    model, bench = _instrumented_model(scene, cables)
     tilt_rig(model, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
+    view.joints += tuple(int(model.joint(name).id) for name in held)
+    angles = np.array([*angles, *held.values()])
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt
     # A sensor cannot be late by less than a step.
@@ -108,7 +134,8 @@ class _Sensors:
     """Readings of the instruments of a scene.
 
     Attributes:
-        joints: indices of the motor's and the joint's hinge.
+        joints: indices of the motor's and the joint's hinge, and of others that are
+            moved.
         sign: of the joint's angle in the scene over that in the data.
         late: by how much the angles are shown late [s].
     """
@@ -116,7 +143,7 @@ class _Sensors:
     def __init__(self, model: mujoco.MjModel) -> None:
         sensors = angle_sensors(model)
         proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
-        self.joints = int(proximal), int(distal)
+        self.joints: tuple[int, ...] = (int(proximal), int(distal))
         self.sign = 1.0
         self.late = float(model.sensor_delay[sensors[0]])
         self._weights = torque_weights(model)
@@ -177,7 +204,7 @@ def _play(
     model.opt.timestep = dt / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     joints = list(view.joints)
-    angles = angles * np.array([[1.0], [view.sign]])
+    angles = angles * np.array([1.0, view.sign, *(1.0 for _ in joints[2:])])[:, None]
     place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     model.dof_armature[dof] += DRIVE_ARMATURE
     # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
@@ -194,7 +221,7 @@ def _play(
     )
     for signal in (velocity, drive):
         signal[(samples - 1) * substeps + 1 :] = 0.0
-    data = _set_rest(model, view, angles[0, 0], angles[1, 0], start)
+    data = _set_rest(model, view, angles[:, 0], start)
     shown = np.empty((2, samples + more))
     qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
     for step in range(count):
@@ -217,12 +244,11 @@ def _play(
 def _set_rest(
     model: mujoco.MjModel,
     view: _Sensors,
-    proximal: float,
-    distal: float,
+    angles: FloatArray,
     start: float,
 ) -> mujoco.MjData:
-    """Set both joints to these angles, cables in pretension, sensors settled."""
-    motor, joint = view.joints
+    """Set the joints to these angles, cables in pretension, sensors settled."""
+    motor, joint = view.joints[:2]
     cables = list(instances(model).values())
     ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
     data = mujoco.MjData(model)
@@ -236,11 +262,10 @@ def _set_rest(
     ]
 
     def lay() -> None:
-        data.qpos[model.jnt_qposadr[motor]] = proximal
-        data.qpos[model.jnt_qposadr[joint]] = distal
+        data.qpos[model.jnt_qposadr[list(view.joints)]] = angles
         for pulley in pulleys:
             # A pulley of its own begins in the middle of its play.
-            data.qpos[model.jnt_qposadr[pulley]] = distal
+            data.qpos[model.jnt_qposadr[pulley]] = angles[1]
 
     lay()
     mujoco.mj_fwdPosition(model, data)
@@ -268,27 +293,61 @@ def _fill_sensor_history(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _upsample(signal: FloatArray, substeps: int, count: int) -> FloatArray:
-    """Return (2, samples) at `count` steps, linear, with the last one held."""
+    """Return (rows, samples) at `count` steps, linear, with the last one held."""
     samples = np.arange(signal.shape[1])
     at = np.arange(count) / substeps
     return np.column_stack([np.interp(at, samples, row) for row in signal])
 
 
-def _pulley_angle(
-    scene: str | os.PathLike[str] | mujoco.MjSpec, cables: Collection[str] | None
-) -> Callable[[FloatArray], FloatArray]:
-    """Return the pulley's angle from the joint's, which a lever changes."""
-    if isinstance(scene, mujoco.MjSpec) or has_instruments(_spec(scene)):
-        return lambda joint: joint
-    return Bench.of(os.fspath(scene), cables=cables).turned
+def _other_angles(
+    model: mujoco.MjModel,
+    bench: Bench | None,
+    given: Mapping[str, ArrayLike],
+    samples: int,
+) -> dict[str, FloatArray]:
+    """Return the angles (samples,) of other joints that move the cables [rad].
+
+    Raises:
+        CableError: angles that do not fit, are not finite or are of another joint.
+    """
+    names = () if bench is None else bench.others
+    if unknown := [name for name in given if name not in names]:
+        raise CableError.unknown("joint that moves the cables", unknown[0], names)
+    found = {}
+    for name in names:
+        rest = float(model.qpos0[int(model.joint(name).qposadr[0])])
+        angle = np.asarray(given.get(name, np.full(samples, rest)), dtype=np.float64)
+        if angle.shape != (samples,) or not np.isfinite(angle).all():
+            raise CableError(
+                f"the angles of joint {name!r} must be finite and (samples,) = "
+                f"({samples},), got {angle.shape}"
+            )
+        found[name] = angle
+    return found
+
+
+def _without_strangers(spec: mujoco.MjSpec, bench: Bench) -> mujoco.MjModel:
+    """Return the compiled scene without the cables of other axes."""
+    gone = [a for a in spec.actuators if a.plugin.name in bench.strangers]
+    names = {actuator.name for actuator in gone if actuator.name}
+    shown = mujoco.mjtObj.mjOBJ_ACTUATOR
+    for sensor in list(spec.sensors):
+        if sensor.objtype == shown and sensor.objname in names:
+            spec.delete(sensor)
+    for actuator in gone:  # and with them the instances of the plugin
+        spec.delete(actuator)
+    return spec.compile()
 
 
 def _instrumented_model(
-    scene: str | os.PathLike[str] | mujoco.MjSpec, cables: Collection[str] | None
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    cables: Collection[str] | None,
+    driven: str,
 ) -> tuple[mujoco.MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    Of a lever, which cannot have them, it is the scene as it is, and its bench.
+    Of a lever, which cannot have them, it is the scene without the cables of other
+    axes, and its bench.
     """
     if isinstance(scene, mujoco.MjSpec):
         return scene.copy().compile(), None
@@ -296,9 +355,9 @@ def _instrumented_model(
     try:
         if has_instruments(spec):
             return spec.compile(), None
-        bench = Bench.of(os.fspath(scene), cables=cables)
+        bench = Bench.of(os.fspath(scene), cables=cables, driven=driven)
         if bench.lever is not None:
-            return spec.compile(), bench
+            return _without_strangers(spec, bench), bench
         add_instruments(spec, bench)
         return spec.compile(), None
     except CableError:

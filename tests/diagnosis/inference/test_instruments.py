@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._instruments import Instruments
@@ -371,8 +370,3 @@ def _written(result: DiagnosisResult, path: Path) -> tuple[tuple[str, float], fl
     """Return the `rollout_difference` of the repaired scene."""
     write_and_compare_scene(result, path)
     return rollout_difference(result, path)
-
-
-def test_a_path_over_two_joints_is_refused_in_one_sentence() -> None:
-    with pytest.raises(CableError, match="that moves with joints hip, knee"):
-        Bench.of(scene_path("exosuit"), axis="hip")

@@ -1,0 +1,321 @@
+"""Diagnoses by `cc-mujoco diagnose --axis` of devices whose axes share joints.
+
+    python scripts/diagnosis_study/axes.py --out runs/axes [bilateral/right_knee ...]
+
+The whole device, with all cables, is played by MuJoCo at steps of 0.25 ms while every
+joint moves; one cable hides an effect. What sensors would show is written as the log of
+the device, at 500 Hz with noise, and diagnosed axis by axis. The torque at a joint is
+that of all cables that pull there. Cases that are done are kept; the table is printed
+as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.datasets import Bench
+from cc_mujoco.device import load_device
+from cc_mujoco.diagnosis import diagnose
+from cc_mujoco.plugin import from_mjcf, settle, to_mjcf
+from cc_mujoco.report import _markdown as markdown
+
+Array = NDArray[np.float64]
+
+STEP, SUBSTEPS, LEAD = 0.002, 8, 0.5
+"""Sampling and substeps of it; time from the pose of the scene to the motion [s]."""
+OTHERWISE = {"friction": 1.1, "axial_stiffness": 0.93, "pretension": 1.06}
+"""Values of the rig over those of the scene, for the baseline to tune."""
+HIDDEN = (
+    "none",
+    "end_compliance",
+    "load_independent_friction",
+    "viscous_friction",
+    "friction",
+)
+"""Cases; friction, doubled, is the baseline's to tune, and no effect."""
+TURNED = ("angle_rad", "torque_nm")
+"""Columns that count as the scene, where the cable pulls the other way."""
+DEVICES = ("bilateral", "hand")
+
+
+class Device(NamedTuple):
+    """A device of several axes, as the scene has it.
+
+    Attributes:
+        scene: its name.
+        benches: of all axes, by name.
+        joints: middle and reach of the motion of every joint [rad].
+    """
+
+    scene: str
+    benches: dict[str, Bench]
+    joints: dict[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, scene: str) -> Device:
+        """Read a built-in device."""
+        found = load_device(scene).description
+        benches = {axis.name: Bench.of(scene, axis.name) for axis in found.axes}
+        joints = {}
+        for bench in benches.values():
+            sign = 1.0 if bench.lever is None else bench.lever.sign
+            reach = min(bench.reach, 0.4 * np.ptp(bench.span))
+            joints[bench.joint] = (sign * bench.centre, reach)
+        return cls(scene, benches, joints)
+
+
+def hidden_values(bench: Bench, name: str) -> dict[str, float]:
+    """Return the parameters of the rig's cable that hides an effect, SI."""
+    cable = bench.cables[0]
+    values = {key: scale * getattr(cable, key) for key, scale in OTHERWISE.items()}
+    sizes = {
+        "none": 0.0,
+        "friction": 2.0 * cable.friction,
+        "end_compliance": cable.length / cable.axial_stiffness / 3.0,
+        "load_independent_friction": 0.6 * cable.pretension / cable.length,
+        "viscous_friction": 6.0 * cable.pretension / cable.length,
+    }
+    return values if name == "none" else {**values, name: sizes[name]}
+
+
+def motions(
+    device: Device, axis: str, seconds: float
+) -> list[tuple[str, float, dict[str, Array], float]]:
+    """Return trials: name, relative pretension, angles of all joints, and pull.
+
+    Angles are (samples,) in the count of the scene [rad]. The motor pulls relative to
+    the stretch of the cable by a dozen times its pretension, while it follows the
+    joints.
+    """
+    t = STEP * np.arange(round(seconds / STEP))
+    driven = device.benches[axis].joint
+    shapes = {
+        "swept": np.sin(2.0 * np.pi * (0.15 * t + 0.12 * t**2)),
+        "slow": np.sin(1.7 * t),
+        "stops": 0.7 * np.interp(t % 4.0, [0, 1, 2, 2.4, 2.6, 4], [0, 1, 1, -1, -1, 0]),
+        "held": np.full(t.size, 0.3),
+        "taut": np.sin(1.7 * t),
+        "test": 0.7 * np.sin(2.3 * t + 1.0),
+    }
+    found = []
+    for k, (name, shape) in enumerate(shapes.items()):
+        angles = {}
+        for row, (joint, (middle, reach)) in enumerate(device.joints.items()):
+            own = shape if joint == driven else np.sin((1.1 + 0.23 * row) * t + row + k)
+            size = 0.8 if joint == driven else 0.4
+            angles[joint] = middle + size * reach * own
+        pull = {"held": 1.5, "taut": 1.0}.get(name, 0.8)
+        found.append((name, 2.0 if name == "taut" else 1.0, angles, pull))
+    return found
+
+
+def played(
+    device: Device,
+    axis: str,
+    cable: Mapping[str, float],
+    tension: float,
+    angles: Mapping[str, Array],
+    pull: float,
+) -> dict[str, Array]:
+    """Return the columns of the log of the whole device, without noise (samples,)."""
+    own = device.benches[axis]
+    spec = mujoco.MjSpec.from_file(str(own.path))
+    for name, known in from_mjcf(spec).items():
+        if name in own.names:
+            values = {**cable, "pretension": tension * cable["pretension"]}
+            to_mjcf(spec, name, known.replace(**values))
+    spec.option.timestep = STEP / SUBSTEPS
+    model = spec.compile()
+    size = next(iter(angles.values())).size
+    t = STEP * np.arange(size)
+    moved = dict(angles)
+    for bench in device.benches.values():
+        sign = 1.0 if bench.lever is None else bench.lever.sign
+        others = np.array([angles[name] for name in bench.others])
+        joint = sign * angles[bench.joint]
+        along = bench.following(joint, bench.recorded_path(joint, others))
+        length = bench.cables[0].length / bench.cables[0].axial_stiffness
+        stretch = 12.0 * length * bench.cables[0].pretension / bench.motor_radius
+        if bench.axis == axis:
+            wave = 0.5 - 0.5 * np.cos(1.3 * t) + 0.15 * np.sin(9.0 * t)
+        else:
+            wave = 0.3 - 0.2 * np.cos(0.9 * t)
+        moved[bench.motor] = along + pull * stretch * wave
+    places = [int(model.joint(name).qposadr[0]) for name in moved]
+    dofs = [int(model.joint(name).dofadr[0]) for name in moved]
+    lead = round(LEAD / STEP)
+    ramp = np.linspace(0.0, 1.0, lead + 1)[:-1]
+    rest = model.qpos0[places][:, None]
+    coarse = np.array(list(moved.values()))
+    coarse = np.concatenate([rest + ramp * (coarse[:, :1] - rest), coarse], axis=1)
+    fine = np.arange(SUBSTEPS * (coarse.shape[1] - 1) + 1) / SUBSTEPS
+    at = np.arange(coarse.shape[1])
+    poses = np.array([np.interp(fine, at, row) for row in coarse])
+    speeds = np.gradient(poses, model.opt.timestep, axis=1)
+    model.dof_armature[:] += 1e8
+    model.dof_invweight0[:] = 1e-8
+    model.dof_M0[:] += 1e8
+    data = mujoco.MjData(model)
+    settle(model, data)
+    columns: dict[str, list[float]] = {}
+
+    def put(name: str, value: float) -> None:
+        columns.setdefault(name, []).append(value)
+
+    for k in range(fine.size):
+        data.qpos[places], data.qvel[dofs] = poses[:, k], speeds[:, k]
+        mujoco.mj_step(model, data)
+        if k % SUBSTEPS or k < lead * SUBSTEPS:
+            continue
+        forces = cable_torques(model, data)
+        for bench in device.benches.values():
+            end = model.actuator(f"{bench.names[0]}_proximal").id
+            pulls = [
+                data.actuator_force[model.actuator_outadr[e]] for e in (end, end + 1)
+            ]
+            put(
+                f"{bench.axis}.motor_angle_rad",
+                poses[list(moved).index(bench.motor), k],
+            )
+            put(f"{bench.axis}.motor_torque_nm", bench.motor_radius * pulls[0])
+            put(
+                f"{bench.axis}.joint_angle_rad",
+                poses[list(moved).index(bench.joint), k],
+            )
+            dof = int(model.joint(bench.joint).dofadr[0])
+            put(f"{bench.axis}.joint_torque_nm", forces[dof])
+            put(f"tension_{bench.names[0]}_proximal_n", pulls[0])
+            put(f"tension_{bench.names[0]}_distal_n", -pulls[1])
+    return {"time_s": t} | {name: np.array(v) for name, v in columns.items()}
+
+
+def cable_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Return what all cables put into the joints (nv,) [N m]."""
+    moment = np.zeros((data.moment_rownnz.size, model.nv))
+    mujoco.mju_sparse2dense(
+        moment,
+        data.actuator_moment,
+        data.moment_rownnz,
+        data.moment_rowadr,
+        data.moment_colind,
+    )
+    ends = model.actuator_outadr[np.flatnonzero(model.actuator_plugin >= 0)]
+    open_pieces = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
+    open_pieces -= data.qfrc_gravcomp + data.qfrc_fluid
+    found: Array = moment[ends].T @ data.actuator_force[ends] + open_pieces
+    return found
+
+
+def record(
+    folder: Path, device: Device, axis: str, hidden: str, seconds: float, seed: int = 1
+) -> None:
+    """Write the logs of all trials, and their `dataset.toml`."""
+    random = np.random.default_rng(seed)
+    bench = device.benches[axis]
+    values = hidden_values(bench, hidden)
+    scale = bench.cables[0].pretension
+    noise = {
+        f"{axis}.motor_torque_nm": 0.01 * scale * bench.motor_radius,
+        f"{axis}.joint_torque_nm": 0.01 * scale * bench.joint_radius,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = []
+    for name, tension, angles, pull in motions(device, axis, seconds):
+        columns = played(device, axis, values, tension, angles, pull)
+        for column in columns:
+            size = noise.get(column, 0.0)
+            if column.endswith("angle_rad"):
+                size = 1e-5
+            elif column.startswith("tension"):
+                size = 0.01 * scale
+            columns[column] = columns[column] + size * random.standard_normal(
+                columns[column].size
+            )
+        columns["time_s"] = STEP * np.arange(columns["time_s"].size)
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(
+            folder / f"{name}.csv", table, "%.9g", ",", header=",".join(columns),
+            comments="",
+        )  # fmt: skip
+        split = '\nsplit = "test"' if name == "test" else ""
+        lines.append(f"[trials.{name}]\npretension = {tension * scale}{split}\n")
+    if bench.lever is not None and bench.lever.sign < 0.0:
+        lines = [f"[columns.joint_{what}]\nsign = -1\n" for what in TURNED] + lines
+    (folder / "dataset.toml").write_text("\n".join(lines), encoding="utf-8")
+
+
+def diagnosed(
+    out: Path, scene: str, axis: str, hidden: str, seconds: float
+) -> dict[str, Any]:
+    """Return the diagnosis of one case."""
+    device = Device.of(scene)
+    record(out / "data", device, axis, hidden, seconds)
+    began = time.process_time()
+    found = diagnose(out / "data", scene, out / "verdict", axis=axis)
+    return {
+        "verdict": found.verdict,
+        "named": [each.id for each in found.missing],
+        "ties": [list(group) for group in found.ties],
+        "values": {
+            key: value.value
+            for each in found.effects
+            for key, value in each.parameters.items()
+        },
+        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
+        "wanted": hidden_values(device.benches[axis], hidden),
+        "gap": {
+            c: (g.noise_floor, g.rmse_before, g.rmse_after)
+            for c, g in found.gap.items()
+        },
+        "statement": found.statement,
+        "problems": list(found.problems),
+        "seconds": time.process_time() - began,
+    }
+
+
+def main(given: Sequence[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("axes", nargs="*", help="DEVICE/AXIS, default all")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--hidden", nargs="*", default=list(HIDDEN))
+    parser.add_argument("--seconds", type=float, default=8.0)
+    options = parser.parse_args(given)
+    axes = options.axes or [
+        f"{scene}/{axis}" for scene in DEVICES for axis in Device.of(scene).benches
+    ]
+    rows = []
+    for place in axes:
+        scene, axis = place.split("/")
+        for hidden in options.hidden:
+            folder = options.out / f"{scene} {axis} {hidden}"
+            path = folder / "case.json"
+            if not path.exists():
+                case = diagnosed(folder, scene, axis, hidden, options.seconds)
+                path.write_text(json.dumps(case, indent=1), encoding="utf-8")
+            case = json.loads(path.read_text(encoding="utf-8"))
+            gaps = [
+                f"{1e3 * before:.3g}, {1e3 * after:.3g} ({1e3 * floor:.3g})"
+                for floor, before, after in case["gap"].values()
+            ]
+            said = ", ".join(case["named"]) or "-"
+            rows.append((place, hidden, case["verdict"], said, *gaps))
+            print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
+    print(
+        markdown.table(
+            ("axis", "hidden", "verdict", "named", "motor torque", "joint torque"), rows
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

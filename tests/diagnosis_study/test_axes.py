@@ -1,0 +1,90 @@
+"""Axes that share joints are diagnosed from logs of the whole device, by MuJoCo."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from axes import Device, hidden_values, motions, played, record
+
+from cc_mujoco import cli
+from cc_mujoco.diagnosis._loading import load
+
+SLACK = {"pretension": 0.0, "axial_stiffness": 1.0}
+"""Values of a cable that hardly pulls."""
+
+
+def written(folder: Path, columns: dict[str, np.ndarray]) -> Path:
+    folder.mkdir()
+    path = folder / "log.csv"
+    table = np.column_stack(list(columns.values()))
+    header = ",".join(columns)
+    np.savetxt(path, table, "%.12g", ",", header=header, comments="")
+    return path
+
+
+def test_what_other_axes_pull_at_the_joint_is_taken_off_or_refused(
+    tmp_path: Path,
+) -> None:
+    device = Device.of("bilateral")
+    bench = device.benches["right_hip"]
+    _, tension, angles, _ = motions(device, "right_hip", 0.3)[0]
+    columns = played(device, "right_hip", SLACK, tension, angles, 0.0)
+    torque = columns["right_hip.joint_torque_nm"]
+    assert np.abs(torque).min() > 0.1  # of the knee's cable
+    dataset, findings = load([written(tmp_path / "whole", columns)], None, bench)
+    (trial,) = dataset.trials
+    assert trial.joint_torque is not None
+    assert np.abs(trial.joint_torque).max() < 1e-5 * np.abs(torque).max()
+    assert [*trial.tensions] == [
+        f"tension_right_hip_flexor_{end}_n" for end in ("proximal", "distal")
+    ]
+    assert any("right_knee_extensor of another axis" in f.statement for f in findings)
+
+    gone = "tension_right_knee_extensor"
+    fewer = {n: c for n, c in columns.items() if not n.startswith(gone)}
+    _, findings = load([written(tmp_path / "fewer", fewer)], None, bench)
+    wrong = [found.statement for found in findings if found.severity == "error"]
+    assert "cable right_knee_extensor of another axis pulls at joint" in wrong[0]
+    assert "record its tension" in wrong[0]
+
+    del columns["right_knee.joint_angle_rad"]
+    _, findings = load([written(tmp_path / "blind", columns)], None, bench)
+    wrong = [found.statement for found in findings if found.severity == "error"]
+    assert "has no column 'right_knee_angle_rad'" in wrong[0]
+
+    toml = tmp_path / "dataset.toml"
+    toml.write_text('[columns.jiont_angle_rad]\nname = "encoder"\n', encoding="utf-8")
+    _, findings = load([tmp_path / "fewer" / "log.csv"], toml, bench)
+    wrong = [found.statement for found in findings if found.severity == "error"]
+    assert "jiont_angle_rad" in wrong[0] and "joint_angle_rad" in wrong[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "axis", "hidden"),
+    [
+        ("bilateral", "right_hip", "end_compliance"),
+        ("hand", "index_extensor", "end_compliance"),
+    ],
+)
+def test_an_effect_that_one_axis_hides_is_named(
+    tmp_path: Path,
+    scene: str,
+    axis: str,
+    hidden: str,
+) -> None:
+    device = Device.of(scene)
+    record(tmp_path / "data", device, axis, hidden, 3.0)
+    words = ["diagnose", str(tmp_path / "data"), "--scene", scene, "--axis", axis]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
+    verdict = json.loads((tmp_path / "out" / "verdict.json").read_text("utf-8"))
+    (named,) = [each for each in verdict["effects"] if not each["refinement"]]
+    assert named["id"] == hidden
+    wanted = hidden_values(device.benches[axis], hidden)[hidden]
+    found = named["parameters"][hidden]["value"]
+    assert found == pytest.approx(wanted, rel=0.1)
+    for gap in verdict["gap"].values():
+        assert gap["rmse_after"] < gap["rmse_before"]

@@ -135,9 +135,8 @@ def test_a_description_names_the_joint_and_where_it_moves(tmp_path: Path) -> Non
         assert bench.path == tmp_path / "knee.xml"
 
 
-def test_a_cable_that_another_joint_moves_says_what_to_lock() -> None:
-    with pytest.raises(CableError, match=r"joints hip, knee; .* lock the others on"):
-        Bench.of("exosuit", "hip")
+def test_a_cable_that_another_joint_moves_needs_the_angle_of_that_joint() -> None:
+    assert Bench.of("exosuit", "hip").others == ("knee",)
 
 
 @pytest.mark.shared

@@ -411,9 +411,10 @@ def _report(
 ) -> TendonTakeover:
     names = tuple(end.branch.name for end, _ in laid)
     mu = laid[0][1].friction
+    count = sum(cable.segments for _, cable in laid)
     first = (
         f"tendon {burden.tendon!r}: "
         f"{'a cable' if len(names) == 1 else f'{len(names)} cables'} with friction "
-        f"{mu:g} at {sum(cable.segments for _, cable in laid)} places"
+        f"{mu:g}, of {count} segment{'s' if count > 1 else ''}"
     )
     return TendonTakeover(names, winch, (first, *lines))

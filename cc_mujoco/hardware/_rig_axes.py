@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._axes import AxesController
-from cc_mujoco.device._axis_columns import column_prefixes
+from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.errors import CableError
@@ -70,6 +70,9 @@ class RigAxes:
             CableError: There is none, or it needs to know how a joint that the rig does
                 not measure winds a cable.
         """
+        if len(self.names) == 1 and self.log_names != ("",):
+            named = split_by_axis(name, self.names)
+            name = named if isinstance(named, str) else named[self.names[0]]
         law = axes_controller(name, self.drives, self.prefixes)
         for axis, one, missing in zip(
             self.names, laws_of(law), self.windings.unmeasured, strict=False

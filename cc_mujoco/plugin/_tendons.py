@@ -63,6 +63,8 @@ MAX_STIFFNESS = 50e3
 _STEP_MARGIN, _END_SQUARE = 3.0, 100.0
 """Ratio of the step that the pieces of such a tendon bear to the model's, and square
 of the step times the frequency of a winch at the first segment."""
+_SOFT = 100.0
+"""Axial stiffness at which a tendon stretches by 1 % per newton [N]."""
 
 
 def add_friction(
@@ -197,7 +199,15 @@ def add_friction(
     cables = _lay(tried, ends, given)
     bearable = _bearable_stiffness(tried, cables, plan)
     if "axial_stiffness" not in parameters:
-        given["axial_stiffness"] = bearable
+        given["axial_stiffness"] = stiffness = min(bearable, MAX_STIFFNESS)
+        if stiffness < _SOFT:
+            warnings.warn(
+                f"tendon {burden.tendon!r} stretches by {1 / stiffness:.2g} of its "
+                "length per newton, because its winch and time step bear no stiffer "
+                "one; give `winch` more inertia, or shorten the timestep.",
+                CableWarning,
+                stacklevel=2,
+            )
         cables = _lay(tried, ends, given)
     lines = describe_winch(model, tried, burden, plan)
     lines.append(_stretch_line(cables, bearable, model.opt.timestep))
@@ -382,7 +392,7 @@ def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid, winch: Winch) -> float
         limits = step_limits(model, data)
         shortest = min(shortest, *(limits[e.branch.name].pieces for e, _ in laid))
     ratio = shortest / (_STEP_MARGIN * model.opt.timestep)
-    stiffness = MAX_STIFFNESS * min(ratio * ratio, 1.0)
+    stiffness = laid[0][1].axial_stiffness * ratio * ratio
     for (_, cable), inertia in zip(laid, winch.inertias, strict=True):
         end = 2.0 * cable.segments / cable.length * model.opt.timestep**2
         stiffness = min(stiffness, _END_SQUARE * inertia / end)

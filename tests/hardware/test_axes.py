@@ -262,6 +262,7 @@ def test_an_axis_that_is_left_out_is_missed_unless_no_rig_drives_it(
     axes = RigAxes(read_axes(one))
     assert (axes.names, axes.log_names) == (("shoulder",),) * 2
     assert read_settings(one).axis == "shoulder"
+    assert type(axes.controller("shoulder=pi")) is type(axes.controller("pi"))
     with pytest.raises(CableError, match="drives the axes shoulder, elbow, and here"):
         read_settings(file_of(tmp_path))
     none = alone.replace("[axes.shoulder.rig]", "[axes.shoulder]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import cc_mujoco
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin import TendonTakeover, read, route_wrap
 
 Law = Callable[[float], float]
@@ -257,5 +258,16 @@ def test_a_second_cable_on_a_tendon_is_refused() -> None:
 
 
 def test_a_stiffness_that_a_step_does_not_bear_is_reported() -> None:
-    _, report = taken(arm(0, DRIVES["motor"][0]), axial_stiffness=1e6)
-    assert "shorten the timestep" in str(report)
+    bounds = set()
+    for stiffness in (1e6, 1e7):
+        _, report = taken(arm(0, DRIVES["motor"][0]), axial_stiffness=stiffness)
+        found = re.search(r"more than (\S+) N may make it unstable", str(report))
+        assert found is not None
+        bounds.add(round(math.log(float(found[1])), 1))
+    assert len(bounds) == 1  # whatever is asked for
+    assert math.exp(*bounds) < 1e6
+
+
+def test_a_winch_that_bears_only_a_soft_tendon_warns() -> None:
+    with pytest.warns(CableWarning, match="give `winch` more inertia"):
+        taken(arm(0, DRIVES["motor"][0]), winch=(0.02, 1e-9))

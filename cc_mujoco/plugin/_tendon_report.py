@@ -239,9 +239,10 @@ class TendonSummary:
     def _notes(self) -> Iterable[str]:
         if math.isfinite(self.step_limit):
             verdict = "too long" if self.timestep > self.step_limit else "short enough"
+            source = "" if self.cable else " (assumed)"
             yield (
-                f"  with EA = {self.axial_stiffness:g} N its pieces are stable below "
-                f"{1e3 * self.step_limit:.3g} ms; the `timestep` of "
+                f"  with EA = {self.axial_stiffness:g} N{source} its pieces are stable "
+                f"below {1e3 * self.step_limit:.3g} ms; the `timestep` of "
                 f"{1e3 * self.timestep:.3g} ms is {verdict}"
             )
         if self.unlimited_joints:

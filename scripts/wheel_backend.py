@@ -8,7 +8,8 @@ the wheel is the one of setuptools, and a line on standard error gives the reaso
     python -m build --wheel -C plugin=FILE    # with one that `cc-mujoco plugin` wrote
     python -m build --wheel -C plugin=none    # without
 
-Editable installs and source distributions are those of setuptools.
+Editable installs are those of setuptools, and so are source distributions, with this
+file.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import build_meta
+from setuptools.command.sdist import sdist
 
 Settings = dict[str, Any] | None
 
@@ -50,6 +52,14 @@ from cc_mujoco._utils.code_stamp import digest
 package = Path(sys.argv[1])
 print(digest(package / "plugin" / "_registration.py", package))
 """
+
+
+class SourceDistribution(sdist):
+    """Source distribution that carries this file, which builds its wheel."""
+
+    def make_release_tree(self, base_dir: str, files: list[str]) -> None:
+        """Copy the files of setuptools and this one."""
+        super().make_release_tree(base_dir, [*files, "scripts/wheel_backend.py"])
 
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:

@@ -95,7 +95,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     In the checkout itself setuptools would also take what an earlier build left behind.
     """
     copy = tmp_path_factory.mktemp("copy")
-    for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     (copy / "scripts").mkdir()
     shutil.copy(ROOT / "scripts" / "wheel_backend.py", copy / "scripts")

@@ -346,9 +346,11 @@ def main() -> None:
     parser.add_argument("--period", type=float, default=PERIOD, help="[s]")
     given = parser.parse_args()
     hidden = {given.effect: given.amount} if given.effect else {}
-    if not 2e-4 <= given.period <= 0.1:
-        parser.error(f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s.")
     try:
+        if not 2e-4 <= given.period <= 0.1:
+            raise CableError(
+                f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s."
+            )
         axes = RigAxes(read_axes(given.rig)) if given.rig else None
         print("a rig gets ready, which takes some seconds", flush=True)
         played: Played
@@ -361,7 +363,8 @@ def main() -> None:
         # Nobody waits for an answer before.
         ends = ends_of(axes.settings) if axes else [UdpEnd("127.0.0.1", given.port)]
     except CableError as error:
-        parser.error(str(error))
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _ended)
     with contextlib.ExitStack() as closing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -26,4 +27,5 @@ class WritePlugin:
         """
         from cc_mujoco.export import write_plugin
 
+        print("writing the plugin, about half a minute", file=sys.stderr, flush=True)
         print(write_plugin(self.out))

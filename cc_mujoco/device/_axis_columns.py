@@ -41,21 +41,26 @@ def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
     """Return the parts of `hip=pi,ankle=model` by axis, or a text without any.
 
     Args:
-        text: What is given; after its axis a part may hold commas and equals signs.
-        names: The axes.
+        text: Parts separated by commas; `hip=sine:0.3,frequency=2` is one part, as
+            numbers follow a colon.
+        names: Names of the axes.
+
+    Raises:
+        CableError: An axis is given twice, or there is none of that name.
     """
     known, found, last = tuple(names), {}, ""
     for part in text.split(","):
         name, equals, value = part.partition("=")
+        is_number = last and ":" in found[last]
         if equals and name.strip() in known:
             last = name.strip()
             if last in found:
                 raise CableError(f"axis {last!r} is given twice in {text!r}.")
             found[last] = value.strip()
+        elif equals and known and name.strip().isidentifier() and not is_number:
+            raise CableError.unknown("axis", name.strip(), known)
         elif last:
             found[last] += f",{part}"
-        elif equals and known and name.strip().isidentifier():
-            raise CableError.unknown("axis", name.strip(), known)
         else:
             return text
     return found

@@ -138,12 +138,13 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         The path of the library.
 
     Raises:
-        CableError: The machine is not Linux with glibc on x86-64, it has no linker, or
-            the file is there already.
+        CableError: The machine is not Linux with glibc on x86-64, it has no linker, the
+            folder cannot be written, or the file is there already.
     """
     path = Path(folder) / PLUGIN_LIBRARY
-    if path.exists():
+    if os.path.lexists(path):
         raise CableError(f"{path} exists; remove it or choose another folder.")
+    atomic_io.require_ours(folder, [PLUGIN_LIBRARY], lambda _: False)
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         raise CableError(
             "the plugin is written as a shared library on Linux on x86-64 only; "

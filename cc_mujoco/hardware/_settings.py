@@ -55,7 +55,7 @@ torque = 0.5                    # N m, constant
 # [axes.hip.task]
 # name = "spring"
 # [axes.ankle]
-# driven = false                # no rig drives this one
+# driven = false                # no rig drives this one; its other keys have no effect
 """
 
 from __future__ import annotations
@@ -402,6 +402,7 @@ def _machine(address: UdpAddress) -> str:
 
 
 def _limits(table: Table) -> Limits:
+    table.only(*(field.name for field in dataclasses.fields(Limits)))
     for key in _REQUIRED_LIMITS:
         _require_value(table, key, table.content.get(key))
     pair = table.content["joint_range"]

@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import write_plugin
+from cc_mujoco.export import _plugin_library, write_plugin
 from cc_mujoco.plugin import _registration as registration
 from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
 
@@ -285,3 +285,14 @@ def test_library_works_in_a_host_in_c(library: Path, tmp_path: Path) -> None:
 def test_library_that_exists_is_kept(library: Path) -> None:
     with pytest.raises(CableError, match=f"{PLUGIN_LIBRARY} exists"):
         write_plugin(library.parent)
+
+
+def test_file_in_place_of_the_folder_is_refused_before_compiling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_plugin_library, "compiled_callbacks", pytest.fail)
+    taken = tmp_path / "taken"
+    taken.write_text("mine")
+    with pytest.raises(CableError, match="taken is a file; it must be a folder"):
+        write_plugin(taken)
+    assert taken.read_text() == "mine"

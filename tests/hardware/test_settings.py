@@ -86,6 +86,7 @@ def test_a_file_gives_its_limits_and_the_rest_its_defaults(tmp_path: Path) -> No
         ("[-1.0, 1.0]", "[-inf, 1.0]", "joint_range must be two angles"),
         ("[-1.0, 1.0]", "1.0", "joint_range must be two angles"),
         ("soft_start", "softstart", "did you mean 'soft_start'"),
+        ("torque_rate", "torque_rat", "did you mean 'torque_rate'"),
         ("missed_readings = 99999", "missed_readings = 2.5", "whole number of cycles"),
         ("missed_readings = 99999", "missed_readings = 0", r"\[watchdog\]: Watchdog"),
         ("127.0.0.1:5005", "127.0.0.1", 'address must be HOST:PORT'),

@@ -1,4 +1,4 @@
-"""Columns of numbers from CSV, TSV, Parquet, OpenSim, MATLAB and HDF5 files.
+"""Columns of numbers from CSV, TSV, Parquet, OpenSim, MATLAB, HDF5 and MCAP files.
 
     names = column_names(path)
     time = quantity_column(path, names, "time_s", CLOCK)
@@ -6,7 +6,7 @@
     times, angles = read_course(path, [time, angle])
 
 `csv_files` says what forms CSV may have, `opensim_files` how columns of OpenSim get
-their units, and `array_files` how those of MATLAB and HDF5 are called.
+their units, and `array_files` and `mcap_files` how columns are called there.
 """
 
 from __future__ import annotations
@@ -21,12 +21,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils import array_files, opensim_files
+from cc_mujoco._utils import array_files, mcap_files, opensim_files
 from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.units import Kind, unit_of, words
 from cc_mujoco.errors import CableError
 
-ENDINGS = (".csv", ".tsv", ".parquet", *opensim_files.ENDINGS, *array_files.ENDINGS)
+ENDINGS = (
+    ".csv",
+    ".tsv",
+    ".parquet",
+    *opensim_files.ENDINGS,
+    *array_files.ENDINGS,
+    *mcap_files.ENDINGS,
+)
 """Endings of files that can be read, in any case."""
 
 
@@ -44,6 +51,8 @@ def column_names(path: Path) -> list[str]:
     ending = path.suffix.lower()
     if ending in array_files.ENDINGS:
         return array_files.column_names(path)
+    if ending in mcap_files.ENDINGS:
+        return mcap_files.column_names(path)
     with _readable(path):
         if ending in opensim_files.ENDINGS:
             return opensim_files.column_names(path)
@@ -71,6 +80,8 @@ def read_columns(
     names, ending = list(names), path.suffix.lower()
     if ending in array_files.ENDINGS:
         return array_files.read_columns(path, names)
+    if ending in mcap_files.ENDINGS:
+        return mcap_files.read_columns(path, names)
     with _readable(path):
         if ending in opensim_files.ENDINGS:
             return opensim_files.read_columns(path, names)

@@ -92,8 +92,8 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
 
 def channel_sources(
     where: str, names: Sequence[str], file: DatasetFile, others: Collection[str] = ()
-) -> dict[str, tuple[str, str]]:
-    """Return the column and unit of every channel that a trial has, time aside.
+) -> dict[str, str]:
+    """Return the column of every channel that a trial has, time aside.
 
     Args:
         where: the file, for a sentence.
@@ -107,7 +107,7 @@ def channel_sources(
     """
     optional = [channel for name in names if (channel := _tension_channel(where, name))]
     optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
-    found: dict[str, tuple[str, str]] = {}
+    found: dict[str, str] = {}
     absent = []
     needed = [channels.other_angle(joint) for joint in others]
     if strange := [c for c in file.columns if channels.is_other_angle(c)]:
@@ -131,10 +131,10 @@ def channel_sources(
                     absent.append(channel)
                 continue
             column = places[0]
-        found[channel] = (column, file.unit(channel, column))
+        found[channel] = column
     for channel in absent:
         if not (channel in channels.TORQUES and file.has_substitute(channel, found)):
-            taken = [column for column, _ in found.values()]
+            taken = list(found.values())
             raise _missing_column(where, channel, channel, names, taken)
     return found
 

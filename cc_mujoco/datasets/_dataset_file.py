@@ -8,12 +8,13 @@ All of it is optional. An example with every key:
     [columns.motor_angle_rad]       # one table per channel that needs one
     name = "theta_m"                # column in the files, if called otherwise
     unit = "deg"                    # of the readings, if not the channel's own
-    sign = -1                       # value = sign * (reading - offset) * unit
-    offset = 1.5                    # reading at true zero, in `unit`
+    sign = -1                       # value = sign * (reading - offset) * scale * unit
+    scale = 0.087890625             # `unit` per count of a raw reading; 1 by default
+    offset = 2048                   # reading at true zero, raw as it is in the file
     delay = 0.004                   # s by which this channel comes late
     clock = "t_encoder"             # its own column of times, if it has a clock
-    noise = 0.01                    # standard deviation, in `unit`
-    resolution = 0.02               # quantisation step, in `unit`
+    noise = 1.5                     # standard deviation of the readings, raw
+    resolution = 1                  # quantisation step of the readings, raw
 
     [columns.joint_torque_nm]
     measured = false                # of a torque that no instrument tells
@@ -128,23 +129,25 @@ MAY_BE_ZERO = ("friction", *RIG_ANGLES, "load_damping")
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a channel: value = sign * (reading - offset) * factor.
+    """Source of a channel: value = sign * (reading - offset) * scale * factor.
 
     Attributes:
         name: column of the files; None is the channel's own name.
-        unit: of the readings; None is what the name says.
+        unit: of the scaled readings; None is what the name says.
         sign: 1 or -1.
-        offset: reading at true zero, in the unit of the readings.
+        scale: units per count, 1 if the readings are in that unit already.
+        offset: reading at true zero.
         delay: time by which the channel comes late [s].
         clock: column with the times of this channel; None is `time_s`.
-        noise: standard deviation in the unit of the readings; None is not known.
-        resolution: quantisation step in the unit of the readings; None is not known.
+        noise: standard deviation of the readings; None is not known.
+        resolution: quantisation step of the readings; None is not known.
         measured: False where no instrument tells this torque.
     """
 
     name: str | None = None
     unit: str | None = None
     sign: float = 1.0
+    scale: float = 1.0
     offset: float = 0.0
     delay: float = 0.0
     clock: str | None = None
@@ -195,6 +198,16 @@ class DatasetFile:
     def source(self, channel: str) -> Source:
         """Return the source of a channel."""
         return self.columns.get(channel, Source())
+
+    def factor(self, channel: str, column: str) -> float:
+        """Return the factor from readings to the unit of a channel, without the sign.
+
+        Args:
+            channel: The channel.
+            column: Its column, which may have a unit in its name.
+        """
+        unit = channels.kind_of(channel).factors[self.unit(channel, column)]
+        return self.source(channel).scale * unit
 
     def unit(self, channel: str, column: str) -> str:
         """Return the unit of a channel: declared, in the column's name, or its own."""
@@ -366,6 +379,9 @@ def _source(table: Table, channel: str) -> Source:
     sign = table.number("sign")
     if sign not in (None, 1.0, -1.0):
         raise table.wrong("sign", "1 or -1")
+    scale = table.number("scale")
+    if scale is not None and scale <= 0.0:
+        raise table.wrong("scale", "above 0 (`sign = -1` turns a channel round)")
     delay = table.number("delay") or 0.0
     if abs(delay) > _MAX_DELAY:
         raise table.wrong("delay", f"at most {_MAX_DELAY:g} s (milliseconds are 0.001)")
@@ -373,6 +389,7 @@ def _source(table: Table, channel: str) -> Source:
         name=table.text("name"),
         unit=table.choice("unit", units),
         sign=1.0 if sign is None else sign,
+        scale=1.0 if scale is None else scale,
         offset=table.number("offset") or 0.0,
         delay=delay,
         clock=table.text("clock"),

@@ -13,6 +13,8 @@ from cc_mujoco.errors import CableError
 MOTION_FILE = "motion_{}.csv"
 """File that holds the motion of a planned trial, by its number of two digits."""
 
+_BAG_FILE = "metadata.yaml"
+"""File that makes a folder a bag of ROS 2."""
 _ENDINGS = f"{', '.join(tables.ENDINGS[:-1])} or {tables.ENDINGS[-1]}"
 
 
@@ -72,7 +74,7 @@ def find_dataset_file(files: Iterable[Path]) -> Path | None:
     Raises:
         CableError: there are several, so that one must be named.
     """
-    folders = dict.fromkeys(path.parent for path in files)
+    folders = dict.fromkeys(_folder_of(path) for path in files)
     found = [folder / DATASET_FILE for folder in folders]
     found = [path for path in found if path.is_file()]
     if len(found) > 1:
@@ -80,6 +82,14 @@ def find_dataset_file(files: Iterable[Path]) -> Path | None:
             f"there are {' and '.join(map(str, found))}; give the one that counts."
         )
     return found[0] if found else None
+
+
+def _folder_of(path: Path) -> Path:
+    """Return the folder of a data file; of a bag of ROS 2, that in which the bag is."""
+    folder = path.parent
+    own = folder / DATASET_FILE
+    in_bag = (folder / _BAG_FILE).is_file() and not own.is_file()
+    return folder.parent if in_bag else folder
 
 
 def _is_data(path: Path, folder: Path) -> bool:

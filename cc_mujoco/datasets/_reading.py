@@ -126,9 +126,9 @@ def read_parts(
         if len(parts) == 1 or column != table.time
     }
     found = columns.channel_sources(where, list(homes), file, others)
-    for channel, (column, unit) in found.items():
+    for channel, column in found.items():
         table, own = homes[column]
-        table.channels[channel] = (own, unit)
+        table.channels[channel] = own
     streams: dict[str, Stream] = {}
     topical = False
     for table in tabled:
@@ -136,9 +136,7 @@ def read_parts(
         streams.update(read_here)
         topical |= of_topics
     first = tabled[0]
-    labels = {
-        c: column for table in tabled for c, (column, _) in table.channels.items()
-    }
+    labels = {c: column for table in tabled for c, column in table.channels.items()}
     recording = Recording(
         name=name,
         path=first.part.path,
@@ -180,7 +178,7 @@ class _Table:
         time: the column of its times.
         second: factor of that column's unit.
         offset: reading at zero of the trial's time.
-        channels: column and unit by channel.
+        channels: column by channel.
         stamps: (rows,) [s], once they are read.
     """
 
@@ -189,7 +187,7 @@ class _Table:
     time: str
     second: float
     offset: float
-    channels: dict[str, tuple[str, str]] = field(default_factory=dict)
+    channels: dict[str, str] = field(default_factory=dict)
     stamps: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
@@ -219,21 +217,21 @@ class _Table:
             for channel in self.channels
             if (clock := file.source(channel).clock) is not None
         }
-        used = [self.time, *(name for name, _ in self.channels.values())]
+        used = [self.time, *self.channels.values()]
         raw = self._read([*used, *clocks.values()])
         # The clocks first: conversion may happen in place.
         times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
         self.stamps = _scale(raw[self.time], self.offset, self.second, MAX_TIME)
         values = {
-            channel: _convert(raw[column], channel, unit, file)
-            for channel, (column, unit) in self.channels.items()
+            channel: _convert(raw[column], channel, column, file)
+            for channel, column in self.channels.items()
         }
         for channel, value in values.items():
             time = times.get(channel, self.stamps)
             if len(value) != len(time):
                 stamps = clocks.get(channel, self.time)
                 raise CableError(
-                    f"{path}, column {self.channels[channel][0]} has {len(value)} "
+                    f"{path}, column {self.channels[channel]} has {len(value)} "
                     f"readings, but its times, column {stamps}, are {len(time)}; "
                     "every reading needs one."
                 )
@@ -277,7 +275,7 @@ class _Table:
                     "must differ."
                 )
         switch = self.channels.get(channels.VALID)
-        raw = tables.read_columns(path, single, [switch[0]] if switch else [])
+        raw = tables.read_columns(path, single, [switch] if switch else [])
         for name in wanted:
             if name in pairs:
                 whole, nano = pairs[name]
@@ -305,11 +303,11 @@ def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> Non
 
 
 def _convert(
-    reading: FloatArray, channel: str, unit: str, file: DatasetFile
+    reading: FloatArray, channel: str, column: str, file: DatasetFile
 ) -> FloatArray:
     """Return readings in the unit of the channel, NaN where beyond any rig's range."""
     source = file.source(channel)
-    factor = source.sign * channels.kind_of(channel).factors[unit]
+    factor = source.sign * file.factor(channel, column)
     return _scale(reading, source.offset, factor, MAX_CHANNEL_VALUE)
 
 

@@ -48,7 +48,8 @@ def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
     Raises:
         CableError: An axis is given twice, or there is none of that name.
     """
-    known, found, last = tuple(names), {}, ""
+    known, last = tuple(names), ""
+    found: dict[str, str] = {}
     for part in text.split(","):
         name, equals, value = part.partition("=")
         is_number = last and ":" in found[last]

@@ -41,8 +41,9 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
     file = parsed(tmp_path, example)
     angle = file.source("motor_angle_rad")
     assert (angle.name, angle.unit, angle.sign) == ("theta_m", "deg", -1.0)
-    assert (angle.offset, angle.delay, angle.clock) == (1.5, 0.004, "t_encoder")
-    assert (angle.noise, angle.resolution) == (0.01, 0.02)
+    assert angle.scale == 0.087890625
+    assert (angle.offset, angle.delay, angle.clock) == (2048.0, 0.004, "t_encoder")
+    assert (angle.noise, angle.resolution) == (1.5, 1.0)
     assert file.rig["motor_radius"] == pytest.approx(Constant(0.02, 1e-4))
     assert file.rig["joint_radius"] == Constant(0.104, 0.0)
     assert file.facts_of(Path("x/run_7.csv")) == Facts(

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import digit_of
 from cc_mujoco.datasets._smoothing import velocity
@@ -53,7 +52,7 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     for channel in dataset.channels:
         source = file.source(channel)
         column = dataset.trials[0].labels.get(channel, channel)
-        factor = channels.kind_of(channel).factors[file.unit(channel, column)]
+        factor = file.factor(channel, column)
         if source.resolution is not None:
             step = source.resolution * factor
         else:

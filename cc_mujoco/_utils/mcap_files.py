@@ -1,0 +1,180 @@
+"""Columns of numbers from MCAP files, the recordings of ROS 2 and of Foxglove.
+
+A column has the name of its topic and field, `/joint_states/position[0]`, as in
+PlotJuggler. A message that names the elements of its arrays, such as
+`sensor_msgs/JointState`, names the columns as well: `/joint_states/position/knee`.
+There is a row for every message, with NaN in the columns of other topics. `__time` is
+the time at which a message was recorded [s]. Messages of ROS 2 and in JSON are decoded.
+The libraries mcap and mcap-ros2-support are needed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+
+FloatArray = NDArray[np.float64]
+
+ENDINGS = (".mcap",)
+"""Endings of files that can be read, in any case."""
+TIME = "__time"
+"""Column of the times of the messages [s]."""
+
+_MAX_ELEMENTS = 64  # elements of an array; longer ones are images or scans
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file.
+
+    Raises:
+        CableError: The file cannot be read or holds no message with numbers.
+    """
+    return list(_table(path))
+
+
+def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
+    """Return the columns of a file.
+
+    Args:
+        path: The file.
+        names: Columns that the file has.
+
+    Returns:
+        Arrays (rows,) by name.
+
+    Raises:
+        CableError: The file cannot be read.
+    """
+    table = _table(path)
+    return {name: table[name].copy() for name in names}
+
+
+def _table(path: Path) -> dict[str, FloatArray]:
+    """Return all columns of a file, which is read once for its names and contents.
+
+    Raises:
+        CableError: The file cannot be read, holds no number, or needs a library.
+    """
+    try:
+        seen = path.stat()
+        return _read_table(path, seen.st_mtime_ns, seen.st_size)
+    except CableError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {path}: {reason}.") from None
+    except Exception as error:  # whatever the parser of a broken file stumbles over
+        message = " ".join(str(error).split())[:160].rstrip(".")
+        raise CableError(
+            f"{path} is not a whole mcap file: {message or type(error).__name__}; "
+            "`mcap recover` keeps what is whole."
+        ) from None
+
+
+@lru_cache(maxsize=4)
+def _read_table(path: Path, _modified: int, _size: int) -> dict[str, FloatArray]:
+    """Return all columns of a file as it is now."""
+    times: list[float] = []
+    rows: dict[str, list[int]] = {}
+    values: dict[str, list[float]] = {}
+    undecoded: dict[str, str] = {}
+    for topic, encoding, time, message in _messages(path):
+        if message is None:
+            undecoded[topic] = encoding
+            continue
+        found = False
+        for name, value in _numbers(topic, message):
+            rows.setdefault(name, []).append(len(times))
+            values.setdefault(name, []).append(value)
+            found = True
+        if found:
+            times.append(1e-9 * time)
+    if not times:
+        kinds = ", ".join(sorted(set(undecoded.values())))
+        reason = f"its messages are {kinds}" if kinds else "it has none with numbers"
+        raise CableError(
+            f"{path} holds no message of ROS 2 (cdr) or in JSON that has numbers: "
+            f"{reason}."
+        )
+    table = {TIME: np.array(times)}
+    for name, places in rows.items():
+        column = np.full(len(times), np.nan)
+        column[places] = values[name]
+        table[name] = column
+    return table
+
+
+def _messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
+    """Yield topic, encoding, time [ns] and content of each message, None if unknown."""
+    make_reader, factory = _readers(path)
+    decoders: dict[int, Callable[[bytes], Any] | None] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            encoding = channel.message_encoding
+            if channel.id not in decoders:
+                decoders[channel.id] = (
+                    json.loads
+                    if encoding == "json"
+                    else factory.decoder_for(encoding, schema)
+                )
+            decode = decoders[channel.id]
+            content = None if decode is None else decode(message.data)
+            yield channel.topic, encoding, message.log_time, content
+
+
+def _readers(path: Path) -> tuple[Any, Any]:
+    """Return the function that makes a reader, and the decoders of ROS 2."""
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ModuleNotFoundError:
+        raise CableError(
+            f"{path} needs mcap to be read: pip install 'cc_mujoco[mcap]', or "
+            "convert it to CSV."
+        ) from None
+    return make_reader, DecoderFactory()
+
+
+def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message with the names of their columns."""
+    if isinstance(value, bool | int | float):
+        yield name, float(value)
+    elif isinstance(value, str | bytes) or value is None:
+        return
+    elif isinstance(value, list | tuple):
+        if len(value) <= _MAX_ELEMENTS:
+            for k, element in enumerate(value):
+                yield from _numbers(f"{name}[{k}]", element)
+    else:
+        yield from _fields(name, value)
+
+
+def _fields(name: str, message: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of the fields of a message."""
+    fields = (
+        message
+        if isinstance(message, dict)
+        else {slot: getattr(message, slot) for slot in message.__slots__}
+    )
+    labels = _labels(fields.get("name"))
+    for key, value in fields.items():
+        if labels and isinstance(value, list) and len(value) == len(labels):
+            for label, element in zip(labels, value, strict=True):
+                yield from _numbers(f"{name}/{key}/{label}", element)
+        else:
+            yield from _numbers(f"{name}/{key}", value)
+
+
+def _labels(names: object) -> list[str]:
+    """Return the names of the elements of a message, empty if it does not give any."""
+    if not isinstance(names, list) or len(set(map(str, names))) < len(names):
+        return []
+    return names if all(isinstance(name, str) and name for name in names) else []

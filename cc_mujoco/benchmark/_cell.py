@@ -21,13 +21,13 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _user_entry as user_entry
+from cc_mujoco.benchmark._actuation import HinderedFleet
 from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
 from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
 from cc_mujoco.benchmark._references import REFERENCES, Reference
 from cc_mujoco.benchmark._scores import device_scores, episode_scores
-from cc_mujoco.benchmark._structure import LAG_NAME, model_of
 from cc_mujoco.control import Controller
-from cc_mujoco.device import Description, DeviceModel, Plant, find_device
+from cc_mujoco.device import Description, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._plant import facts_of
@@ -126,7 +126,7 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
     for cell in cells:
         at = cell.condition
         about = at.scene, at.task, at.moving_route, at.structure, at.duration
-        key = cell.controller, cell.seeds, cell.sensing, *about
+        key = cell.controller, cell.seeds, cell.sensing, at.known, *about
         found.setdefault(key, []).append(cell)
     return list(found.values())
 
@@ -151,18 +151,17 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     """
     one = cells[0]
     at, reference = one.condition, _reference(one)
-    description = find_device(at.scene).description
-    lags = at.structure == LAG_NAME
     draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
         draws += sample_plants(cell.condition, cell.seeds)
         own = cell.belief or Belief(MODEL_ERRORS[cell.condition.error])
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
+    description = draws[0].plant.description
     exos = [
         WornDevice(
             description,
-            model_of(changed(drawn.plant, reference), lags),
+            changed(drawn.plant, reference).model(),
             drawn.trajectory,
             at.tasks(description),
             at.duration,
@@ -174,12 +173,17 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         for exo, drawn in zip(exos, draws, strict=True)
     ]
     exo = exos[0]
-    fleet = Fleet(exo, [e.device for e in exos], scripts)
+    devices, hindered = [e.device for e in exos], [one.actuation for one in draws]
+    if all(one.is_plain for one in hindered) or (reference and reference.ideal):
+        fleet = Fleet(exo, devices, scripts)
+    else:
+        fleet = HinderedFleet(hindered, exo, devices, scripts)
     driven, prefixes = exo.device.driven, exo.device.prefixes
     sensing = one.sensing or description.sensing
     known = exo.drives
-    if lags:
-        known = DeviceModel(description, draws[0].known.model()).drives(exo.period)
+    if at.structure:
+        plain = draws[0].known
+        known = DeviceModel(plain.description, plain.model()).drives(exo.period)
     equipped = [sensing.equip(drive) for drive in known]
     drives = believed_drives(equipped, driven, draws, beliefs)
     name = reference.controller if reference else one.controller

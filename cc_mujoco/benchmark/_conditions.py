@@ -20,8 +20,8 @@ from cc_mujoco.device import find_device
 from cc_mujoco.device._description import Description, device_label
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
+    Disturbed,
     Motion,
-    Perturbed,
     Task,
     Trajectory,
     Walk,
@@ -53,6 +53,10 @@ MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
 DEFAULT_CONDITION = "ordinary", "rough"
 """Transmission and error of the condition that all others differ from."""
 
+
+STRUCTURE, KNOWN = "structure-", "known-"
+"""Beginnings of the names of conditions with an effect that the controller does not
+know, and with the same that it knows."""
 
 MIN_DURATION = 1.0
 """Length that an episode must exceed, whose first half is not scored [s]."""
@@ -105,6 +109,8 @@ class Condition:
     """True if the conduit bends as the leg moves."""
     structure: str = ""
     """Effect that the plant has and the controller does not know; see `_structure`."""
+    known: bool = False
+    """True if the controller's model has that effect, too; of a cable alone."""
     duration: float = 4.0
     """Length of an episode [s]."""
 
@@ -150,7 +156,7 @@ class Condition:
 
 def is_walk(source: Trajectory) -> bool:
     """Return whether a trajectory is a walk, jolted or not."""
-    while isinstance(source, Perturbed):
+    while isinstance(source, Disturbed):
         source = source.base
     if isinstance(source, Together):
         return all(is_walk(part) for _, part in source.parts)
@@ -160,8 +166,11 @@ def is_walk(source: Trajectory) -> bool:
 def plant_key(name: str) -> str:
     """Return the key that samples the plants of a condition, by the condition's name.
 
-    Errors of the model meet the same plants; all other conditions have their own.
+    Errors of the model meet the same plants, and so do conditions in which an effect is
+    known and unknown; all other conditions have their own.
     """
+    if name.startswith(KNOWN):
+        return STRUCTURE + name.removeprefix(KNOWN)
     liner, _, error = name.partition("-")
     return liner if liner in TRANSMISSIONS and error in MODEL_ERRORS else name
 

@@ -21,7 +21,7 @@ from cc_mujoco.benchmark._conditions import (
     is_walk,
     named_condition,
 )
-from cc_mujoco.benchmark._structure import LAG_NAME, STRUCTURES, effect_values
+from cc_mujoco.benchmark._structure import GENERIC_STRUCTURES, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
 from cc_mujoco.human import (
     TASKS,
@@ -54,11 +54,8 @@ def generic_conditions(scene: str) -> list[Condition]:
             that there is.
     """
     device = find_device(scene)
-    description = device.description
-    model = DeviceModel(description, Plant(device).model())
-    motion = _together(description, axis_trajectories(model, None))
-    tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
-    plain = Condition(scene, "", motion, tasks)
+    model = DeviceModel(device.description, Plant(device).model())
+    plain, tasks = plain_condition(scene, model)
     found = [
         named_condition(plain, "delay-none", delay=(0, 0)),
         named_condition(plain, "delay-long", delay=(3, 5)),
@@ -76,13 +73,23 @@ def generic_conditions(scene: str) -> list[Condition]:
         found.append(named_condition(plain, "zero-torque", task=silent))
     found += [
         named_condition(plain, name, structure=name)
-        for name in STRUCTURES
-        if name == LAG_NAME or effect_values(device, name)
+        for name in GENERIC_STRUCTURES
+        if has_effect(device, name)
     ]
     own = named_condition(
         plain, f"{OWN_LINER}-{DEFAULT_CONDITION[1]}", transmission=OWN_LINER
     )
     return [*found, own, *crossed_conditions(plain)]
+
+
+def plain_condition(
+    scene: str, model: DeviceModel
+) -> tuple[Condition, tuple[Task, ...]]:
+    """Return a condition without a name, with motion and tasks of the device."""
+    description = model.description
+    motion = joint_trajectory(description, axis_trajectories(model, None))
+    tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
+    return Condition(scene, "", motion, tasks), tasks
 
 
 def _other_motions(
@@ -99,7 +106,7 @@ def _other_motions(
         named_condition(
             plain,
             "reversals",
-            trajectory=_together(description, reversals),
+            trajectory=joint_trajectory(description, reversals),
             task=still,
         )
     ]
@@ -110,16 +117,20 @@ def _other_motions(
     if min(sizes) < MIN_JOLT:
         return found
     jolted = [
-        Perturbed(_part(plain.trajectory, axis.limb), axis.limb, size)
+        Perturbed(trajectory_of(plain.trajectory, axis.limb), axis.limb, size)
         for axis, size in zip(description.axes, sizes, strict=True)
     ]
     found.append(
-        named_condition(plain, "jolted", trajectory=_together(description, jolted))
+        named_condition(
+            plain, "jolted", trajectory=joint_trajectory(description, jolted)
+        )
     )
     return found
 
 
-def _together(description: Description, each: Sequence[Trajectory]) -> Trajectory:
+def joint_trajectory(
+    description: Description, each: Sequence[Trajectory]
+) -> Trajectory:
     """Return one trajectory of all axes."""
     if all(one == each[0] for one in each) and (len(each) == 1 or is_walk(each[0])):
         return each[0]
@@ -127,7 +138,8 @@ def _together(description: Description, each: Sequence[Trajectory]) -> Trajector
     return Together(tuple(zip(limbs, each, strict=True)))
 
 
-def _part(source: Trajectory, joint: str) -> Trajectory:
+def trajectory_of(source: Trajectory, joint: str) -> Trajectory:
+    """Return the trajectory of one joint."""
     return dict(source.parts)[joint] if isinstance(source, Together) else source
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco._validation import require_parameter
+from cc_mujoco.benchmark._actuation import PLAIN, Actuation
 from cc_mujoco.benchmark._conditions import (
     TRANSMISSIONS,
     Condition,
@@ -26,14 +27,14 @@ from cc_mujoco.benchmark._conditions import (
     Together,
     plant_key,
 )
-from cc_mujoco.benchmark._structure import effect_values
+from cc_mujoco.benchmark._structure import hidden_effect
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameters import BENDS, PATHS
 from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import BIAS
 from cc_mujoco.device._variables import Value
-from cc_mujoco.human import Perturbed, Trajectory, Walk
+from cc_mujoco.human import Disturbed, Trajectory, Walk
 
 MAX_SIGMAS = 3.0
 """Draws beyond this many standard deviations are cut."""
@@ -60,13 +61,15 @@ class Draw:
     plant: Plant
     """The device with its cables, wearer, delay and noise."""
     known: Plant
-    """The plant without the effect that the controller does not know."""
+    """The plant as its controller may know it, but for the errors of the model."""
     seed: int
     """Seed of its motion and noise; that of the episode and its condition make it."""
     trajectory: Trajectory
     bias: tuple[tuple[float, ...], ...]
     """Bias of the joint torque sensor, then of every tension sensor, of each axis, as a
     multiple of the standard deviation of the device's noise."""
+    actuation: Actuation = PLAIN
+    """Effects between the controller and the motor."""
 
 
 @dataclass(frozen=True)
@@ -137,19 +140,35 @@ def _sample_plant(condition: Condition, seed: int, device: Device) -> Draw:
     sensors = [
         1 + SENSORS_PER_CABLE * len(axis.cables) for axis in device.description.axes
     ]
-    known = plant = Plant(device, values)
-    if effect := effect_values(device, condition.structure):
-        plant = Plant(device, values | effect)
+    known = Plant(device, values)
+    aside = np.random.default_rng([own, 4])
+    hidden = hidden_effect(known, condition.structure, seed + place, aside)
+    plant = known
+    if hidden.values or hidden.device is not device:
+        plant = Plant(hidden.device, _with_effect(values, hidden.values))
     return Draw(
         plant=plant,
-        known=known,
+        known=plant if condition.known else known,
         seed=own,
         trajectory=_with_period_factor(source, cadence),
         bias=tuple(
             tuple(condition.noise * BIAS * _clipped_normal(random) for _ in range(own))
             for own in sensors
         ),
+        actuation=hidden.actuation,
     )
+
+
+def _with_effect(
+    values: dict[str, Value], effect: dict[str, Value]
+) -> dict[str, Value]:
+    """Return values with those of an effect, which may bend a conduit otherwise."""
+    found = values | effect
+    for name in effect:
+        cable, _, key = name.rpartition(".")
+        if key in {"conduit", "bend"}:
+            found.pop(f"{cable}.wrap", None)
+    return found
 
 
 def believed_drives(
@@ -192,7 +211,7 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
             (joint, _with_period_factor(part, factor)) for joint, part in source.parts
         )
         return Together(parts)
-    if isinstance(source, Perturbed):
+    if isinstance(source, Disturbed):
         return dataclasses.replace(
             source, base=_with_period_factor(source.base, factor)
         )

@@ -2,6 +2,8 @@
 
     effect_values(find_device("knee.xml"), "seals")
     # {'extensor.seal_proximal': 8.3, 'extensor.seal_distal': 8.3}
+    hidden_effect(known, "rotor-inertia", seed=0, random=random).values
+    # {'rotor_inertia': 3.2e-05}
 
 Their sizes follow from the description of a device: the torque that counts as 1, the
 reach of its motions and the arms of its cables.
@@ -9,21 +11,37 @@ reach of its motions and the arms of its cables.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
-import mujoco
+import numpy as np
 
+from cc_mujoco.benchmark._actuation import PLAIN, Actuation
 from cc_mujoco.cable import PATHS, Cable
+from cc_mujoco.cable._parameters import BENDS
 from cc_mujoco.device import Axis, Device, DeviceModel, Plant, Value
-from cc_mujoco.device._model import motor_lag
 
 LAG = 0.005
 """Time constant of a motor that lags [s], beside that of the scene."""
-
+LAG_RANGE = 0.001, 0.005
+"""Range of that of `varied-lag` [s]."""
 LAG_NAME = "motor-lag"
 """Name of that effect, which is in the motor and in no cable."""
+INERTIA_FACTORS = 0.6, 1.6
+"""Inertia of a rotor over the believed one, in turns over the seeds."""
+LATE_COMMANDS = 1, 3
+"""Control steps by which commands are late, in turns over the seeds."""
+MOTOR_FRICTION, COGGING = 0.1, 0.05
+"""Dry friction of a motor and amplitude of its cogging, as shares of the torque that
+counts as 1."""
+COGGING_ORDER = 12
+"""Waves of cogging in a turn of the motor's pulley."""
+TREMOR_SHARE = 0.05
+"""Amplitude of a tremor, as a share of the reach of a device."""
+CUFF_SETTLING = 0.01
+"""Damping of a cuff over its stiffness [s]."""
 
 
 @dataclass(frozen=True)
@@ -38,76 +56,215 @@ class _Scale:
     """Travel of the cable over the reach of named motions [m]."""
     length: float
     """Length of the cable [m]."""
+    radius: float
+    """Radius of the motor's pulley [m]."""
 
     @classmethod
-    def of(cls, axis: Axis, cable: Cable, arm: float) -> _Scale:
+    def of(cls, axis: Axis, cable: Cable, arm: float, radius: float) -> _Scale:
         """Return the scale of a cable with an arm at the joint [m]."""
         return cls(
             axis.units["desired_torque_nm"] / arm,
             axis.units["joint_velocity_rad_s"] * arm,
             axis.reach * arm,
             cable.length,
+            radius,
         )
 
 
-EFFECTS: dict[str, Callable[[_Scale], dict[str, Value]]] = {
-    "viscous": lambda own: {
+def _concentrated(own: _Scale, cable: Cable) -> dict[str, Value]:
+    """Return a conduit with the whole wrap in the last 15 % before the joint."""
+    if cable.path != PATHS[0] or not cable.wrap:
+        return {}  # the scene draws what bends an open cable
+    straight, bent = 0.85 * cable.length, 0.15 * cable.length
+    return {"conduit": f"{straight:.9g}:inf {bent:.9g}:{bent / cable.wrap:.9g}"}
+
+
+EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
+    "viscous": lambda own, cable: {
         "viscous_friction": 0.2 * own.tension / (own.speed * own.length)
     },
-    "load-independent": lambda own: {
+    "load-independent": lambda own, cable: {
         "load_independent_friction": 0.1 * own.tension / own.length
     },
-    "seals": lambda own: {
-        "seal_proximal": 0.05 * own.tension,
-        "seal_distal": 0.05 * own.tension,
+    "seals": lambda own, cable: (
+        {}  # nothing seals a cable that no conduit leads
+        if cable.path == PATHS[1]
+        else {"seal_proximal": 0.05 * own.tension, "seal_distal": 0.05 * own.tension}
+    ),
+    "presliding": lambda own, cable: {"bristle_length": 0.1 * own.travel},
+    "stribeck": lambda own, cable: {
+        "stribeck_friction": 0.5 * cable.friction,
+        "stribeck_speed": 0.05 * own.speed,
     },
-    "presliding": lambda own: {"bristle_length": 0.1 * own.travel},
+    "ageing": lambda own, cable: {
+        "ageing_friction": 0.2 * cable.friction,
+        "ageing_time": 0.1,
+        "critical_slip_distance": 0.01 * own.travel,
+    },
+    "soft-ends": lambda own, cable: {
+        "end_compliance": 0.25 * own.length / cable.axial_stiffness,
+        "proximal_compliance": 0.25 * own.length / cable.axial_stiffness,
+    },
+    "eccentric": lambda own, cable: {"eccentricity": 0.05 * own.radius},
+    "wrap-end": _concentrated,
+    "route": lambda own, cable: (
+        {"wrap_growth": 0.3 / own.travel} if cable.path == PATHS[0] else {}
+    ),
 }
 """Effects in a cable by the name of their condition.
 
 The drag of `viscous` at the velocity that counts as 1 is a fifth of the tension that
 counts as 1, that of `load-independent` and of both `seals` a tenth; `presliding` builds
-friction up over a tenth of the travel of the cable."""
+friction up over a tenth of the travel of the cable. `stribeck` adds half of the
+friction at rest, `ageing` a fifth with every factor e of rest. `soft-ends` make the
+cable half as soft again, `eccentric` pulleys are out of centre by a twentieth of their
+radius, `route` bends the conduit by 30 % more or less over the reach of the joint."""
 
-STRUCTURES = (*EFFECTS, LAG_NAME)
+MOTOR_EFFECTS = (
+    "varied-lag",
+    "motor-friction",
+    "cogging",
+    "late-commands",
+    "rotor-inertia",
+)
+"""Effects in the motor by name."""
+WEARER_EFFECTS = "cuff", "tremor"
+"""Effects in a wearer by name."""
+
+GENERIC_STRUCTURES = (*tuple(EFFECTS)[:4], LAG_NAME)
+"""Effects that the suite `generic` has."""
+STRUCTURES = (*EFFECTS, LAG_NAME, *MOTOR_EFFECTS, *WEARER_EFFECTS)
 """Every effect by name."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect as one plant has it."""
+
+    device: Device
+    """The device, with a cuff where that is the effect."""
+    values: dict[str, Value] = field(default_factory=dict)
+    """Values of the plant."""
+    actuation: Actuation = PLAIN
+    """Effects between the controller and the motor."""
+
+
+@lru_cache(maxsize=64)
+def _scales(device: Device) -> dict[str, _Scale]:
+    """Return the scales of all cables between a motor and a joint."""
+    model = DeviceModel(device.description, Plant(device).model())
+    found: dict[str, _Scale] = {}
+    for axis, own, drive in zip(
+        device.description.axes, model.axes, model.drives(1.0), strict=True
+    ):
+        for name, one in zip(own.driven, drive.cables, strict=False):
+            arms = abs(one.distal), abs(one.proximal)
+            found[name] = _Scale.of(axis, device.cables[name], *arms)
+    return found
 
 
 @lru_cache(maxsize=64)
 def effect_values(device: Device, name: str) -> dict[str, Value]:
-    """Return the values of a plant that has an effect.
+    """Return the values of a plant that has an effect and no other change.
 
     Args:
         device: The device.
         name: One of `STRUCTURES`. The values of an effect that no cable can have, and
-            of one in the motor, are empty.
+            of one that is in no cable, are empty.
     """
+    return _cable_values(Plant(device), name)
+
+
+def _cable_values(known: Plant, name: str) -> dict[str, Value]:
+    device = known.scene
     if name not in EFFECTS:
         return {}
-    model = DeviceModel(device.description, Plant(device).model())
-    found: dict[str, Value] = {}
-    for axis, own, drive in zip(
-        device.description.axes, model.axes, model.drives(1.0), strict=True
-    ):
-        for cable_name, cable_drive in zip(own.driven, drive.cables, strict=True):
-            cable = device.cables[cable_name]
-            if name == "seals" and cable.path == PATHS[1]:
-                continue  # nothing seals a cable that no conduit leads
-            scale = _Scale.of(axis, cable, abs(cable_drive.distal))
-            for key, value in EFFECTS[name](scale).items():
-                found[f"{cable_name}.{key}"] = value
-    return found
+    return {
+        f"{cable}.{key}": value
+        for cable, scale in _scales(device).items()
+        for key, value in EFFECTS[name](scale, known.cables[cable]).items()
+    }
 
 
-def model_of(plant: Plant, lags: bool) -> mujoco.MjModel:
-    """Compile a plant, with motors that lag or without."""
-    if not lags:
-        return plant.model()
-    spec = plant.spec()
-    model = spec.copy().compile()
-    for axis in plant.description.axes:
-        motor = spec.actuator(axis.motor)
-        own = motor_lag(model, int(model.actuator(axis.motor).id))
-        motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-        motor.dynprm[0] = own + LAG
-    return spec.compile()
+def hidden_effect(
+    known: Plant, name: str, seed: int, random: np.random.Generator
+) -> Hidden:
+    """Return an effect for a plant.
+
+    Args:
+        known: The plant without it.
+        name: One of `STRUCTURES`, or empty for none.
+        seed: Of the episode; what has few levels takes turns over the seeds.
+        random: Source of the rest.
+    """
+    device, axes = known.scene, known.description.axes
+    values = _cable_values(known, name)
+    if name == "eccentric":
+        phase = random.uniform(-math.pi, math.pi)
+        for axis in axes:
+            for side, cable in enumerate(axis.cables):
+                if f"{cable}.eccentricity" in values:
+                    values[f"{cable}.eccentricity_phase"] = phase + math.pi * (side % 2)
+    if name == "route":
+        for axis in axes:
+            for cable in axis.cables:
+                own = known.cables[cable]
+                # The leg of a wearer who walks bends a conduit that its route draws.
+                if "phase_sine" in axis.units and own.route and own.path == PATHS[0]:
+                    values = {f"{cable}.bend": BENDS[1]}
+    if values:
+        return Hidden(device, values)
+    drives = DeviceModel(known.description, known.model()).drives(1.0)
+    unit = {
+        axis.name: abs(axis.units["desired_torque_nm"] / drive.ratio)
+        for axis, drive in zip(axes, drives, strict=True)
+    }
+    if name == LAG_NAME or name == "varied-lag":
+        more = LAG if name == LAG_NAME else random.uniform(*LAG_RANGE)
+        lags = {
+            f"{axis.name}.motor_lag": drive.motor_lag + more
+            for axis, drive in zip(axes, drives, strict=True)
+        }
+        return Hidden(device, {**lags})
+    if name == "motor-friction":
+        rubs = {
+            f"{n}.motor_friction": MOTOR_FRICTION * size for n, size in unit.items()
+        }
+        return Hidden(device, {**rubs})
+    if name == "rotor-inertia":
+        factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
+        heavy = {
+            f"{axis.name}.rotor_inertia": factor
+            * float(device.spec.joint(axis.drum).armature)
+            for axis in axes
+        }
+        return Hidden(device, {**heavy})
+    if name == "cogging":
+        phase = random.uniform(-math.pi, math.pi)
+        size = tuple(COGGING * one for one in unit.values())
+        return Hidden(device, actuation=Actuation(0, size, COGGING_ORDER, phase))
+    if name == "late-commands":
+        low, high = LATE_COMMANDS
+        return Hidden(device, actuation=Actuation(low + seed % (high - low + 1)))
+    if name == "cuff":
+        return Hidden(_cuffed(device))
+    return Hidden(device)  # a tremor is in the motion
+
+
+@lru_cache(maxsize=8)
+def _cuffed(device: Device) -> Device:
+    """Return a device of one axis with a cuff between its frame and the limb."""
+    axis = device.description.axis()
+    stiffness = 10.0 * axis.units["desired_torque_nm"] / axis.units["joint_angle_rad"]
+    cuff = {"stiffness": stiffness, "damping": CUFF_SETTLING * stiffness}
+    return Device(device.name, device.timestep, axis={"cuff": cuff})
+
+
+def has_effect(device: Device, name: str) -> bool:
+    """Return whether a device can have an effect of `STRUCTURES`."""
+    if name in EFFECTS:
+        return bool(effect_values(device, name))
+    if name == "cuff":
+        one = len(device.description.axes) == 1
+        return one and bool(device.wearers) and not device.description.axes[0].cuff
+    return name != "tremor" or bool(device.wearers)

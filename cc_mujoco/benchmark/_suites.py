@@ -18,6 +18,10 @@ from cc_mujoco.benchmark._conditions import (
     named_condition,
 )
 from cc_mujoco.benchmark._generic import generic_conditions
+from cc_mujoco.benchmark._structure_conditions import (
+    known_conditions,
+    structure_conditions,
+)
 from cc_mujoco.device import Axis, find_device
 from cc_mujoco.device._device import is_device_file
 from cc_mujoco.errors import CableError, look_up
@@ -131,6 +135,18 @@ SUITES = {
         tuple(SCENES),
         generic_conditions,
         10,
+    ),
+    "v2": Suite(
+        "any device in up to 18 conditions with structure that no model has",
+        ("wrist", "ankle", "finger", "exosuit"),
+        structure_conditions,
+        5,
+    ),
+    "v2-known": Suite(
+        "the effects in cables of `v2`, each unknown and known to the model",
+        ("wrist", "ankle", "finger", "exosuit"),
+        known_conditions,
+        5,
     ),
 }
 """A suite that has been published is never changed: a new one gets a new name."""

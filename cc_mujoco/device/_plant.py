@@ -247,7 +247,12 @@ class Plant:
         """Equal for plants that can be in one batch: their models, and their walk."""
         cables = self.cables.values()
         walks = (self.values.get(name) for name in wearer_scaling.WALKER)
-        return (*(cable.segments for cable in cables), *route_tendons(cables), *walks)
+        lags = (
+            bool(self._of_axis(axis).get("motor_lag", 0.0))
+            for axis in self.description.axes
+        )
+        segments = (cable.segments for cable in cables)
+        return (*segments, *route_tendons(cables), *walks, *lags)
 
     def check(self) -> None:
         """Find out whether the plant can be simulated.
@@ -499,6 +504,13 @@ class Plant:
                 getattr(strap, name.removeprefix("cuff_"))[0] = float(values[name])
         if "motor_damping" in values:
             drum.damping = [float(values["motor_damping"]), 0.0, 0.0]
+        if "motor_friction" in values:
+            drum.frictionloss = float(values["motor_friction"])
+        if "motor_lag" in values:
+            lag = float(values["motor_lag"])
+            dynamics = mujoco.mjtDyn
+            motor.dyntype = dynamics.mjDYN_FILTEREXACT if lag else dynamics.mjDYN_NONE
+            motor.dynprm[0] = lag
 
     def _resize(self, spec: mujoco.MjSpec, body: Body) -> None:
         """Give a leg the inertia and the lengths of a wearer of another size.

@@ -160,6 +160,16 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
             "motor_damping", "N m s/rad", "viscous friction of the motor", 0, 1e3
         ),
         Parameter(
+            "motor_friction", "N m", "dry friction of the motor at its pulley", 0, 1e3
+        ),
+        Parameter(
+            "motor_lag",
+            "s",
+            "time constant of the motor's torque behind its command",
+            0,
+            1,
+        ),
+        Parameter(
             "cuff_stiffness",
             "N m/rad",
             "of the cuff between the device and the limb, `[axis.cuff]`",
@@ -304,6 +314,8 @@ OF_AXES = (
     "continuous_torque",
     "motor_mass",
     "motor_damping",
+    "motor_friction",
+    "motor_lag",
     "cuff_stiffness",
     "cuff_damping",
 )

@@ -10,7 +10,9 @@ from ._motion import Scripted as Scripted
 from ._motion import Trajectory as Trajectory
 from ._named_tasks import task as task
 from ._pace import Pace as Pace
+from ._perturbed import Disturbed as Disturbed
 from ._perturbed import Perturbed as Perturbed
+from ._perturbed import Tremor as Tremor
 from ._point_to_point import Ramp as Ramp
 from ._point_to_point import Reach as Reach
 from ._point_to_point import Reversals as Reversals

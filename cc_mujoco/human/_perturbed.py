@@ -1,4 +1,4 @@
-"""A motion with bumps at random times: something jolts the wearer."""
+"""Motions that something disturbs: bumps at random times, or a tremor."""
 
 from __future__ import annotations
 
@@ -11,20 +11,50 @@ from cc_mujoco.human._motion import Array, Motion, Trajectory
 
 QUIET_TIME = 1.0
 """Beginning of an episode without bumps [s]."""
+_GROWTH_TIME = 0.5
+"""Time in which a tremor grows to its size [s]."""
 
 
 @dataclass(frozen=True)
-class Perturbed(Trajectory):
-    """Another trajectory, jolted: out and back, to a random side, at random times.
+class Disturbed(Trajectory):
+    """Another trajectory with an angle added to one joint.
 
-    A bump is size 64 x^3 (1 - x)^3, x the time since its beginning over its width, so
-    that its acceleration is continuous. Phase and other joints are the other's own.
+    Phase and other joints are the other's own.
     """
 
     base: Trajectory
-    """Motion that is jolted."""
+    """Motion that is disturbed."""
     joint: str = ""
-    """Joint that is jolted, where the trajectory has companions."""
+    """Joint that is disturbed, where the trajectory has companions."""
+
+    def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
+        """Return the angle, velocity and acceleration that are added, (3, n).
+
+        Args:
+            time: Samples [s].
+            duration: Length of the episode [s].
+            rng: Source of what is random.
+        """
+        raise NotImplementedError
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        step = float(time[1] - time[0])
+        motion = self.base.sample(duration, step, rng)
+        by = self.added(time, duration, rng)
+        companions = dict(motion.companions)
+        if self.joint in companions:
+            companions[self.joint] = _plus(companions[self.joint], by)
+        return replace(_plus(motion, by), companions=companions)
+
+
+@dataclass(frozen=True)
+class Perturbed(Disturbed):
+    """Another trajectory, jolted: out and back, to a random side, at random times.
+
+    A bump is size 64 x^3 (1 - x)^3, x the time since its beginning over its width, so
+    that its acceleration is continuous.
+    """
+
     size: float = 0.1
     """Largest angle of a bump [rad]."""
     width: float = 0.2
@@ -38,9 +68,8 @@ class Perturbed(Trajectory):
         require_parameter(self, "width", 0.01, 10.0, "s")
         require_parameter(self, "pause", 0.01, 1e3, "s")
 
-    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        step = float(time[1] - time[0])
-        motion = self.base.sample(duration, step, rng)
+    def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
+        """Return the bumps; see `Disturbed.added`."""
         bumps = np.zeros((3, time.size))
         clock = QUIET_TIME
         while True:
@@ -50,10 +79,7 @@ class Perturbed(Trajectory):
                 break
             bumps += side * self._bump(time - clock)
             clock += self.width
-        companions = dict(motion.companions)
-        if self.joint in companions:
-            companions[self.joint] = _add_bumps(companions[self.joint], bumps)
-        return replace(_add_bumps(motion, bumps), companions=companions)
+        return bumps
 
     def _bump(self, since: Array) -> Array:
         """Return the angle, velocity and acceleration of a bump of size 1, (3, n)."""
@@ -69,7 +95,47 @@ class Perturbed(Trajectory):
         )
 
 
-def _add_bumps(motion: Motion, by: Array) -> Motion:
+@dataclass(frozen=True)
+class Tremor(Disturbed):
+    """Another trajectory with a tremor: a sine of random phase.
+
+    Its frequency is drawn once for an episode. Hands and ankles tremble at 4 to 12 Hz
+    (G. Deuschl, P. Bain, M. Brin, "Consensus statement of the Movement Disorder Society
+    on tremor", Movement Disorders 13, 1998).
+    """
+
+    size: float = 0.02
+    """Amplitude [rad]."""
+    low: float = 4.0
+    """Least frequency [Hz]."""
+    high: float = 8.0
+    """Greatest frequency [Hz]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no tremor."""
+        require_parameter(self, "size", 0.0, 1.0, "rad")
+        require_parameter(self, "low", 0.1, 50.0, "Hz")
+        require_parameter(self, "high", self.low, 50.0, "Hz")
+
+    def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
+        """Return the tremor, which grows from 0 in half a second."""
+        rate = 2.0 * np.pi * rng.uniform(self.low, self.high)
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        x = np.clip(time / _GROWTH_TIME, 0.0, 1.0)
+        size = self.size * x * x * (3.0 - 2.0 * x)
+        growth = self.size * 6.0 * x * (1.0 - x) / _GROWTH_TIME
+        bend = self.size * 6.0 * (1.0 - 2.0 * x) * (x < 1.0) / _GROWTH_TIME**2
+        sine, cosine = np.sin(rate * time + phase), np.cos(rate * time + phase)
+        return np.stack(
+            [
+                size * sine,
+                growth * sine + size * rate * cosine,
+                bend * sine + 2.0 * growth * rate * cosine - size * rate**2 * sine,
+            ]
+        )
+
+
+def _plus(motion: Motion, by: Array) -> Motion:
     return replace(
         motion,
         angle=motion.angle + by[0],

@@ -27,7 +27,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human._excitation import Chirp, Multisine, Sine
 from cc_mujoco.human._motion import Array, Motion, Scripted, Trajectory
 from cc_mujoco.human._parsing import given_fields, user_object, with_numbers
-from cc_mujoco.human._perturbed import Perturbed
+from cc_mujoco.human._perturbed import Disturbed
 from cc_mujoco.human._point_to_point import Ramp, Reach, Reversals, Sweep
 from cc_mujoco.human._recorded import Recorded, read_motion
 from cc_mujoco.human._walking import Walk
@@ -150,7 +150,7 @@ def _on_joints(
     """Return a trajectory with the names of a device's joints."""
     if not joints:
         return found
-    if isinstance(found, Perturbed):
+    if isinstance(found, Disturbed):
         return replace(found, base=_on_joints(found.base, joints))
     if isinstance(found, Walk):
         return found.on_joints(joints)

@@ -16,8 +16,8 @@ from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import (
+    Disturbed,
     Motion,
-    Perturbed,
     Recorded,
     Task,
     TimeTorque,
@@ -429,6 +429,6 @@ class Scripts:
 
 def unperturbed(source: Trajectory) -> Trajectory:
     """Return the trajectory inside perturbations."""
-    while isinstance(source, Perturbed):
+    while isinstance(source, Disturbed):
         source = source.base
     return source

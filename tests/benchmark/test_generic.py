@@ -14,7 +14,7 @@ from cc_mujoco.benchmark import REFERENCES, SUITES, Cell, Condition, play
 from cc_mujoco.benchmark._conditions import Together
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._runner import provenance
-from cc_mujoco.benchmark._structure import LAG, STRUCTURES, effect_values
+from cc_mujoco.benchmark._structure import GENERIC_STRUCTURES, LAG, effect_values
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Perturbed
@@ -69,7 +69,7 @@ def short(scene: str) -> dict[str, Condition]:
 def test_conditions_of_any_device_have_the_names_of_v1(knee: str) -> None:
     names = {one.name for one in SUITES["v1"].conditions("wrist")}
     found = short(knee)
-    assert set(found) == names | {*STRUCTURES, "own-rough"}
+    assert set(found) == names | {*GENERIC_STRUCTURES, "own-rough"}
     assert all(one.label == "knee" for one in found.values())
     usual = found["ordinary-rough"]
     jolted = found["jolted"].trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.human import Perturbed, Sine, Walk
+from cc_mujoco.human import Perturbed, Sine, Tremor, Walk
 
 
 def test_a_bump_is_smooth_and_is_of_the_size_given() -> None:
@@ -16,6 +16,22 @@ def test_a_bump_is_smooth_and_is_of_the_size_given() -> None:
     assert np.isclose(np.abs(bump).max(), 0.1, rtol=1e-3)
     slope = np.gradient(motion.angle, 1e-3)
     assert np.abs(slope - motion.velocity)[1:-1].max() < 2e-3
+    bend = np.gradient(motion.velocity, 1e-3)
+    assert np.abs(bend - motion.acceleration)[1:-1].max() < 1.0
+
+
+def test_a_tremor_begins_smoothly_and_has_its_size_and_frequency() -> None:
+    base = Sine(amplitude=0.2)
+    motion = Tremor(base, size=0.05, low=6.0, high=6.0).sample(
+        4.0, 1e-3, np.random.default_rng(1)
+    )
+    shake = motion.angle - base.sample(4.0, 1e-3, np.random.default_rng(1)).angle
+    assert shake[0] == 0.0
+    late = shake[motion.time > 1.0]
+    assert np.isclose(np.abs(late).max(), 0.05, rtol=1e-3)
+    assert abs(np.count_nonzero(np.diff(np.sign(late))) - 36) <= 1
+    slope = np.gradient(motion.angle, 1e-3)
+    assert np.abs(slope - motion.velocity)[1:-1].max() < 1e-2
     bend = np.gradient(motion.velocity, 1e-3)
     assert np.abs(bend - motion.acceleration)[1:-1].max() < 1.0
 

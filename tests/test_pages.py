@@ -37,7 +37,7 @@ def found(pattern: str) -> dict[str, Path]:
         path.relative_to(ROOT).as_posix(): path
         for path in sorted(ROOT.rglob(pattern))
         if not any(
-            part in MADE or part.startswith(".")
+            part in MADE or (part.startswith(".") and part != ".github")
             for part in path.relative_to(ROOT).parts
         )
     }

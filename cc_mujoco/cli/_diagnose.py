@@ -36,6 +36,8 @@ class Diagnose:
         Path | None, option_help("DIR"), tyro.conf.arg(name="continue")
     ] = None
     """Folder of an earlier diagnosis: its data, scene and TOML are taken with DATA."""
+    effects: Annotated[tuple[str, ...], option_help("[FILE.py:CLASS ...]")] = ()
+    """Effects of your own to consider besides, or rare ones of the library by name."""
     seed: int = 0
     """Seed of bootstraps and noise draws."""
     plan: Flag = False
@@ -63,7 +65,7 @@ class Diagnose:
         scene, data = _scene_and_data(self.words)
         if not data:
             raise CableError("no data given; name files of trials, or folders.")
-        dataset, axis = self.dataset, self.axis
+        dataset, axis, effects = self.dataset, self.axis, self.effects
         if self.earlier is not None:
             from cc_mujoco.diagnosis._resume import Earlier
 
@@ -72,6 +74,7 @@ class Diagnose:
             axis = earlier.axis if axis is None else axis
             dataset = earlier.with_more(data) if dataset is None else dataset
             data = (*earlier.data, *data)
+            effects = tuple(dict.fromkeys([*earlier.effects, *effects]))
 
         from tqdm import tqdm
 
@@ -96,6 +99,7 @@ class Diagnose:
                 dataset_toml=dataset,
                 command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
                 seed=self.seed,
+                effects=effects,
                 progress=told,
             )
             bar.update(1.0 - bar.n)

@@ -41,6 +41,9 @@ _TENSION_UNIT_PATTERN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z
 CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
 TEMPERATURE_KIND = Kind("temperature", "degC", {"degC": 1.0})
 MASK = Kind("mask", "1", {"1": 1.0})
+FURTHER = Kind("reading", "1", {"1": 1.0})
+"""Kind of a column that is no channel and was asked for."""
+_FURTHER_PREFIX = "column "
 
 _KINDS = {
     TIME: CLOCK,
@@ -83,6 +86,8 @@ def kind_of(channel: str) -> Kind:
     Raises:
         CableError: there is no such channel.
     """
+    if is_further(channel):
+        return FURTHER
     if is_tension(channel):
         return FORCE
     if is_other_angle(channel):
@@ -114,6 +119,21 @@ def cable_end(tension: str) -> tuple[str, str]:
     return found[1] or "", found[2]
 
 
+def further(column: str) -> str:
+    """Return the channel of a column that is none of a rig's and was asked for."""
+    return f"{_FURTHER_PREFIX}{column}"
+
+
+def is_further(channel: str) -> bool:
+    """Return whether a channel is a column that was asked for."""
+    return channel.startswith(_FURTHER_PREFIX)
+
+
+def further_column(channel: str) -> str:
+    """Return the column of such a channel."""
+    return channel.removeprefix(_FURTHER_PREFIX)
+
+
 def bare_name(column: str) -> str:
     """Return the name of a column without its struct, group, topic or file."""
     return re.split(r"[./]", column)[-1]
@@ -122,7 +142,7 @@ def bare_name(column: str) -> str:
 def spellings(channel: str) -> dict[str, str]:
     """Return the possible column names of a channel, with their units."""
     measured = kind_of(channel)
-    if measured in (TEMPERATURE_KIND, MASK):
+    if measured in (TEMPERATURE_KIND, MASK, FURTHER):
         return {channel: measured.unit}
     stem = channel[: channel.rindex("_")]
     return {f"{stem}_{unit.lower()}": unit for unit in measured.factors}

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.datasets._channels import ANGLES, CLOCK, TEMPERATURE, TIME, VALID
+from cc_mujoco.datasets._channels import (
+    ANGLES,
+    CLOCK,
+    TEMPERATURE,
+    TIME,
+    VALID,
+    is_further,
+)
 from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import interpolate_readings, resolution
@@ -227,7 +234,8 @@ def _counted_samples(
         if channel == VALID or not lost:
             continue
         problem = f"{recording.column(channel)} lacks {lost} of {total} readings"
-        if channel == TEMPERATURE:  # which is only told, and worth no trial
+        # What is only told is worth no trial.
+        if channel == TEMPERATURE or is_further(channel):
             del values[channel]
             findings.append(warning(f"{problem}; it is left out.", name, channel))
         elif lost > MAX_MISSING_SHARE * total:

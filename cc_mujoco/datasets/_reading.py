@@ -7,7 +7,7 @@ the names themselves: `motor_angle_deg` is the motor angle in degrees.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -73,6 +73,7 @@ def read(
     name: str | None = None,
     axis: str = "",
     others: Mapping[str, str] | None = None,
+    further: Collection[str] = (),
 ) -> Recording:
     """Read the channels of one file.
 
@@ -83,12 +84,13 @@ def read(
         axis: with whose name columns may begin, as in logs of several axes.
         others: joints whose angles are needed besides that of the driven one, with
             their columns in such logs.
+        further: columns to read besides, where the file has them.
 
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
     parts = (TrialFile("", path, PartFile("")),)
-    return read_parts(parts, file, name or path.stem, axis, others)
+    return read_parts(parts, file, name or path.stem, axis, others, further)
 
 
 def read_parts(
@@ -97,6 +99,7 @@ def read_parts(
     name: str,
     axis: str = "",
     others: Mapping[str, str] | None = None,
+    further: Collection[str] = (),
 ) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
@@ -106,6 +109,7 @@ def read_parts(
         name: of the trial.
         axis: with whose name columns may begin, as in logs of several axes.
         others: as of `read`.
+        further: as of `read`.
 
     Raises:
         CableError: a file cannot be read, lacks a column or holds text; clocks of
@@ -126,6 +130,9 @@ def read_parts(
         if len(parts) == 1 or column != table.time
     }
     found = columns.channel_sources(where, list(homes), file, others)
+    for column in further:
+        if places := columns.columns_named(column, list(homes)):
+            found[channels.further(column)] = places[0]
     for channel, column in found.items():
         table, own = homes[column]
         table.channels[channel] = own

@@ -108,6 +108,8 @@ class Trial:
         paths: files of the channels that are in another than `path`.
         digits: quantisation step by channel, as recorded; 0 where there is none to be
             seen. Of channels that are not in it the samples are the readings.
+        columns: (samples,) each, of further columns that were asked for, by name, as
+            they are in the file.
     """
 
     name: str
@@ -128,6 +130,7 @@ class Trial:
     paths: Mapping[str, str] = field(default_factory=dict)
     motor_current: FloatArray | None = None
     digits: Mapping[str, float] = field(default_factory=dict)
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:

@@ -26,6 +26,7 @@ from ._inference.result import Options as Options
 from ._inference.screening import screen as screen
 from ._loading import load as load
 from ._next_experiment import plan as plan
+from ._scene.instruments import add_torque_part as add_torque_part
 from ._scene.instruments import read_channels as read_channels
 from ._scene.repair import repair_scene as repair_scene
 from ._scene.repair import write as write
@@ -34,4 +35,7 @@ from ._verdict import Diagnosis as Diagnosis
 from .effects import EFFECTS as EFFECTS
 from .effects import Effect as Effect
 from .effects import EffectParameter as EffectParameter
+from .effects import Shape as Shape
+from .effects import Signals as Signals
+from .effects import Size as Size
 from .effects import acceleration as acceleration

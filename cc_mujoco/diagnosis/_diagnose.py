@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
@@ -29,6 +30,7 @@ from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, wr
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
@@ -42,6 +44,7 @@ def diagnose(
     dataset_toml: str | os.PathLike[str] | None = None,
     command: str = "",
     seed: int = 0,
+    effects: Sequence[Any] = (),
     progress: Progress = lambda share, doing: None,
 ) -> Diagnosis:
     """Diagnose trials against a scene and write report, verdict, scene and recording.
@@ -55,21 +58,31 @@ def diagnose(
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
         command: how it was called, for the report.
         seed: of bootstraps and noise draws.
+        effects: effects to consider besides the usual ones: classes of your own,
+            `FILE.py:CLASS`, `MODULE:CLASS`, or ids of rare effects of the library.
         progress: called with the share done and what is being done.
 
     Raises:
-        CableError: no data, a wrong dataset file, a scene that is no bench or
-            cannot be repaired (see `requirements`), or a folder with the scene, with
-            the diagnosis of other data or with other files that would be replaced.
+        CableError: an effect that cannot be used, no data, a wrong dataset file, a
+            scene that is no bench or cannot be repaired (see `requirements`), or a
+            folder with the scene, with the diagnosis of other data or with other files
+            that would be replaced.
     """
-    bench = Bench.of(Path(scene), axis)
-    given = _paths(data)
-    require_ours(Path(out), bench.path, given)
-    preload_drawing()
-    result, dataset = infer(
-        given, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
-    )
-    return write(result, dataset, Path(out), command, seed)
+    with effects_in_use(effects) as asked:
+        bench = Bench.of(Path(scene), axis)
+        given = _paths(data)
+        require_ours(Path(out), bench.path, given)
+        preload_drawing()
+        result, dataset = infer(
+            given,
+            bench,
+            dataset_toml=dataset_toml,
+            seed=seed,
+            effects=asked,
+            progress=progress,
+        )
+        names = [name for name in effects if isinstance(name, str)]
+        return write(result, dataset, Path(out), command, seed, names)
 
 
 def infer(
@@ -78,6 +91,7 @@ def infer(
     *,
     dataset_toml: str | os.PathLike[str] | None = None,
     seed: int = 0,
+    effects: Sequence[Any] = (),
     progress: Progress = lambda share, doing: None,
 ) -> tuple[DiagnosisResult, Dataset]:
     """Return all of `diagnose` but the files: from data and a scene to a verdict.
@@ -87,11 +101,26 @@ def infer(
         bench: of the scene.
         dataset_toml: as in `diagnose`.
         seed: as in `diagnose`.
+        effects: as in `diagnose`.
         progress: as in `diagnose`.
 
     Raises:
-        CableError: no data, a wrong dataset file or a scene that cannot be repaired.
+        CableError: an effect that cannot be used, no data, a wrong dataset file or a
+            scene that cannot be repaired.
     """
+    with effects_in_use(effects) as asked:
+        return _infer(_paths(data), bench, dataset_toml, seed, asked, progress)
+
+
+def _infer(
+    data: Sequence[Path],
+    bench: Bench,
+    dataset_toml: str | os.PathLike[str] | None,
+    seed: int,
+    asked: Sequence[str],
+    progress: Progress,
+) -> tuple[DiagnosisResult, Dataset]:
+    """Return what `infer` does, with effects that are in the library."""
     if present := existing_effects(bench.path):
         raise CableError(
             f"scene {bench.path} has {', '.join(present)} outside its cables from an "
@@ -99,7 +128,8 @@ def infer(
         )
     require_repairable(bench)
     progress(0.0, "reading the data")
-    dataset, findings = load(_paths(data), dataset_toml, bench)
+    columns = {column for effect in EFFECTS.values() for column in effect.columns}
+    dataset, findings = load(data, dataset_toml, bench, sorted(columns))
     known = bench.known(dataset.constants)
     findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
     notes = [finding.statement for finding in findings]
@@ -117,7 +147,9 @@ def infer(
         )
         return unanswered_diagnosis(diagnosis, bench), dataset
     with single_threaded_blas():
-        result = run_inference(dataset, bench, Options(seed=seed), progress)
+        result = run_inference(
+            dataset, bench, Options(seed=seed, asked=asked), progress
+        )
     return _noted(result, findings), dataset
 
 

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from cc_mujoco.datasets._run_log import is_log, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
-from cc_mujoco.datasets._trials import Dataset, Facts, Trial
+from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.noise import noise_of
 from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
 from cc_mujoco.diagnosis._checks.run import (
@@ -49,6 +49,7 @@ def load(
     paths: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     dataset_toml: str | os.PathLike[str] | None = None,
     bench: Bench | None = None,
+    columns: Collection[str] = (),
 ) -> tuple[Dataset, list[DataFinding]]:
     """Read and check trials.
 
@@ -58,6 +59,7 @@ def load(
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.
         bench: of the scene, by which load cells become torques.
+        columns: further columns that effects take, where the files have them.
 
     Returns:
         The dataset, without the trials that cannot be read, and what was noticed. If
@@ -86,9 +88,9 @@ def load(
     for path, name in names.items():
         try:
             recording = (
-                read_parts(parts[path], file, name, axis, others)
+                read_parts(parts[path], file, name, axis, others, columns)
                 if path in parts
-                else read(path, file, name, axis, others)
+                else read(path, file, name, axis, others, columns)
             )
         except CableError as wrong:
             findings.append(error(str(wrong), name))
@@ -218,4 +220,19 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
         labels=recording.labels,
         paths={channel: str(path) for channel, path in recording.paths.items()},
         digits=track.digits,
+        columns=_further_columns(values, temperature),
     )
+
+
+def _further_columns(
+    values: Mapping[str, FloatArray], temperature: FloatArray | None
+) -> dict[str, FloatArray]:
+    """Return the columns that effects may take, the temperature among them."""
+    found = {
+        channels.further_column(channel): value
+        for channel, value in values.items()
+        if channels.is_further(channel)
+    }
+    if temperature is not None:
+        found[channels.TEMPERATURE] = temperature
+    return found

@@ -23,12 +23,14 @@ class Earlier(NamedTuple):
         scene: MJCF file of the rig.
         dataset: the file with the meaning of the columns, or None.
         axis: of a device with several; None of one with a single one.
+        effects: that were asked for, as they were named.
     """
 
     data: tuple[Path, ...]
     scene: Path
     dataset: Path | None
     axis: str | None = None
+    effects: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -68,6 +70,7 @@ class Earlier(NamedTuple):
             here[scene["path"]],
             here[dataset["path"]] if dataset["path"] else None,
             scene.get("axis"),
+            tuple(map(str, provenance.get("effects", ()))),
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:

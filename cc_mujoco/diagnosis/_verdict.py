@@ -48,6 +48,8 @@ class FoundEffect:
     """RMS error over the noise floor that opens again without it."""
     rivals: tuple[str, ...] = ()
     """Effects that the data cannot distinguish from it."""
+    form: str = ""
+    """Form that fits best, of an effect that is offered in several."""
 
     @property
     def missing(self) -> bool:

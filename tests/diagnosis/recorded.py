@@ -10,7 +10,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
 from cc_mujoco.diagnosis import EFFECTS
-from cc_mujoco.diagnosis.effects import RigGeometry, Torques
+from cc_mujoco.diagnosis.effects import RigGeometry, Signals
 
 DT = 0.004
 BENCH = Bench.of(scene_path("bench"))
@@ -71,7 +71,7 @@ def dataset(
         motor, joint = (angle - angle[0] for angle in every[place])
         played = drive.replay(DT, motor_angle=motor, joint_angle=joint)
         time = DT * np.arange(motor.size)
-        shown = Torques(
+        shown = Signals(
             DT, time, motor, joint, played.motor_torque, played.joint_torque
         )
         for name, values in effects.items():

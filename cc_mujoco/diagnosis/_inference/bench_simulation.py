@@ -32,9 +32,11 @@ from cc_mujoco.diagnosis._inference.replays import Setting, cached_replay, shift
 from cc_mujoco.diagnosis.effects import (
     EFFECTS,
     JOINT_DELAY,
+    USUAL_CONDITIONS,
     EffectParameter,
     RigGeometry,
-    Torques,
+    Signals,
+    TrialConditions,
     acceleration,
 )
 from cc_mujoco.estimation._least_squares import Tuned, in_threads
@@ -262,8 +264,14 @@ class SimulatedRig:
         """Effects that the instruments can detect."""
         bench = self.bench
         return available_effects(
-            len(bench.cables), self.instruments, bench.led, bench.tied
+            len(bench.cables), self.instruments, bench.led, bench.tied, self._columns
         )
+
+    @property
+    def _columns(self) -> frozenset[str]:
+        """Further columns that every record has."""
+        own = [frozenset(record.columns) for record in self.records]
+        return frozenset.intersection(*own) if own else frozenset()
 
     def simulate(
         self,
@@ -279,24 +287,36 @@ class SimulatedRig:
             only: indices of the records to simulate; default all.
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
+        by_trial = any(EFFECTS[name].by_trial for name in effects)
+
+        def circumstances(record: Record) -> tuple[float | None, TrialConditions]:
+            own = record.conditions if by_trial else USUAL_CONDITIONS
+            return record.pretension, own
+
         settings = {
-            pretension: self.setting(values, effects, pretension)
-            for pretension in {record.pretension for record in chosen}
+            (pretension, conditions): self.setting(
+                values, effects, pretension, conditions
+            )
+            for pretension, conditions in set(map(circumstances, chosen))
         }
         return in_threads(
             lambda record: self._shown(
-                record, settings[record.pretension], values, effects
+                record, settings[circumstances(record)], values, effects
             ),
             chosen,
         )
 
     def setting(
-        self, values: Values, effects: Sequence[str], pretension: float | None = None
+        self,
+        values: Values,
+        effects: Sequence[str],
+        pretension: float | None = None,
+        conditions: TrialConditions = USUAL_CONDITIONS,
     ) -> Setting:
         """Return the replay setting of the cables for these values, see `cables`."""
         radii = self.radii(values)
         return Setting(
-            self.cables(values, effects, pretension),
+            self.cables(values, effects, pretension, conditions),
             *radii,
             backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
             late=values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
@@ -305,10 +325,24 @@ class SimulatedRig:
             lever=self.bench.lever,
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
+            arm=self._joint_arm(values, effects),
         )
 
+    def _joint_arm(self, values: Values, effects: Sequence[str]) -> tuple[float, ...]:
+        """Return the coefficients of the joint's moment arm, see `Setting.arm`."""
+        own = [EFFECTS[name].joint_arm for name in effects]
+        whole = {**_zero_sizes(), **values}
+        found = [np.array(change(whole)) for change in own if change is not None]
+        size = max((each.size for each in found), default=0)
+        total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
+        return tuple(total.tolist()) if total.any() else ()
+
     def cables(
-        self, values: Values, effects: Sequence[str], pretension: float | None = None
+        self,
+        values: Values,
+        effects: Sequence[str],
+        pretension: float | None = None,
+        conditions: TrialConditions = USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
         """Return the cables with these parameter values.
 
@@ -316,6 +350,7 @@ class SimulatedRig:
             values: baseline and effect parameters by name.
             effects: ids of the effects that are present.
             pretension: of a trial, in place of the scene's [N], scaled equally.
+            conditions: of a trial.
         """
         start = self.bench.cables[0].pretension
         tension = values.get("pretension", start)
@@ -334,7 +369,7 @@ class SimulatedRig:
             )
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
-        rig = RigGeometry(*self.radii(values), self.bench.exit_angle)
+        rig = RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
         values = {**_zero_sizes(), **values}
         for name in effects:
             change = EFFECTS[name].cables
@@ -372,16 +407,17 @@ class SimulatedRig:
         rows = both[list(self.instruments.rows)]
         return low_pass(rows, record.band, 1.0 / record.dt)
 
-    def _torques(self, record: Record, setting: Setting, values: Values) -> Torques:
+    def _torques(self, record: Record, setting: Setting, values: Values) -> Signals:
         """Return both torques before any effect outside the cables.
 
         The readings were converted to torques by the declared values, so deviations of
         tuned values are applied relative to these.
         """
-        joint_angle, motor, joint, proximal, distal = cached_replay(record, setting)
+        played = cached_replay(record, setting)
+        joint_angle, motor, joint = played.joint_angle, played.motor, played.joint
         known = self.instruments
         if known.motor == "load cells":
-            motor = self.bench.motor_radius * proximal
+            motor = self.bench.motor_radius * played.proximal
         rotor = self.constants.get("rotor_inertia")
         if rotor is not None and known.motor in ("torque sensor", "motor current"):
             motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
@@ -398,7 +434,7 @@ class SimulatedRig:
             given = self.constants["torque_constant"].value
             motor = motor * (given / values.get("torque_constant", given))
         if known.joint == "load cells":
-            joint = self.bench.joint_radius * distal
+            joint = self.bench.joint_radius * played.distal
         if known.joint == "known load":
             given_load = load_values(self.constants)
             here = {k: values.get(k, v) for k, v in given_load.items()}
@@ -413,8 +449,20 @@ class SimulatedRig:
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.
         there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
-        return Torques(
-            record.dt, time, record.motor_angle, there, motor, joint, record.tilt
+        return Signals(
+            record.dt,
+            time,
+            record.motor_angle,
+            there,
+            motor,
+            joint,
+            record.tilt,
+            played.tension_proximal,
+            played.tension_distal,
+            setting.motor_radius,
+            setting.joint_radius,
+            record.conditions,
+            record.columns,
         )
 
     def finer(self, segments: int = 1, substeps: int = 1) -> SimulatedRig:

@@ -390,4 +390,8 @@ def _record(problem: Problem, motion: CataloguedTrial) -> Record:
         start=0.0,
         tilt=motion.tilt,
         path=None,
+        columns={
+            name: np.full(size, np.mean(values))
+            for name, values in base.columns.items()
+        },
     )

@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._inference.jacobian import (
     TorqueDerivatives,
     jacobian,
 )
-from cc_mujoco.diagnosis.effects import EffectParameter
+from cc_mujoco.diagnosis.effects import EffectParameter, form_key
 from cc_mujoco.estimation import _least_squares as least_squares
 from cc_mujoco.estimation._least_squares import Fit, Tuned, autocorrelation
 
@@ -50,10 +50,13 @@ def tuned_effect_parameter(
     """
     described = parameter.parameter
     low, high = described.low, described.high
+    size = parameter.typical
+    if parameter.shape:
+        bounds = (low - start) / size, (high - start) / size
+        return _inset_bounds(Tuned(described, start, size, *bounds))
     if not parameter.linear:
         bounds = math.log(low / start), math.log(high / start)
         return _inset_bounds(Tuned(described, start, 1.0, *bounds))
-    size = parameter.typical
     prior = 0.5 * plausible_range(parameter, plant)[1] / size
     return _inset_bounds(Tuned(described, 0.0, size, low / size, high / size, prior))
 
@@ -88,6 +91,7 @@ class Problem:
             `with_inflated_noise`.
         scatter: the part of `noise` by which repetitions differ beyond that of
             sensors; a wrong model makes some of it.
+        forms: values that select the forms of effects, see `form_key`.
         slopes: derivatives of the plant's torques, shared with other noise.
     """
 
@@ -99,6 +103,7 @@ class Problem:
     weight: float = 1.0
     inflation: float = 1.0
     scatter: FloatArray | float = 0.0
+    forms: Mapping[str, float] = field(default_factory=dict)
     slopes: TorqueDerivatives = field(
         default_factory=TorqueDerivatives, compare=False, repr=False
     )
@@ -129,6 +134,11 @@ class Problem:
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
 
+    def form(self, name: str) -> str:
+        """Return the form in which an effect is in the model, "" of only one."""
+        forms = self.plant.library.effects[name].forms
+        return forms[round(self.forms[form_key(name)])] if forms else ""
+
     @property
     def sensed(self) -> tuple[FloatArray, ...]:
         """Return the effect of sensor noise on every record, as `noise` [N m]."""
@@ -142,12 +152,13 @@ class Problem:
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return the parameters at a place of the fit, even just beyond a bound."""
-        return {
+        fitted = {
             parameter.name: parameter.value(
                 min(max(float(place), parameter.low), parameter.high)
             )
             for parameter, place in zip(self.tuned, x, strict=True)
         }
+        return {**self.forms, **fitted}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Return the place of the fit of these values, and of the start elsewhere."""
@@ -159,7 +170,8 @@ class Problem:
         )
 
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
-        """Return the same with an effect more, its shape parameters from `start`."""
+        """Return the same with an effect more, its shape and form from `start`."""
+        key = form_key(name)
         more = tuple(
             tuned_effect_parameter(
                 parameter, start.get(parameter.name, parameter.typical), self.plant
@@ -170,13 +182,16 @@ class Problem:
             self,
             tuned=(*self.tuned, *more),
             effects=(*self.effects, name),
+            forms={**self.forms, **{k: v for k, v in start.items() if k == key}},
             slopes=TorqueDerivatives(self.slopes),
         )
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Return the start of a fit that adds an effect's `start` to another."""
         new = [
-            0.0 if parameter.factor else start[parameter.name] / parameter.scale
+            (start[parameter.name] - parameter.start) / parameter.scale
+            if not parameter.factor
+            else 0.0
             for parameter in self.tuned[x.size :]
         ]
         return np.concatenate([x, new])
@@ -189,6 +204,7 @@ class Problem:
             self,
             tuned=tuple(p for p in self.tuned if p.name not in gone),
             effects=tuple(e for e in self.effects if e != name),
+            forms={k: v for k, v in self.forms.items() if k != form_key(name)},
             slopes=TorqueDerivatives(),
         )
 

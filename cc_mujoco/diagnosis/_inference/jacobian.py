@@ -240,11 +240,12 @@ def _needs_replay(problem: Problem, x: FloatArray, index: int, step: float) -> b
     """Return whether a parameter change takes a replay, or only its readout."""
     moved = x.copy()
     moved[index] += step
-    here, there = (
-        problem.plant.setting(problem.values(place), problem.effects)
-        for place in (x, moved)
+    conditions = {record.conditions for record in problem.plant.records}
+    return any(
+        problem.plant.setting(problem.values(x), problem.effects, None, own)
+        != problem.plant.setting(problem.values(moved), problem.effects, None, own)
+        for own in conditions
     )
-    return here != there
 
 
 def _step(parameter: Tuned, place: float) -> float:

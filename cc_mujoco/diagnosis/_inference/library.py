@@ -8,13 +8,19 @@ Effects that are left out are reported with the instrument that would show them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from cc_mujoco.datasets._coupled_route import Leading
 from cc_mujoco.datasets._instruments import Instrument, Instruments
-from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, Effect, EffectParameter
+from cc_mujoco.diagnosis.effects import (
+    ANTAGONIST,
+    EFFECTS,
+    Effect,
+    EffectParameter,
+    form_key,
+)
 from cc_mujoco.report._html import list_words
 
 _TORQUE_ONLY_EFFECTS: dict[str, tuple[str, tuple[Instrument, ...]]] = {
@@ -49,7 +55,11 @@ class Library(NamedTuple):
 
 
 def available_effects(
-    cables: int, instruments: Instruments, led: Leading = "", tied: bool = False
+    cables: int,
+    instruments: Instruments,
+    led: Leading = "",
+    tied: bool = False,
+    columns: Collection[str] = (),
 ) -> Library:
     """Return the effects that a rig can show.
 
@@ -58,6 +68,7 @@ def available_effects(
         instruments: instruments that measure the torques.
         led: part of the cables that the joint moves besides their ends.
         tied: True if the cables end where their open path ends.
+        columns: further columns that all trials have.
     """
     sides: dict[str, Instrument | None] = dict(instruments._asdict())
 
@@ -76,14 +87,18 @@ def available_effects(
         if name in _LOAD_EFFECTS and sides["joint"] == "known load":
             either = (-math.inf, math.inf)
             kept = tuple(parameter._replace(plausible=either) for parameter in kept)
-        if reason := _path_exclusion(name, led, tied):
+        absent = [column for column in effect.columns if column not in columns]
+        if reason := _path_exclusion(effect, led, tied):
             hidden[name] = reason
+        elif absent:
+            hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
         elif side and sides[side] not in shown:
             hidden[name] = _instrument_exclusion(side, sides[side], shown)
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
         else:
             names = {parameter.name for parameter in kept}
+            names.add(form_key(name))
             starts = tuple(
                 {key: value for key, value in start.items() if key in names}
                 for start in effect.starts
@@ -92,13 +107,15 @@ def available_effects(
     return Library(effects, hidden)
 
 
-def _path_exclusion(name: str, led: Leading, tied: bool) -> str:
+def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
-    if led and name == "backlash":
+    if led and effect.joint_arm is not None:
+        return "the path in the scene is the arm at the joint"
+    if led and effect.id == "backlash":
         if tied:
             return "the cable ends on the body that it turns, where nothing has play"
         return "play is looked for where the joint moves the end of the cable alone"
-    if tied and name == "configuration_dependent_wrap":
+    if tied and effect.id == "configuration_dependent_wrap":
         return "the path in the scene says how much the cable bends at every angle"
     return ""
 

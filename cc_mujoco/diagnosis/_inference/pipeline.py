@@ -13,8 +13,13 @@ import numpy as np
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._inference.agreement import AGREEMENT_SHARE, check_agreement
+from cc_mujoco.diagnosis._inference.agreement import (
+    AGREEMENT_SHARE,
+    Agreement,
+    check_agreement,
+)
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit, fit_baseline, plant_of
+from cc_mujoco.diagnosis._inference.effect_check import check_effects
 from cc_mujoco.diagnosis._inference.experiment import Rivals, propose
 from cc_mujoco.diagnosis._inference.fitting import (
     Masks,
@@ -70,6 +75,7 @@ from cc_mujoco.diagnosis._inference.search import (
     are_confusable,
     gap_shares,
     search,
+    search_rare,
 )
 from cc_mujoco.diagnosis._inference.start_values import prepare_start
 from cc_mujoco.diagnosis._inference.trial_trends import trial_constants
@@ -112,25 +118,32 @@ def run_inference(
     given = bench if bench.cables[0].pretension > 0.0 else start.bench
     if wrong := unit_or_sign_error(replace(plant, bench=given), plant, start.values):
         return _empty_diagnosis(bench, wrong)
+    progress(0.01, "checking the effects")
+    notes = check_effects(plant, start.values, settings.asked)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)
     if baseline_fit.change > MAX_NUMERICAL_ERROR:
         return _numerics_diagnosis(bench, baseline_fit)
     able = baseline_fit.problem.plant.library.effects
-    names = tuple(name for name in settings.ids or EFFECTS if name in able)
+    usual = (n for n, e in EFFECTS.items() if not e.rare or n in settings.asked)
+    names = tuple(name for name in settings.ids or usual if name in able)
+    rare = tuple(n for n, e in EFFECTS.items() if e.rare and n in able)
+    rare = () if settings.ids else tuple(n for n in rare if n not in names)
 
     def told(share: float, doing: str) -> None:
         progress(0.2 + 0.5 * share, doing)
 
-    found = search(
-        baseline_fit.crossed, interleaved_folds(records), names, limits, told
-    )
+    division = interleaved_folds(records)
+    found = search(baseline_fit.crossed, division, names, limits, told)
+    found = search_rare(found, division, rare, limits)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
-    return _conclude(baseline_fit, found, bench, settings, progress, temperatures)
+    result = _conclude(baseline_fit, found, bench, settings, progress, temperatures)
+    problems = (*result.diagnosis.problems, *notes)
+    return replace(result, diagnosis=replace(result.diagnosis, problems=problems))
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:
@@ -164,11 +177,15 @@ def _conclude(
     temperatures: Mapping[str, float],
 ) -> DiagnosisResult:
     limits, seed = settings.thresholds, settings.seed
-    agreed = check_agreement(
-        baseline_fit,
-        found,
-        limits,
-        lambda share, doing: progress(0.7 + 0.12 * share, doing),
+    agreed = (
+        Agreement({}, {})
+        if found.interrupted
+        else check_agreement(
+            baseline_fit,
+            found,
+            limits,
+            lambda share, doing: progress(0.7 + 0.12 * share, doing),
+        )
     )
     progress(0.82, "fitting the result to all data")
     model = _drop_doubtful(baseline_fit, found, seed, progress)
@@ -195,6 +212,8 @@ def _conclude(
     beyond = deviating_parameters(problem, x, estimated, hidden)
     outcome = Judgement(effects, ties, model.held.gap, beyond)
     kind, statement = judge(found, outcome, limits)
+    if found.interrupted:
+        statement = f"Stopped before all effects were tried: {statement}"
     # What is added where nothing explains the error only stands in for it.
     arguments = (
         (baseline_fit.problem, baseline_fit.whole.x)
@@ -431,6 +450,7 @@ def _found_effects(
             ordinary=is_ordinary(problem, x, name),
             own=own[name],
             rivals=tuple(rival for rival in groups.get(name, ()) if rival != name),
+            form=problem.form(name),
         )
         for name in problem.effects
     )

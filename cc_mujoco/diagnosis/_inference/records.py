@@ -14,7 +14,8 @@ cable.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,6 +36,8 @@ from cc_mujoco.diagnosis._inference.load_trials import (
     load_values,
 )
 from cc_mujoco.diagnosis._inference.lowpass import compared_band, low_pass
+from cc_mujoco.diagnosis._inference.trial_conditions import trial_conditions
+from cc_mujoco.diagnosis.effects import USUAL_CONDITIONS, TrialConditions
 
 MAX_MOTION_BAND = 60.0
 """Highest frequency of the angles that are played [Hz]."""
@@ -100,6 +103,10 @@ class Record:
     """Angle by which the rig was turned about the joint's axis [rad]."""
     path: RecordedPath | None = None
     """Paths of the cables along the recording, where other joints move them, too."""
+    conditions: TrialConditions = USUAL_CONDITIONS
+    """Conditions of the trial."""
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Further columns of the file (samples,), by name, and the temperature."""
 
     @property
     def unhooked(self) -> bool:
@@ -151,10 +158,12 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
         for name in _angle_channels(bench)
     )
     records = []
+    conditions = trial_conditions(dataset.trials)
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= MIN_RECORD_SAMPLES:
-                records.append(_record(trial, part, bands, bench, still, dataset))
+                record = _record(trial, part, bands, bench, still, dataset)
+                records.append(replace(record, conditions=conditions[trial.name]))
     shaken = 0.0
     if dataset.instruments.joint == "known load":
         noise = dataset.noise[JOINT_ANGLE].deviation
@@ -237,6 +246,7 @@ def _record(
         group=trial.facts.repeat_of or trial.name,
         tilt=tilt,
         path=bench.recorded_path(smooth[1], smooth[2:], RAMP_SAMPLES),
+        columns={name: values[part][::thin] for name, values in trial.columns.items()},
     )
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Driven, Transmission
@@ -40,6 +41,8 @@ class Setting(NamedTuple):
         lever: in place of the joint's pulley, or None.
         courses: of cables that the joint leads, see `Bench.courses`.
         share: of the courses' distal displacements.
+        arm: coefficients of the joint's moment arm over the nominal one, 1 + a q + b
+            q^2 + ..., or none.
     """
 
     cables: tuple[Cable, ...]
@@ -52,12 +55,34 @@ class Setting(NamedTuple):
     lever: Lever | None = None
     courses: tuple[CoupledPath, ...] = ()
     share: float = 1.0
+    arm: tuple[float, ...] = ()
 
     def following(self, joint: FloatArray) -> FloatArray:
         """Return the motor angle at which the cables keep their length (samples,)."""
-        turned = joint if self.lever is None else self.lever.turned(joint)
-        found: FloatArray = self.joint_radius / self.motor_radius * turned
+        found: FloatArray = self.joint_radius / self.motor_radius * self.turned(joint)
         return found
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+        if not self.arm:
+            return joint if self.lever is None else self.lever.turned(joint)
+        if self.lever is None:
+            whole = Polynomial((1.0, *self.arm)).integ()
+            found: FloatArray = whole(joint)
+            return found
+        angles = self.lever.joint
+        arm = self.moment_share(angles)
+        middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
+        taken = np.concatenate([[0.0], np.cumsum(middle)])
+        found = np.interp(joint, angles, taken - np.interp(0.0, angles, taken))
+        return found
+
+    def moment_share(self, joint: FloatArray) -> FloatArray:
+        """Return the arm at the joint over the nominal one at 0 (samples,)."""
+        own = np.ones(1) if self.lever is None else self.lever.share(joint)
+        if self.arm:
+            own = own * Polynomial((1.0, *self.arm))(joint)
+        return own
 
 
 class Played(NamedTuple):
@@ -67,15 +92,30 @@ class Played(NamedTuple):
         joint_angle: as it is compared [rad].
         motor: torque into the motor's pulley [N m].
         joint: torque into the joint [N m].
-        proximal: what the cables' proximal ends pull, agonist less antagonist [N].
-        distal: the same of the distal ends [N].
+        tension_proximal: of every cable at the motor (cables, samples) [N].
+        tension_distal: the same at the joint.
     """
 
     joint_angle: FloatArray
     motor: FloatArray
     joint: FloatArray
-    proximal: FloatArray
-    distal: FloatArray
+    tension_proximal: FloatArray
+    tension_distal: FloatArray
+
+    @property
+    def proximal(self) -> FloatArray:
+        """Pull of the proximal ends, agonist less antagonist [N]."""
+        return _agonist_less_antagonist(self.tension_proximal)
+
+    @property
+    def distal(self) -> FloatArray:
+        """Pull of the distal ends, agonist less antagonist [N]."""
+        return _agonist_less_antagonist(self.tension_distal)
+
+
+def _agonist_less_antagonist(tension: FloatArray) -> FloatArray:
+    found: FloatArray = np.array([1.0, -1.0])[: len(tension)] @ tension
+    return found
 
 
 REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
@@ -103,7 +143,8 @@ def replay(record: Record, setting: Setting) -> Played:
     joint = shift_signal(record.joint_angle, setting.late / record.dt) + setting.offset
     if record.unhooked:
         nothing = np.zeros(joint.size)
-        return Played(joint - setting.offset, *4 * (nothing,))
+        slack = np.zeros((len(setting.cables), joint.size))
+        return Played(joint - setting.offset, nothing, nothing, slack, slack)
     following: Callable[[FloatArray], FloatArray] = setting.following
     courses = setting.courses
     path = record.path
@@ -120,13 +161,12 @@ def replay(record: Record, setting: Setting) -> Played:
     dt = record.dt / setting.substeps
     torques = _replay_cables(setting, courses, dt, motor, turned)
     keep = slice(LEAD_SAMPLES * setting.substeps, None, setting.substeps)
-    signs = np.array([1.0, -1.0])[: len(setting.cables)]
     return Played(
         joint - setting.offset,
         torques.motor_torque[keep].copy(),
         torques.joint_torque[keep].copy(),
-        signs @ torques.tension_proximal[:, keep],
-        signs @ torques.tension_distal[:, keep],
+        torques.tension_proximal[:, keep].copy(),
+        torques.tension_distal[:, keep].copy(),
     )
 
 
@@ -148,11 +188,12 @@ def _replay_cables(
         drive = CoupledCables(setting.cables, courses, proximal, setting.share)
         return drive.replay(dt, motor_angle=motor, joint_angle=joint)
     pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
-    lever = setting.lever
-    if lever is None:
+    if setting.lever is None and not setting.arm:
         return pulleys.replay(dt, motor_angle=motor, joint_angle=joint)
-    played = pulleys.replay(dt, motor_angle=motor, joint_angle=lever.turned(joint))
-    return replace(played, joint_torque=played.joint_torque * lever.share(joint))
+    played = pulleys.replay(dt, motor_angle=motor, joint_angle=setting.turned(joint))
+    return replace(
+        played, joint_torque=played.joint_torque * setting.moment_share(joint)
+    )
 
 
 def with_lead_in(

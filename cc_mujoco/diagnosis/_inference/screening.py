@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis._inference.jacobian import (
     residual_changes,
     residual_slopes,
 )
-from cc_mujoco.diagnosis.effects import Effect, EffectParameter
+from cc_mujoco.diagnosis.effects import Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
 
@@ -230,6 +230,8 @@ def changes_by_effects(
         sizes = [p.size for p in library[name].parameters if p.linear]
         try:
             return _effect_columns(place, name, 0)[:, sizes]
+        except EffectError:
+            raise
         except CableError:
             return None
 
@@ -265,6 +267,8 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     """Return the signature of a start of an effect; None if it cannot be simulated."""
     try:
         changes = _effect_columns(given.place, name, place)
+    except EffectError:
+        raise
     except CableError:
         return None
     problem = given.place.problem

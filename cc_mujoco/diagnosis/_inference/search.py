@@ -28,7 +28,7 @@ from cc_mujoco.diagnosis._inference.screening import (
     signature_cosine,
 )
 from cc_mujoco.diagnosis._phrases import format_number
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key
 from cc_mujoco.errors import CableError
 
 MAX_REFITTED = 6
@@ -137,6 +137,7 @@ class Search(NamedTuple):
         shares: of the baseline's held-out squared error beyond the floor, what is left
             of it where an effect is taken out again and all else is refitted.
         changes: of torques by effects, kept.
+        interrupted: True if the user stopped it, so that fewer effects were tried.
     """
 
     before: CrossValidation
@@ -145,6 +146,7 @@ class Search(NamedTuple):
     signatures: tuple[Signature, ...]
     shares: Mapping[str, float]
     changes: Changes
+    interrupted: bool = False
 
 
 def search(
@@ -154,50 +156,107 @@ def search(
     thresholds: Thresholds,
     progress: Callable[[float, str], None] = lambda share, doing: None,
 ) -> Search:
-    """Add effects while each is accepted, then drop those that became redundant."""
+    """Add effects while each is accepted, then drop those that became redundant.
+
+    Where the user interrupts it, it ends with what was added until then.
+    """
     now, rounds, changes = baseline, [], Changes()
     known = [baseline]
     first: tuple[Signature, ...] = ()
-    for count in range(MAX_EFFECTS):
-        left = [name for name in ids if name not in now.problem.effects]
-        # At the floor there is nothing to explain, and chance rewards anything; one
-        # torque alone does not contradict what fits it a little better.
-        both = len(now.problem.plant.instruments.rows) > 1
-        hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
-        if first and not hopeful:
-            break
-        progress(count / MAX_EFFECTS, f"screening {len(left)} effects")
-        signatures = _screen_folds(now, division, left, changes)
-        first = first or tuple(signatures)
-        chosen = (
-            _choose_candidates(signatures, MIN_PREDICTED_SHARE * thresholds.reduction)
-            if hopeful
-            else []
-        )
-        candidates: list[Candidate] = []
-        while chosen:
-            for place, signature in enumerate(chosen):
-                if _is_redundant(signature.id, candidates, thresholds):
-                    continue
-                share = (count + place / len(chosen)) / MAX_EFFECTS
-                progress(share, f"refitting {signature.id}")
-                candidates.append(_refit(now, division, signature, thresholds))
-            chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
-        step = _decide(now, candidates, signatures, thresholds)
-        rounds.append(step)
-        for candidate in candidates:  # derivatives take more room than the data
-            if candidate.id not in step.rivals and candidate.crossed is not now:
-                candidate.crossed.problem.slopes.forget()
-        if step.added is None:
-            break
-        known += [c.crossed for c in candidates if c.crossed is not now]
-        now = with_own_noise_floor(
-            next(c.crossed for c in candidates if c.id == step.added), division
-        )
-        known.append(now)
-    now = _prune(now, division, thresholds, known)
+    interrupted = False
+    try:
+        for count in range(MAX_EFFECTS):
+            left = [name for name in ids if name not in now.problem.effects]
+            # At the floor there is nothing to explain, and chance rewards anything; one
+            # torque alone does not contradict what fits it a little better.
+            both = len(now.problem.plant.instruments.rows) > 1
+            hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
+            if first and not hopeful:
+                break
+            progress(count / MAX_EFFECTS, f"screening {len(left)} effects")
+            signatures = _screen_folds(now, division, left, changes)
+            first = first or tuple(signatures)
+            candidates = _refit_candidates(
+                now,
+                division,
+                signatures if hopeful else [],
+                thresholds,
+                _part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
+            )
+            step = _decide(now, candidates, signatures, thresholds)
+            rounds.append(step)
+            for candidate in candidates:  # derivatives take more room than the data
+                if candidate.id not in step.rivals and candidate.crossed is not now:
+                    candidate.crossed.problem.slopes.forget()
+            if step.added is None:
+                break
+            known += [c.crossed for c in candidates if c.crossed is not now]
+            now = with_own_noise_floor(
+                next(c.crossed for c in candidates if c.id == step.added), division
+            )
+            known.append(now)
+    except KeyboardInterrupt:
+        interrupted = True
+        for crossed in known:  # their derivatives may be half taken
+            crossed.problem.slopes.forget()
+    if not interrupted:
+        now = _prune(now, division, thresholds, known)
     shares = gap_shares(baseline, now, division, known)
-    return Search(baseline, now, _split_rivals(rounds), first, shares, changes)
+    steps = _split_rivals(rounds)
+    return Search(baseline, now, steps, first, shares, changes, interrupted)
+
+
+def _part_of(
+    progress: Callable[[float, str], None], start: float, length: float
+) -> Callable[[float, str], None]:
+    """Return a report of progress that covers a part of another one."""
+    return lambda share, doing: progress(start + length * share, doing)
+
+
+def _refit_candidates(
+    now: CrossValidation,
+    division: Sequence[Fold],
+    signatures: Sequence[Signature],
+    thresholds: Thresholds,
+    progress: Callable[[float, str], None],
+) -> list[Candidate]:
+    """Return the effects that screening recommends, refitted, with their lookalikes."""
+    chosen = _choose_candidates(signatures, MIN_PREDICTED_SHARE * thresholds.reduction)
+    candidates: list[Candidate] = []
+    while chosen:
+        for place, signature in enumerate(chosen):
+            if _is_redundant(signature.id, candidates, thresholds):
+                continue
+            progress(place / len(chosen), f"refitting {signature.id}")
+            candidates.append(_refit_forms(now, division, signature, thresholds))
+        chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
+    return candidates
+
+
+def search_rare(
+    found: Search, division: Sequence[Fold], rare: Sequence[str], thresholds: Thresholds
+) -> Search:
+    """Return the search repeated with rare effects, where they explain more.
+
+    They compete with the effects that were refitted before. They are searched only
+    where the error is not explained without them.
+
+    Args:
+        found: search for the other effects.
+        division: of its data into folds.
+        rare: ids of the rare effects.
+        thresholds: of decisions.
+    """
+    if not rare or found.interrupted or found.after.misfit <= MAX_EXPLAINED_ERROR:
+        return found
+    tried = {c.id for step in found.rounds for c in step.candidates}
+    wider = search(found.before, division, [*sorted(tried), *rare], thresholds)
+    used = set(rare) & set(wider.after.problem.effects)
+    if not used or wider.after.misfit >= found.after.misfit:
+        return found
+    again = {signature.id for signature in wider.signatures}
+    others = tuple(sign for sign in found.signatures if sign.id not in again)
+    return wider._replace(signatures=(*wider.signatures, *others))
 
 
 def gap_shares(
@@ -323,6 +382,29 @@ def are_confusable(one: Signature, other: Signature) -> bool:
     )
 
 
+def _refit_forms(
+    now: CrossValidation,
+    division: Sequence[Fold],
+    signature: Signature,
+    thresholds: Thresholds,
+) -> Candidate:
+    """Return the effect refitted in the form that does best on held-out data.
+
+    Forms other than the one that screens best are tried where that one is accepted.
+    """
+    best = _refit(now, division, signature, thresholds)
+    key = form_key(signature.id)
+    forms = range(len(now.problem.plant.library.effects[signature.id].forms))
+    for form in forms:
+        if best.reason or form == signature.start[key]:
+            continue
+        other = signature._replace(start={**signature.start, key: float(form)})
+        candidate = _refit(now, division, other, thresholds)
+        if not candidate.reason and candidate.reduction > best.reduction:
+            best = candidate
+    return best
+
+
 def _refit(
     now: CrossValidation,
     division: Sequence[Fold],
@@ -333,6 +415,8 @@ def _refit(
     starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
     try:
         crossed = cross_validate(wider, division, starts)
+    except EffectError:
+        raise
     except CableError as error:
         return Candidate(signature.id, now, 0.0, 0.0, str(error))
     old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
@@ -526,6 +610,7 @@ def _without_effect(
     for crossed in known:
         same = crossed.problem.plant is slim.plant
         same = same and crossed.problem.floor is slim.floor
+        same = same and crossed.problem.forms == slim.forms
         if same and set(crossed.problem.effects) == set(slim.effects):
             return crossed
     kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]

@@ -32,8 +32,8 @@ from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
 from cc_mujoco.diagnosis._report.report import write_report
 from cc_mujoco.diagnosis._resume import VERDICT_FILE
 from cc_mujoco.diagnosis._scene.realisation import (
-    REALISATIONS,
     is_realisable,
+    realisations,
     unrealisable_reason,
 )
 from cc_mujoco.diagnosis._scene.repair import repair_scene
@@ -106,13 +106,19 @@ def preload_drawing() -> None:
 
 
 def write(
-    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
+    result: DiagnosisResult,
+    dataset: Dataset,
+    out: Path,
+    command: str,
+    seed: int,
+    effects: Sequence[str] = (),
 ) -> Diagnosis:
     """Write everything to a folder and return the diagnosis with its provenance."""
     from cc_mujoco.diagnosis._report.recording import write_recording
 
     diagnosis = replace(
-        result.diagnosis, provenance=provenance(result, dataset, out, command, seed)
+        result.diagnosis,
+        provenance=provenance(result, dataset, out, command, seed, effects),
     )
     titles = {name: effect.title for name, effect in EFFECTS.items()}
     with replacing_folder(out) as place:
@@ -136,7 +142,12 @@ def write(
 
 
 def provenance(
-    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
+    result: DiagnosisResult,
+    dataset: Dataset,
+    out: Path,
+    command: str,
+    seed: int,
+    effects: Sequence[str] = (),
 ) -> Mapping[str, Any]:
     """Return the provenance; relative paths are from `folder`, seen from `out`."""
     return {
@@ -149,6 +160,7 @@ def provenance(
         },
         "data": {trial.path: trial.sha256 for trial in dataset.trials},
         "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
+        "effects": list(effects),
         "several_files": [
             trial.path
             for trial in dataset.trials
@@ -267,7 +279,7 @@ def rollout_difference(
     whole = replace(problem.plant, instruments=TORQUE_SENSORS)
     shows = _writable_effects(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
-        shows = [name for name in shows if name not in REALISATIONS]
+        shows = [name for name in shows if name not in realisations()]
     played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_pass(shown, record.band, 1.0 / record.dt)

@@ -241,6 +241,8 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
     parts: list[Html] = []
     for found in diagnosis.effects:
         title = capitalise(names(found.id))
+        if found.form:
+            title += f", {found.form}"
         if found.refinement:
             title += f" (refines; takes {format_share(found.share)} of the gap)"
         elif found.ordinary:

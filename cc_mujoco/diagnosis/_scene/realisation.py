@@ -114,6 +114,29 @@ REALISATIONS: dict[str, _Realisation] = {
 """Every effect outside the cable, and the offsets that a baseline has tuned, by id."""
 
 
+def realisations() -> dict[str, _Realisation]:
+    """Return the table with the effects that edit the scene by themselves.
+
+    Those of the mechanics come before those of sensors.
+    """
+    own = {
+        effect.id: _Realisation(
+            tuple(parameter.name for parameter in effect.parameters),
+            effect.mujoco,
+            effect.edit_spec,
+        )
+        for effect in EFFECTS.values()
+        if effect.edit_spec is not None
+    }
+    late = {name for name in (*REALISATIONS, *own) if _of_sensor(name)}
+    whole = {**REALISATIONS, **own}
+    return {name: whole[name] for name in sorted(whole, key=lambda n: n in late)}
+
+
+def _of_sensor(name: str) -> bool:
+    return name == "torque_offset" or (name in EFFECTS and EFFECTS[name].sensor)
+
+
 def is_realisable(bench: Bench, name: str) -> bool:
     """Return whether a scene can have an effect."""
     return not unrealisable_reason(bench, name)
@@ -121,12 +144,13 @@ def is_realisable(bench: Bench, name: str) -> bool:
 
 def unrealisable_reason(bench: Bench, name: str) -> str:
     """Return why a scene cannot have an effect; empty where it can."""
-    realisation = REALISATIONS.get(name)
+    realisation = realisations().get(name)
     if realisation is not None:
         if bench.lever is None or not realisation.pulley:
             return ""
         return "it takes pulleys at both ends, and the joint of this scene has a lever"
     effect = EFFECTS.get(name)
-    if effect is not None and effect.cables is not None and effect.torques is None:
-        return ""  # keys of the cables
-    return "no entry of scene.realisation.REALISATIONS says how MuJoCo has it"
+    if effect is not None and effect.cables is not None:
+        if effect.torques is None and effect.joint_arm is None:
+            return ""  # keys of the cables
+    return "nothing says how MuJoCo has it (method `edit_spec` of its class)"

@@ -27,8 +27,10 @@ from cc_mujoco.diagnosis._scene.mechanical import Values, rim_stiffness
 from cc_mujoco.diagnosis._scene.realisation import (
     REALISATIONS,
     is_realisable,
+    realisations,
     unrealisable_reason,
 )
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import step_limits, to_mjcf
 
@@ -64,7 +66,8 @@ def repair_scene(
             f"{unrealisable_reason(bench, beyond[0])}; take the values from "
             "verdict.json"
         )
-    in_cables = [name for name in effects if name not in REALISATIONS]
+    table = realisations()
+    in_cables = [name for name in effects if name not in table]
     if in_cables and tuple(cables) == bench.cables:
         raise CableError(
             f"effects {', '.join(in_cables)} act in the cables, but the cables are "
@@ -85,7 +88,7 @@ def repair_scene(
         spec.option.timestep = own / max(math.ceil(own / largest), 1)
         if bench.lever is None:
             add_instruments(spec, bench)
-        for name, realisation in REALISATIONS.items():
+        for name, realisation in table.items():
             if name in effects:
                 _check(name, realisation.parameters, effects[name])
                 if any(effects[name][key] != 0.0 for key in realisation.parameters):
@@ -115,7 +118,12 @@ def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
         reason = " ".join(str(error).split())
         raise CableError(f"scene {scene} does not load: {reason}") from None
     named = re.findall(r"^ {4}(\w+): ", comment, re.MULTILINE)
-    return tuple(name for name in named if name in REALISATIONS)
+    keyed = {
+        name
+        for name, effect in EFFECTS.items()
+        if name not in REALISATIONS and effect.edit_spec is None
+    }
+    return tuple(name for name in named if name not in keyed)
 
 
 def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
@@ -181,7 +189,7 @@ def _comment(
     lines = [f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"]
     for name, values in effects.items():
         written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
-        realisation = REALISATIONS.get(name)
+        realisation = realisations().get(name)
         how = realisation.note if realisation else "keys of the cable plugin"
         lines.append(f"    {name}: {written} ({how})")
     for name, values in left_out.items():

@@ -20,7 +20,7 @@ import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._scene.mechanical import Values
-from cc_mujoco.diagnosis._scene.realisation import REALISATIONS, is_realisable
+from cc_mujoco.diagnosis._scene.realisation import is_realisable, realisations
 from cc_mujoco.diagnosis._scene.repair import repair_scene, write
 from cc_mujoco.diagnosis._scene.rollout import rollout
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -52,7 +52,7 @@ def require_repairable(bench: Bench) -> None:
             )  # offsets have no entry in the library
             for parameter in realisation.parameters
         }
-        for name, realisation in REALISATIONS.items()
+        for name, realisation in realisations().items()
         if is_realisable(bench, name)
         for typical in [_typical_values(name)]
     }

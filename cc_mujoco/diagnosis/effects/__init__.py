@@ -7,33 +7,33 @@ at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has
 `realisation` where it is not in the cable.
 """
 
-from cc_mujoco.diagnosis.effects._cable_effects import CABLE_EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import (
     BACKLASH_BOUNDS,
-    DRIVE_EFFECTS,
     acceleration,
 )
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
+    USUAL_CONDITIONS,
     Effect,
+    EffectError,
     EffectParameter,
     RigGeometry,
-    Torques,
+    Signals,
+    TrialConditions,
     Values,
 )
-from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
+from cc_mujoco.diagnosis.effects._effect_class import (
+    Shape,
+    Size,
+    effect_of_class,
+    form_key,
+)
+from cc_mujoco.diagnosis.effects._library import EFFECTS, effects_in_use
 from cc_mujoco.diagnosis.effects._sensor_effects import (
     GAIN_BOUNDS,
     JOINT_DELAY,
-    SENSOR_EFFECTS,
     delay_signal,
 )
-
-EFFECTS: dict[str, Effect] = {
-    effect.id: effect
-    for effect in (*FRICTION_EFFECTS, *CABLE_EFFECTS, *DRIVE_EFFECTS, *SENSOR_EFFECTS)
-}
-"""Every effect of the library by its id."""
 
 __all__ = [
     "ANTAGONIST",
@@ -41,11 +41,19 @@ __all__ = [
     "EFFECTS",
     "GAIN_BOUNDS",
     "JOINT_DELAY",
+    "USUAL_CONDITIONS",
     "Effect",
+    "EffectError",
     "EffectParameter",
     "RigGeometry",
-    "Torques",
+    "Shape",
+    "Signals",
+    "Size",
+    "TrialConditions",
     "Values",
     "acceleration",
     "delay_signal",
+    "effect_of_class",
+    "effects_in_use",
+    "form_key",
 ]

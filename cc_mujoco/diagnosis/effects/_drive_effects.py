@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     Effect,
     EffectParameter,
     RigGeometry,
-    Torques,
+    Signals,
     Values,
 )
 
@@ -57,20 +57,20 @@ def acceleration(angle: FloatArray, dt: float) -> FloatArray:
     return found
 
 
-def _cogging(s: Torques, v: Values) -> Torques:
+def _cogging(s: Signals, v: Values) -> Signals:
     at = v["cogging_order"] * s.motor_angle
     wave = v["cogging_cosine"] * np.cos(at) + v["cogging_sine"] * np.sin(at)
     return s.added(motor=wave)
 
 
-def _gravity(s: Torques, v: Values) -> Torques:
+def _gravity(s: Signals, v: Values) -> Signals:
     q = s.joint_angle + s.tilt
     return s.added(
         joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
     )
 
 
-def _spring(s: Torques, v: Values) -> Torques:
+def _spring(s: Signals, v: Values) -> Signals:
     moment = v["joint_stiffness"] * s.joint_angle + v["joint_stiffness_moment"]
     return s.added(joint=-moment)
 

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
+from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from mujoco import MjSpec
+
+    from cc_mujoco.datasets import Bench
 
 Values = Mapping[str, float]
+Place = Literal["conduit", "motor", "joint", "sensor"]
+"""Part of a rig in which an effect acts."""
+
+
+class EffectError(CableError):
+    """Fault in the code of an effect, which no other value of a fit mends."""
+
 
 _OF_CABLES = {parameter.name: parameter for parameter in PARAMETERS}
 
@@ -39,6 +54,8 @@ class EffectParameter(NamedTuple):
             the friction per length times the length of the conduit).
         beside: True if it may accompany the effect without being a size of it: the
             effect is absent if all other sizes are 0.
+        shape: True if it only shapes the effect, although it is fitted linearly, as
+            the place of a stop is.
     """
 
     parameter: Parameter
@@ -50,6 +67,7 @@ class EffectParameter(NamedTuple):
     ordinary: float = 0.0
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
     beside: bool = False
+    shape: bool = False
 
     @property
     def name(self) -> str:
@@ -64,7 +82,7 @@ class EffectParameter(NamedTuple):
     @property
     def linear(self) -> bool:
         """Return whether 0 is off; other parameters only shape the effect."""
-        return self.parameter.scale == "linear"
+        return self.parameter.scale == "linear" and not self.shape
 
     @property
     def size(self) -> bool:
@@ -72,8 +90,27 @@ class EffectParameter(NamedTuple):
         return self.linear and not self.beside
 
 
+class TrialConditions(NamedTuple):
+    """Conditions of one trial that an effect may depend on.
+
+    Attributes:
+        order: place among the trials, the middle one 0: -1, 0, 1 of three.
+        temperature: mean over the trial minus the mean over all trials [K]; 0 where
+            it is not measured.
+        warming: rate at which the temperature rises during the trial [K/s].
+    """
+
+    order: float = 0.0
+    temperature: float = 0.0
+    warming: float = 0.0
+
+
+USUAL_CONDITIONS = TrialConditions()
+"""Conditions of the repaired scene: the mean of all trials."""
+
+
 @dataclass(frozen=True)
-class Torques:
+class Signals:
     """Signals of one record (samples,): motion given, torques simulated [SI].
 
     Attributes:
@@ -84,6 +121,14 @@ class Torques:
         motor: torque that the motor puts into its pulley.
         joint: torque that the transmission puts into the joint.
         tilt: angle by which the rig was turned about the joint's axis.
+        tension_proximal: simulated tensions at the motor (cables, samples), agonist
+            first.
+        tension_distal: the same at the joint.
+        motor_radius: radius of the motor's pulley.
+        joint_radius: radius of the joint's pulley.
+        conditions: conditions of the trial.
+        columns: columns of the file that the effect asked for (samples,), by name, as
+            they are recorded; with `temperature_c`.
     """
 
     dt: float
@@ -93,20 +138,57 @@ class Torques:
     motor: FloatArray
     joint: FloatArray
     tilt: float = 0.0
+    tension_proximal: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    tension_distal: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    motor_radius: float = math.nan
+    joint_radius: float = math.nan
+    conditions: TrialConditions = USUAL_CONDITIONS
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def added(
         self, motor: FloatArray | float = 0.0, joint: FloatArray | float = 0.0
-    ) -> Torques:
+    ) -> Signals:
         """Return the signals with torques added [N m]."""
         return replace(self, motor=self.motor + motor, joint=self.joint + joint)
 
+    @property
+    def motor_speed(self) -> FloatArray:
+        """Speed of the motor (samples,) [rad/s]."""
+        return np.gradient(self.motor_angle, self.dt)
+
+    @property
+    def joint_speed(self) -> FloatArray:
+        """Speed of the joint (samples,) [rad/s]."""
+        return np.gradient(self.joint_angle, self.dt)
+
+    @property
+    def cable_speed(self) -> FloatArray:
+        """Speeds of the agonist's ends towards the motor (2, samples) [m/s].
+
+        The end at the motor comes first; the antagonist has the opposite speeds.
+        """
+        return np.array(
+            [
+                self.motor_radius * self.motor_speed,
+                self.joint_radius * self.joint_speed,
+            ]
+        )
+
 
 class RigGeometry(NamedTuple):
-    """Properties of the rig that an effect may need."""
+    """Properties of the rig and the trial that an effect may need.
+
+    Attributes:
+        motor_radius: radius of the motor's pulley [m].
+        joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
+        exit_angle: angle between where the two cables leave the motor's pulley [rad].
+        conditions: conditions of the trial.
+    """
 
     motor_radius: float
     joint_radius: float
     exit_angle: float
+    conditions: TrialConditions = USUAL_CONDITIONS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,12 +214,22 @@ class Effect:
         cables: the cables with the effect, agonist first.
         torques: the signals with the effect, in the order motor, joint, sensors.
         sensor: True for an effect of a sensor, applied after the mechanical ones.
+        joint_arm: coefficients (a, b, ...) of the joint's moment arm over the nominal
+            one, 1 + a q + b q^2 + ..., at joint angle q.
+        edit_spec: adds the effect to an `MjSpec`; None where it is in keys of the cable
+            plugin, where a table of `realisation` has it, or where a scene cannot.
+        columns: columns of the file that it takes.
+        by_trial: True if the cables depend on the trial's conditions.
+        rare: True if it is searched on request, and where the other effects leave the
+            error unexplained.
+        forms: names of the forms in which it is offered; of several, the value
+            `<id>_form` is the index of the one that is simulated.
     """
 
     id: str
     title: str
     equation: str
-    where: Literal["conduit", "motor", "joint", "sensor"]
+    where: Place
     parameters: tuple[EffectParameter, ...]
     starts: tuple[Values, ...]
     required_excitation: str
@@ -147,10 +239,16 @@ class Effect:
     cables: (
         Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]] | None
     ) = None
-    torques: Callable[[Torques, Values], Torques] | None = None
+    torques: Callable[[Signals, Values], Signals] | None = None
     sensor: bool = False
     generalises: tuple[str, ...] = ()
     form_of: tuple[str, ...] = ()
+    joint_arm: Callable[[Values], tuple[float, ...]] | None = None
+    edit_spec: Callable[[MjSpec, Bench, Values], None] | None = None
+    columns: tuple[str, ...] = ()
+    by_trial: bool = False
+    rare: bool = False
+    forms: tuple[str, ...] = ()
 
     def confused(self, other: Effect) -> bool:
         """Return whether either is easily confused with the other."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.diagnosis.effects._effect import Effect, EffectParameter, Torques, Values
+from cc_mujoco.diagnosis.effects._effect import Effect, EffectParameter, Signals, Values
 
 GAIN_BOUNDS = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
@@ -27,12 +27,12 @@ def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
     return found
 
 
-def _gain(s: Torques, v: Values) -> Torques:
+def _gain(s: Signals, v: Values) -> Signals:
     motor, joint = v["motor_torque_gain"], v["joint_torque_gain"]
     return replace(s, motor=s.motor * (1.0 + motor), joint=s.joint * (1.0 + joint))
 
 
-def _delay(s: Torques, v: Values) -> Torques:
+def _delay(s: Signals, v: Values) -> Signals:
     return replace(
         s,
         motor=delay_signal(s.motor, v["motor_torque_delay"], s.dt),

@@ -58,7 +58,7 @@ def test_an_effect_without_realisation_is_stated_wherever_it_lacks(
     result = replace(result, problem=replace(result.problem, effects=(effect.id,)))
     told = write_and_compare_scene(result, tmp_path / "scene.xml")
     assert told[0].startswith(f"{NOT_IN_SCENE_PREFIX} {effect.title}")
-    assert "REALISATIONS" in told[0] and "verdict.json" in told[0]
+    assert "edit_spec" in told[0] and "verdict.json" in told[0]
     spec = mujoco.MjSpec.from_file(str(tmp_path / "scene.xml"))
     assert f"not in this scene, {effect.id}" in spec.comment
     assert existing_effects(tmp_path / "scene.xml") == ()

@@ -1,0 +1,405 @@
+"""Effects written as a class: the user's own, and rare ones of the library.
+
+    class JointDrag:
+        '''Viscous drag on the joint.'''
+
+        needs = "joint speeds over a decade"
+
+        def parameters(self):
+            return [Size("joint_drag", "N m s/rad", 0.05, low=0.0)]
+
+        def signals(self, signals, values):
+            return signals.added(joint=-values["joint_drag"] * signals.joint_speed)
+
+    effect = effect_of_class(JointDrag)
+
+`parameters` lists `Size` (0 is off) and `Shape`. At least one of `signals`, `cables`
+and `joint_arm` changes the simulation; `edit_spec` adds the effect to an `MjSpec`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, get_args
+
+import numpy as np
+
+from cc_mujoco._utils.user_code import user_errors
+from cc_mujoco.cable import Cable, Parameter
+from cc_mujoco.diagnosis.effects._effect import (
+    PLUGIN_KEYS,
+    Effect,
+    EffectError,
+    EffectParameter,
+    Place,
+    RigGeometry,
+    Signals,
+    Values,
+)
+from cc_mujoco.errors import CableError
+
+CHANGES = ("signals", "cables", "joint_arm")
+"""Methods that change a simulation, of which an effect has at least one."""
+_METHODS = ("parameters", *CHANGES, "edit_spec")
+_BOUND = 1e4
+"""Bound of a size that has none, over its typical value."""
+_MAX_STARTS = 16
+_PLACES = get_args(Place)
+
+
+@dataclass(frozen=True)
+class Size:
+    """Size of an effect, which is off where all its sizes are 0.
+
+    Attributes:
+        name: of the parameter.
+        unit: SI unit.
+        typical: size that is plausible on a rig, not 0; the scale of fits.
+        meaning: for the report.
+        low: least value of fits.
+        high: largest value of fits.
+        plausible: range that the effect can stand for; what fits beyond is not named.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    meaning: str = ""
+    low: float | None = None
+    high: float | None = None
+    plausible: tuple[float, float] = (-math.inf, math.inf)
+
+    def described(self) -> EffectParameter:
+        """Return the parameter as fits have it."""
+        most = _BOUND * abs(self.typical)
+        low = -most if self.low is None else self.low
+        high = most if self.high is None else self.high
+        if not (math.isfinite(self.typical) and self.typical != 0.0):
+            raise CableError(
+                f"size {self.name!r}: typical is {self.typical!r}; it must be a number "
+                "other than 0"
+            )
+        if not (low <= 0.0 <= high and low < high):
+            raise CableError(
+                f"size {self.name!r}: its range is {low:g} to {high:g}; 0 is off and "
+                "must be in it"
+            )
+        known = Parameter(self.name, self.unit, self.meaning or self.name, low, high)
+        return EffectParameter(known, abs(self.typical), self.plausible)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Parameter that shapes an effect, and is fitted from one or several values.
+
+    Attributes:
+        name: of the parameter.
+        unit: SI unit.
+        starts: values from which it is fitted.
+        low: least value of fits; where it is positive, the logarithm is fitted.
+        high: largest value of fits.
+        meaning: for the report.
+    """
+
+    name: str
+    unit: str
+    starts: float | Sequence[float]
+    low: float
+    high: float
+    meaning: str = ""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Values from which it is fitted."""
+        given = np.atleast_1d(np.asarray(self.starts, dtype=np.float64))
+        return tuple(given.tolist())
+
+    def described(self) -> EffectParameter:
+        """Return the parameter as fits have it."""
+        values = self.values
+        if not values or not all(self.low <= value <= self.high for value in values):
+            raise CableError(
+                f"shape {self.name!r}: its starts are {self.starts!r}; they must be in "
+                f"[{self.low:g}, {self.high:g}]"
+            )
+        positive = self.low > 0.0
+        known = Parameter(
+            self.name,
+            self.unit,
+            self.meaning or self.name,
+            self.low,
+            self.high,
+            scale="log" if positive else "linear",
+        )
+        typical = values[0] if positive else 0.1 * (self.high - self.low)
+        return EffectParameter(known, typical, shape=not positive)
+
+
+def effect_of_class(given: Any, rare: bool = False) -> Effect:
+    """Return the effect that a class, or an object of one, describes.
+
+    Args:
+        given: the class; made without arguments.
+        rare: True if it is searched on request, and where the other effects leave the
+            error unexplained.
+
+    Raises:
+        EffectError: a method or an attribute is missing, unknown or wrong, or the
+            code of the class raises.
+    """
+    kind = given if inspect.isclass(given) else type(given)
+    name = getattr(given, "id", "") or _snake_case(kind.__name__)
+    try:
+        with user_errors(f"effect {name!r}"):
+            return _effect(given() if inspect.isclass(given) else given, name, rare)
+    except CableError as wrong:
+        text = str(wrong)
+        told = text if repr(name) in text else f"effect {name!r}: {text}"
+        raise EffectError(told) from wrong
+
+
+def _effect(made: Any, name: str, rare: bool) -> Effect:
+    kind = type(made)
+    if callable(getattr(made, "friction", None)):
+        raise CableError(
+            "a friction law as a function cannot be used, because the cable kernel is "
+            "compiled with the terms of Cable and calls no other code; change Cable's "
+            "friction parameters in `cables`, or add a torque in `signals`"
+        )
+    for method in vars(kind):
+        public = not method.startswith("_") and inspect.isfunction(vars(kind)[method])
+        if public and method not in _METHODS:
+            raise CableError.unknown(f"method of effect {name!r}", method, _METHODS)
+    if not callable(getattr(made, "parameters", None)):
+        raise CableError("it has no method `parameters`, which lists Size and Shape")
+    changes = [method for method in CHANGES if hasattr(made, method)]
+    if not changes:
+        raise CableError(
+            f"it changes nothing; give it one of the methods {', '.join(CHANGES)}"
+        )
+    _require_arguments(made, name)
+    needs = getattr(made, "needs", "")
+    if not needs:
+        raise CableError(
+            "it does not say what a recording needs to show it; give the class a text "
+            "`needs`, for example needs = 'joint speeds over a decade'"
+        )
+    sensor = bool(getattr(made, "sensor", False))
+    usual: Place = "joint"
+    if sensor or "cables" in changes:
+        usual = "sensor" if sensor else "conduit"
+    where: Place = getattr(made, "where", usual)
+    if where not in _PLACES:
+        raise CableError.unknown("where", where, _PLACES)
+    parameters, starts = _parameters(made)
+    forms = tuple(getattr(made, "forms", ()))
+    if forms:
+        starts = tuple(
+            {**start, form_key(name): float(k)}
+            for start in starts
+            for k in range(len(forms))
+        )
+    signals, cables, arm, editing = (
+        getattr(made, method, None) for method in (*CHANGES, "edit_spec")
+    )
+    in_keys = changes == ["cables"]
+    return Effect(
+        id=name,
+        title=getattr(made, "title", "") or _first_line(kind, name),
+        equation=getattr(made, "equation", ""),
+        where=where,
+        parameters=parameters,
+        starts=starts,
+        required_excitation=needs,
+        confounded_with=tuple(getattr(made, "confused_with", ())),
+        mujoco=getattr(made, "scene_note", "")
+        or (PLUGIN_KEYS if in_keys else "as its class edits the scene")
+        if editing or in_keys
+        else "",
+        source=getattr(made, "source", f"class {kind.__qualname__}"),
+        cables=_checked_cables(name, cables) if cables else None,
+        torques=_checked_signals(name, signals) if signals else None,
+        joint_arm=_checked_arm(name, arm) if arm else None,
+        edit_spec=_guarded(name, editing) if editing else None,
+        sensor=sensor,
+        columns=tuple(getattr(made, "columns", ())),
+        by_trial=cables is not None,
+        rare=rare,
+        forms=forms,
+        generalises=tuple(getattr(made, "generalises", ())),
+    )
+
+
+def form_key(effect: str) -> str:
+    """Return the name of the value that selects the form of an effect."""
+    return f"{effect}_form"
+
+
+def _parameters(made: Any) -> tuple[tuple[EffectParameter, ...], tuple[Values, ...]]:
+    """Return the parameters of an effect, and the values from which it is fitted."""
+    listed = made.parameters()
+    if not isinstance(listed, list | tuple) or not listed:
+        raise CableError(
+            f"`parameters` returned {listed!r}; it must be a list of Size and Shape"
+        )
+    for each in listed:
+        if not isinstance(each, Size | Shape):
+            raise CableError(
+                f"`parameters` lists {each!r}; entries must be Size or Shape"
+            )
+    if not any(isinstance(each, Size) for each in listed):
+        raise CableError("`parameters` lists no Size, so nothing says where it is off")
+    names = [each.name for each in listed]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise CableError(f"`parameters` lists {twice[0]!r} twice")
+    described = tuple(each.described() for each in listed)
+    choices = [
+        (each.typical,) if isinstance(each, Size) else each.values for each in listed
+    ]
+    combined = [
+        dict(zip(names, values, strict=True)) for values in itertools.product(*choices)
+    ]
+    if len(combined) > _MAX_STARTS:
+        raise CableError(
+            f"its shapes have {len(combined)} combinations of starts; at most "
+            f"{_MAX_STARTS} are tried"
+        )
+    return described, tuple(combined)
+
+
+_ARGUMENTS = {
+    "parameters": (),
+    "signals": ("signals", "values"),
+    "cables": ("cables", "values", "rig"),
+    "joint_arm": ("values",),
+    "edit_spec": ("spec", "bench", "values"),
+}
+
+
+def _require_arguments(made: Any, name: str) -> None:
+    """Refuse methods that cannot be called with what they are given."""
+    for method, arguments in _ARGUMENTS.items():
+        called = getattr(made, method, None)
+        if called is None:
+            continue
+        try:
+            inspect.signature(called).bind(*arguments)
+        except TypeError:
+            wanted = ", ".join(("self", *arguments))
+            code = getattr(inspect.unwrap(called), "__code__", None)
+            place = (
+                f" in {code.co_filename}, line {code.co_firstlineno}" if code else ""
+            )
+            raise CableError(
+                f"method {method}{place} takes {inspect.signature(called)}; it must be "
+                f"{method}({wanted})"
+            ) from None
+
+
+def _guarded(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the method with errors that name the effect, the file and the line."""
+
+    @wraps(method)
+    def called(*given: Any) -> Any:
+        try:
+            with user_errors(f"effect {name!r}"):
+                return method(*given)
+        except CableError as wrong:
+            # A value that no cable takes is no fault of the code.
+            if isinstance(wrong.__cause__, Exception):
+                raise EffectError(str(wrong)) from wrong.__cause__
+            raise
+
+    return called
+
+
+def _checked_signals(
+    name: str, method: Callable[..., Any]
+) -> Callable[[Signals, Values], Signals]:
+    called = _guarded(name, method)
+
+    def signals(given: Signals, values: Values) -> Signals:
+        found = called(given, values)
+        if not isinstance(found, Signals):
+            raise EffectError(
+                f"effect {name!r}: `signals` returned {type(found).__name__}; it must "
+                "return the signals, for example signals.added(joint=...)"
+            )
+        for side in ("motor", "joint"):
+            torque = np.asarray(getattr(found, side))
+            if torque.shape != given.time.shape:
+                raise EffectError(
+                    f"effect {name!r}: the torque `{side}` has shape {torque.shape}; "
+                    f"it must be {given.time.shape}, one value a sample"
+                )
+            if not np.isfinite(torque).all():
+                where = int(np.argmin(np.isfinite(torque)))
+                raise EffectError(
+                    f"effect {name!r}: the torque `{side}` is {torque[where]} at "
+                    f"{given.time[where]:.4g} s with {_text(name, values)}"
+                )
+        return found
+
+    return signals
+
+
+def _checked_cables(
+    name: str, method: Callable[..., Any]
+) -> Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]]:
+    called = _guarded(name, method)
+
+    def cables(
+        given: tuple[Cable, ...], values: Values, rig: RigGeometry
+    ) -> tuple[Cable, ...]:
+        found = called(given, values, rig)
+        if (
+            not isinstance(found, list | tuple)
+            or len(found) != len(given)
+            or not all(isinstance(each, Cable) for each in found)
+        ):
+            raise EffectError(
+                f"effect {name!r}: `cables` must return as many cables as it is given, "
+                f"{len(given)}, not {found!r:.80}"
+            )
+        return tuple(found)
+
+    return cables
+
+
+def _checked_arm(
+    name: str, method: Callable[..., Any]
+) -> Callable[[Values], tuple[float, ...]]:
+    called = _guarded(name, method)
+
+    def joint_arm(values: Values) -> tuple[float, ...]:
+        found = np.atleast_1d(np.asarray(called(values), dtype=np.float64))
+        if found.ndim != 1 or not np.isfinite(found).all():
+            raise EffectError(
+                f"effect {name!r}: `joint_arm` must return finite coefficients of q, "
+                f"q^2, ..., not {found!r:.80}"
+            )
+        return tuple(found.tolist())
+
+    return joint_arm
+
+
+def _text(name: str, values: Values) -> str:
+    known = [f"{key} {value:.4g}" for key, value in values.items() if value != 0.0]
+    return ", ".join(known[-4:]) or "all sizes 0"
+
+
+def _first_line(kind: type, name: str) -> str:
+    line = (inspect.getdoc(kind) or "").partition("\n")[0].rstrip(".")
+    if not line:
+        return name.replace("_", " ")
+    return line[0].lower() + line[1:] if line[1:2].islower() else line
+
+
+def _snake_case(name: str) -> str:
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 HEAT_MAP_CELLS = 41
 """Cells along each side of the heat map of a surface."""
+LABEL_PLACE = -0.38
+"""Place of the labels of main effects, in widths of a panel from its left side."""
 
 
 def pareto_plot(
@@ -75,16 +77,17 @@ def effects_plot(found: Sequence[Sensitivity]) -> Figure:
             x, y = one.effects[name]
             axes.plot(x, y, "o-", color=BLUE, markersize=2.5)
             axes.set_title(f"{max(one.first[name], 0.0):.0%}", fontsize=8, loc="right",
-                           color=GREY, fontweight="normal", pad=2)  # fmt: skip
+                           y=1.0, color=GREY, fontweight="normal", pad=2)  # fmt: skip
             if name in one.levels:
                 axes.set_xticks(x, one.levels[name], fontsize=6)
         metric = metric_of(one.metric)
         row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
+        # `align_ylabels` measures every label against all others: quadratic.
+        row[0].yaxis.set_label_coords(LABEL_PLACE, 0.5)
     for axes, name in zip(panels[-1], names, strict=True):
         axes.set_xlabel(_variable(name))
     for axes in panels[:-1].ravel():
         axes.tick_params(labelbottom=False)
-    drawing.align_ylabels()
     drawing.suptitle(
         "Main effects (mean over the other variables; share of variance, first order)",
         x=0.012, ha="left", fontsize=10,
@@ -129,7 +132,7 @@ def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None
         axis.set_ticks(list(shown), [_format_short(ticks[name][i]) for i in shown])
     axes.set(xlabel=_variable(across), ylabel=_variable(up))
     metric = metric_of(one.metric)
-    axes.set_title(metric.name.replace("_", " "))
+    axes.set_title(metric.name.replace("_", " "), y=1.0)
     bar = axes.figure.colorbar(image, ax=axes, pad=0.02)
     bar.set_label(f"[{metric.unit}]", fontsize=8)
 

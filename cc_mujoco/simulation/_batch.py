@@ -205,7 +205,7 @@ class Fleet:
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `DrivenDevice.advance`."""
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
-            torque = np.broadcast_to(torque, self.going.shape)[:, None]
+            torque = _spread(torque, self.going.size)[:, None]
         finite: Mask = np.all(np.isfinite(torque), axis=1)
         if not finite.all():
             self._refuse(finite)
@@ -231,8 +231,7 @@ class Fleet:
         for prefix in self.prefixes:
             names = ("desired_torque_nm", "phase_sine", "phase_cosine")
             for name in names:
-                key = prefix + name
-                columns[key] = np.array(np.broadcast_to(columns[key], (count,)))
+                columns[prefix + name] = _spread(columns[prefix + name], count)
         if self._whole:
             steps = np.full(count, self._step)
             each = np.broadcast_to(marks, (count, marks.shape[1]))
@@ -268,6 +267,16 @@ class Fleet:
         self.going &= ~fell
         for row in np.flatnonzero(fell).tolist():
             self.failed[row] = self.simulations.why(row, time)
+
+
+def _spread(value: Any, count: int) -> Array:
+    """Return a number, or a row of numbers, as an array of its own (count,).
+
+    `np.broadcast_to` takes ten times as long for small arrays.
+    """
+    found = np.empty(count)
+    found[:] = value
+    return found
 
 
 def _stacked(arrays: Sequence[Array]) -> Array:

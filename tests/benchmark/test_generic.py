@@ -10,7 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.benchmark import REFERENCES, SUITES, Cell, Condition, play
+from cc_mujoco.benchmark import (
+    REFERENCES,
+    SUITES,
+    Cell,
+    Condition,
+    batch_groups,
+    play,
+    play_group,
+)
 from cc_mujoco.benchmark._conditions import Together
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._runner import provenance
@@ -115,11 +123,14 @@ def test_a_motor_that_lags_gives_its_torque_later(knee: str) -> None:
 
 
 def test_every_condition_and_reference_is_played(knee: str) -> None:
-    for condition in short(knee).values():
-        found = play(Cell(condition, "pi", (0,)))
-        assert np.isfinite(found.scores["rms_torque_error"][0]), condition.name
+    conditions = short(knee)
+    cells = [Cell(condition, "pi", (0,)) for condition in conditions.values()]
+    for group in batch_groups(cells):
+        for cell, found in zip(group, play_group(group), strict=True):
+            error = found.scores["rms_torque_error"][0]
+            assert np.isfinite(error), cell.condition.name
     for name in REFERENCES:
-        found = play(Cell(short(knee)["own-rough"], name, (0,)))
+        found = play(Cell(conditions["own-rough"], name, (0,)))
         assert found.scores["failed"][0] == 0.0
 
 

@@ -44,6 +44,8 @@ FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
 
 FIGURE_WIDTH = 7.2
 """Width of every figure [inch], so that all have one font size on the page."""
+LABEL_PLACE = -0.085
+"""Place of the labels of an excerpt, in widths of a panel from its left side."""
 
 MAX_MAPS = 8
 
@@ -157,7 +159,8 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
         panels[-1].plot(*_break_at_gaps(time, angle[part]), color=color, label=label)
     panels[-1].set(title="Motion", ylabel="angle [rad]", xlabel="time [s]")
     panels[-1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    drawing.align_ylabels()
+    for axes in panels:
+        axes.yaxis.set_label_coords(LABEL_PLACE, 0.5)
     return drawing
 
 

@@ -27,7 +27,7 @@ def wound_length(
     swing = e * (math.sin(q - phase) + math.sin(phase))
     if ovality != 0.0:
         swing += 0.5 * ovality * (math.sin(2.0 * q - second) + math.sin(second))
-    return length + math.copysign(1.0, gear) * swing
+    return length + swing if gear > 0.0 else length - swing
 
 
 @internal

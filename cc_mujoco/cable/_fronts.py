@@ -211,12 +211,12 @@ def march(
                 at_meeting = (proximal_b[n - 1] + distal_e[n]) / whole
             if i > 0:
                 inner = proximal_a[i - 1] * at_meeting - proximal_b[i - 1]
-            if i > 0 and inner * proximal_direction < 0.0:
+            if i > 0 and inner * float(proximal_direction) < 0.0:
                 i -= 1
                 if i == 0:
                     proximal_direction = 0
                 continue
-            if i < n and outer * distal_direction < 0.0:
+            if i < n and outer * float(distal_direction) < 0.0:
                 j += 1
                 if j == n:
                     distal_direction = 0
@@ -288,7 +288,7 @@ def march(
             if 0 < i < n and proximal_direction != distal_direction:
                 if abs(inner) < abs(outer):
                     i -= 1
-            elif proximal * slip_direction < 0.0:
+            elif proximal * float(slip_direction) < 0.0:
                 for s in range(j - 1, 0, -1):
                     distal_a[s], distal_b[s], distal_c[s], distal_e[s] = (
                         _carry_relation(
@@ -335,12 +335,13 @@ def march(
             beyond = 0
             if j < n:
                 at = (distal_e[j] - at_null) / distal_c[j]
-                slip = (distal_b[j] - distal_a[j] * at) * distal_direction
+                slip = (distal_b[j] - distal_a[j] * at) * float(distal_direction)
                 if slip < -LIMIT_TOLERANCE * abs(at) * compliance[j]:
                     beyond = 1
             if i > 0:
                 at = (proximal_e[i] + at_null) / proximal_c[i]
-                slip = (proximal_a[i - 1] * at - proximal_b[i - 1]) * proximal_direction
+                slip = proximal_a[i - 1] * at - proximal_b[i - 1]
+                slip *= float(proximal_direction)
                 if slip < -LIMIT_TOLERANCE * abs(at) * compliance[i]:
                     beyond = -1 if beyond == 0 else 2
             if beyond == 0:

@@ -224,7 +224,7 @@ def _solve_from_guess(
                     node[s], node[s + 1], hold_distal[s], hold_proximal[s], drag[s]
                 )
                 if now != 0:
-                    slip_direction[s] = now
+                    slip_direction[s] = float(now)
                     right = False
                     if now > 0 and hold_distal[s] != growth_distal[s]:
                         return False
@@ -298,7 +298,7 @@ def sweep(
         proximal, distal = 0.0, proximal_q
         x[0], y[0], label[0] = 0.0, proximal_p, -1.0
         if proximal_q > 0.0:
-            x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, _SLACK
+            x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, float(_SLACK)
         count = 1
         for s in range(n):
             b, c = drag[s], viscosity[s]
@@ -316,7 +316,8 @@ def sweep(
                 y[i] = (y[i] - b + c * x[i]) * shrink
             x[split], y[split] = 0.0, (at_rest - b) / hold_proximal[s]
             x[split + 1], y[split + 1] = 0.0, hold_distal[s] * at_rest + b
-            label[split], label[split + 1] = 3.0 * s + _SLIPS_LEFT, 3.0 * s + _HELD
+            label[split] = float(3 * s + _SLIPS_LEFT)
+            label[split + 1] = float(3 * s + _HELD)
             count += 2
             proximal = (proximal + c) / hold_proximal[s]
             distal = hold_distal[s] * distal + c
@@ -342,7 +343,7 @@ def sweep(
                         x[i], y[i] = x[i + keep], y[i + keep]
                         label[i] = label[i + keep]
             if keep >= 0:
-                y[0], label[0], proximal = 0.0, 3.0 * (s + 1) + _SLACK, 0.0
+                y[0], label[0], proximal = 0.0, float(3 * (s + 1) + _SLACK), 0.0
             if s + 1 < n:
                 k, t = stiffness[s + 1], tension[s + 1]
                 compliance = 1.0 / k

@@ -482,7 +482,7 @@ def step(
     for i in range(at.state_size(n)):
         new_state[i] = state[i]
     # Until what changes the tensions before the ends move is done, they hold.
-    yields = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
+    yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     prepare.expect_yielding(prm, 0.0, 0.0)
     if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
         return NOT_FINITE
@@ -503,10 +503,10 @@ def step(
         tension = before.stretch_by_path(
             prm, n, tension, proximal_moved, distal_moved, work
         )
-    yielding = yields[0] > 0.0 or yields[1] > 0.0
+    yielding = yield_proximal > 0.0 or yield_distal > 0.0
     if yielding:
         tension = before.add_end_springs(
-            prm, n, state, tension, yields, new_state, work
+            prm, n, state, tension, yield_proximal, yield_distal, new_state, work
         )
     node = at.tensions(new_state, n)
     shift = at.row(work, n, _SHIFT)
@@ -597,7 +597,9 @@ def step(
         work,
     )
     if yielding:
-        before.remove_end_springs(prm, n, state, yields, new_state)
+        before.remove_end_springs(
+            prm, n, state, yield_proximal, yield_distal, new_state
+        )
     if lengthens:
         new_state[2] += prm[at.CARRY_ENERGY]
         moving_path.apply_material_law(prm, n, at.tensions(state, n), node)

@@ -81,7 +81,8 @@ def add_end_springs(
     n: int,
     state: FloatArray,
     old: FloatArray,
-    yields: tuple[float, float],
+    yield_proximal: float,
+    yield_distal: float,
     new_state: FloatArray,
     work: FloatArray,
 ) -> FloatArray:
@@ -93,16 +94,19 @@ def add_end_springs(
     tension, before = at.node_row(work, n, TENSION_ROW), at.tensions(state, n)
     for i in range(n + 1):
         tension[i] = old[i]
-    own = nodes.node_stretch(prm, n, 0, old[0]), nodes.node_stretch(prm, n, n, old[n])
-    pack.expect_yielding(prm, yields[0], yields[1])
+    own_proximal = nodes.node_stretch(prm, n, 0, old[0])
+    own_distal = nodes.node_stretch(prm, n, n, old[n])
+    pack.expect_yielding(prm, yield_proximal, yield_distal)
     for end in range(2):
         i = n * end
+        own = own_distal if end == 1 else own_proximal
+        yielding = yield_distal if end == 1 else yield_proximal
         nodes.set_node(prm, n, i)
         if old[i] != before[i] or old[i] < 0.0:
-            whole = own[end] + yields[end] * max(before[i], 0.0)
+            whole = own + yielding * max(before[i], 0.0)
             tension[i] = nodes.tension_at(prm, n, i, whole)
         if prm[at.PATH_LENGTHENS] == 0.0:
-            new_state[3] += nodes.node_stretch(prm, n, i, tension[i]) - own[end]
+            new_state[3] += nodes.node_stretch(prm, n, i, tension[i]) - own
     return tension
 
 
@@ -111,21 +115,25 @@ def remove_end_springs(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    yields: tuple[float, float],
+    yield_proximal: float,
+    yield_distal: float,
     new_state: FloatArray,
 ) -> None:
     """Remove the springs of `add_end_springs` and update the positions of the ends."""
     before, now = at.tensions(state, n), at.tensions(new_state, n)
-    whole = nodes.node_stretch(prm, n, 0, now[0]), nodes.node_stretch(prm, n, n, now[n])
+    whole_proximal = nodes.node_stretch(prm, n, 0, now[0])
+    whole_distal = nodes.node_stretch(prm, n, n, now[n])
     pack.expect_yielding(prm, 0.0, 0.0)
     for end in range(2):
         i = n * end
+        whole = whole_distal if end == 1 else whole_proximal
+        yielding = yield_distal if end == 1 else yield_proximal
         nodes.set_node(prm, n, i)
         if now[i] < 0.0:
-            now[i] = nodes.tension_at(prm, n, i, whole[end])
+            now[i] = nodes.tension_at(prm, n, i, whole)
         if prm[at.PATH_LENGTHENS] == 0.0:
-            new_state[3] += nodes.node_stretch(prm, n, i, now[i]) - whole[end]
-        gone = yields[end] * (max(now[i], 0.0) - max(before[i], 0.0))
+            new_state[3] += nodes.node_stretch(prm, n, i, now[i]) - whole
+        gone = yielding * (max(now[i], 0.0) - max(before[i], 0.0))
         new_state[end] += -gone if end == 1 else gone
         if end == 1 and prm[at.CONSTANT_COULOMB] == 0.0:
             new_state[at.TRAVEL] -= gone

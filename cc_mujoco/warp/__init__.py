@@ -1,0 +1,1 @@
+"""Cables in mujoco_warp: many worlds at once, on a GPU or a processor."""

@@ -1,0 +1,48 @@
+"""Warp functions of a cable, built for a precision and the terms in use."""
+
+from __future__ import annotations
+
+import hashlib
+import linecache
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from cc_mujoco.warp._runtime import PRELUDE
+from cc_mujoco.warp._translate import translate
+from cc_mujoco.warp._variants import FUNCTIONS, known_values
+
+_ELEMENTS = {wp.float32: "wp::float32", wp.float64: "wp::float64"}
+
+
+@lru_cache(maxsize=32)
+def functions(real: Any, terms: frozenset[str], yields: bool) -> SimpleNamespace:
+    """Return the Warp functions for guided cables with fixed bends.
+
+    Args:
+        real: `wp.float32` or `wp.float64`.
+        terms: names of the parameters whose terms may be on; the others are off in
+            every cable and world, and nothing of them is compiled.
+        yields: whether ends may give way within a step, see `_pack.expect_yielding`.
+
+    Returns:
+        Those of `_variants.FUNCTIONS`, and what they call, by name.
+    """
+    library = translate(FUNCTIONS, known_values(terms, yields, real is wp.float32))
+    source = f"{PRELUDE.replace('ELEMENT', _ELEMENTS[real])}\n\n{library.source}"
+    digest = hashlib.sha256(source.encode()).hexdigest()[:16]
+    namespace = _run(source, f"cc_mujoco_{real.__name__}_{digest}", real)
+    return SimpleNamespace(
+        **{name.split(".")[1]: namespace[own] for name, own in library.names.items()}
+    )
+
+
+def _run(source: str, name: str, real: Any) -> dict[str, Any]:
+    """Run generated source so that Warp finds its text; return its names."""
+    file = f"<{name}>"
+    linecache.cache[file] = (len(source), None, source.splitlines(True), file)
+    namespace: dict[str, Any] = {"wp": wp, "Real": real, "__name__": name}
+    exec(compile(source, file, "exec", dont_inherit=True), namespace)
+    return namespace

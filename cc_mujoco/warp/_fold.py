@@ -1,0 +1,321 @@
+"""Constant folding of compiled functions: what a term that is off leaves of them.
+
+A function of `cc_mujoco.cable` asks at run time which terms a cable has. On a GPU the
+answer is compiled in: entries of `prm` and `values` with a known value are replaced by
+it, and what follows from that is removed. The order of all other operations stays.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+_COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt,
+    ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+}  # fmt: skip
+_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.FloorDiv: operator.floordiv,
+}  # fmt: skip
+_PACKED = ("prm", "values")
+"""Names of the arrays that begin with the scalar parameters, see `_layout.py`."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """Values that are known before a step.
+
+    Attributes:
+        packed: entries of packed parameters, by place.
+        arguments: arguments of functions, by name.
+        constants: constants of modules that have another value here, by name.
+    """
+
+    packed: Mapping[int, float] = field(default_factory=dict)
+    arguments: Mapping[str, int] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+
+class Scope:
+    """Names of one function and what they stand for outside of it."""
+
+    def __init__(self, function: types.FunctionType, node: ast.FunctionDef) -> None:
+        """Read the local names of a function from its syntax tree."""
+        self._globals = function.__globals__
+        self._local = {a.arg for a in node.args.args}
+        for found in ast.walk(node):
+            if isinstance(found, ast.Name) and isinstance(found.ctx, ast.Store):
+                self._local.add(found.id)
+
+    def lookup(self, node: ast.expr) -> Any:
+        """Return the object that an expression names outside of the function, or None.
+
+        Entries of constant tuples are objects too.
+        """
+        if isinstance(node, ast.Constant):
+            return node.value
+        if isinstance(node, ast.Name) and node.id not in self._local:
+            builtin = self._globals["__builtins__"]
+            names = builtin if isinstance(builtin, dict) else vars(builtin)
+            return self._globals.get(node.id, names.get(node.id))
+        if isinstance(node, ast.Attribute):
+            return getattr(self.lookup(node.value), node.attr, None)
+        if isinstance(node, ast.Subscript):
+            owner, index = self.lookup(node.value), self.lookup(node.slice)
+            if isinstance(owner, tuple) and isinstance(index, int):
+                return owner[index]
+        return None
+
+
+def _separate(node: ast.Assign) -> list[ast.stmt] | None:
+    """Return the parts of `a, b = c, d`, or None where one reads what another wrote."""
+    target, value = node.targets[0], node.value
+    if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
+        return None
+    written: set[str] = set()
+    parts: list[ast.stmt] = []
+    for one, given in zip(target.elts, value.elts, strict=True):
+        read = [given, one.slice] if isinstance(one, ast.Subscript) else [given]
+        names = {n.id for e in read for n in ast.walk(e) if isinstance(n, ast.Name)}
+        if names & written:
+            return None
+        owner = one.value if isinstance(one, ast.Subscript) else one
+        written.add(ast.unparse(owner))
+        parts.append(ast.Assign(targets=[one], value=given, lineno=node.lineno))
+    return parts
+
+
+def is_number(found: Any) -> bool:
+    """Return whether an object is a constant of compiled code."""
+    return isinstance(found, bool | int | float)
+
+
+def fold(
+    node: ast.FunctionDef,
+    scope: Scope,
+    known: Known,
+    constant_result: Callable[[Any], ast.Constant | None],
+) -> ast.FunctionDef:
+    """Fold constants in a function until nothing more follows.
+
+    Args:
+        node: its syntax tree, changed in place.
+        scope: its names.
+        known: values that are known.
+        constant_result: of another function: what it always returns, else None.
+    """
+    names = {a.arg for a in node.args.args}
+    constants = {
+        name: ast.Constant(value)
+        for name, value in known.arguments.items()
+        if name in names
+    }
+    while True:
+        before = ast.dump(node)
+        folder = _Folder(scope, known, constants, constant_result)
+        node.body = folder.statements(node.body)
+        constants = constants | _single_constants(node, names)
+        if ast.dump(node) == before:
+            return node
+
+
+def _single_constants(
+    node: ast.FunctionDef, parameters: set[str]
+) -> dict[str, ast.Constant]:
+    """Return the local names that are assigned once, a constant."""
+    stores: dict[str, int] = {}
+    values: dict[str, ast.Constant] = {}
+    for found in ast.walk(node):
+        if isinstance(found, ast.Name) and isinstance(found.ctx, ast.Store):
+            stores[found.id] = stores.get(found.id, 0) + 1
+        if isinstance(found, ast.Assign) and isinstance(found.value, ast.Constant):
+            for target in found.targets:
+                if isinstance(target, ast.Name):
+                    values[target.id] = found.value
+    return {
+        name: value
+        for name, value in values.items()
+        if stores[name] == 1 and name not in parameters
+    }
+
+
+class _Folder(ast.NodeTransformer):
+    """One pass of folding."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        known: Known,
+        constants: Mapping[str, ast.Constant],
+        constant_result: Callable[[Any], ast.Constant | None],
+    ) -> None:
+        self._scope, self._known, self._constants = scope, known, constants
+        self._constant_result = constant_result
+
+    def statements(self, body: list[ast.stmt]) -> list[ast.stmt]:
+        """Fold a block; what follows a return, break or continue is left out."""
+        folded: list[ast.stmt] = []
+        for statement in body:
+            result = self.visit(statement)
+            if result is not None:
+                folded += result if isinstance(result, list) else [result]
+            if folded and isinstance(folded[-1], ast.Return | ast.Break | ast.Continue):
+                break
+        return folded
+
+    def visit_Assign(self, node: ast.Assign) -> Any:
+        parts = _separate(node)
+        if parts is not None:
+            return self.statements(parts)
+        node.value = self.visit(node.value)
+        node.targets = [self.visit(target) for target in node.targets]
+        target = node.targets[0]
+        if isinstance(target, ast.Name) and target.id in self._constants:
+            return None
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> Any:
+        assert node.value is not None
+        plain = ast.Assign(targets=[node.target], value=node.value)
+        return self.visit_Assign(ast.copy_location(plain, node))
+
+    def visit_If(self, node: ast.If) -> Any:
+        node.test = self.visit(node.test)
+        if isinstance(node.test, ast.Constant):
+            return self.statements(node.body if node.test.value else node.orelse)
+        node.body, node.orelse = (
+            self.statements(node.body),
+            self.statements(node.orelse),
+        )
+        return node if node.body or node.orelse else None
+
+    def visit_For(self, node: ast.For) -> Any:
+        items = self._scope.lookup(node.iter)
+        if isinstance(items, tuple):
+            return self._unroll(node, items)
+        node.iter = self.visit(node.iter)
+        node.body = self.statements(node.body)
+        return node if node.body else None
+
+    def visit_While(self, node: ast.While) -> Any:
+        node.test = self.visit(node.test)
+        node.body = self.statements(node.body)
+        return node
+
+    def _unroll(self, node: ast.For, items: tuple[Any, ...]) -> list[ast.stmt]:
+        """Repeat a loop over a constant tuple for each of its entries."""
+        target = node.target
+        names = target.elts if isinstance(target, ast.Tuple) else [target]
+        repeated: list[ast.stmt] = []
+        for item in items:
+            entries = item if isinstance(item, tuple) else (item,)
+            given = {
+                name.id: ast.Constant(value)
+                for name, value in zip(names, entries, strict=True)
+                if isinstance(name, ast.Name)
+            }
+            inner = _Folder(
+                self._scope, self._known, {**self._constants, **given},
+                self._constant_result,
+            )  # fmt: skip
+            copies = ast.parse(ast.unparse(ast.Module(node.body, []))).body
+            repeated += inner.statements(copies)
+        return repeated
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        if isinstance(node.ctx, ast.Load):
+            if node.id in self._constants:
+                return self._constants[node.id]
+            return self._number(node)
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        return self._number(node)
+
+    def _number(self, node: ast.expr) -> ast.expr:
+        found = self._scope.lookup(node)
+        if not is_number(found):
+            return node
+        name = node.attr if isinstance(node, ast.Attribute) else ast.unparse(node)
+        return ast.Constant(self._known.constants.get(name, found))
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        item = self._scope.lookup(node)
+        if is_number(item):
+            return ast.Constant(item)
+        node.value, node.slice = self.visit(node.value), self.visit(node.slice)
+        if (
+            isinstance(node.ctx, ast.Load)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in _PACKED
+            and isinstance(node.slice, ast.Constant)
+        ):
+            place: Any = node.slice.value
+            if place in self._known.packed:
+                return ast.Constant(self._known.packed[place])
+        return node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        sides = [node.left, *node.comparators]
+        if not all(isinstance(side, ast.Constant) for side in sides):
+            return node
+        values = [side.value for side in sides if isinstance(side, ast.Constant)]
+        pairs = zip(node.ops, values, values[1:], strict=False)
+        return ast.Constant(all(_COMPARE[type(op)](a, b) for op, a, b in pairs))
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        self.generic_visit(node)
+        decides = isinstance(node.op, ast.Or)
+        left: list[ast.expr] = []
+        for value in node.values:
+            if not isinstance(value, ast.Constant):
+                left.append(value)
+            elif bool(value.value) is decides:
+                # What stands before it has been asked for nothing but its answer.
+                return ast.Constant(decides)
+        if not left:
+            return ast.Constant(not decides)
+        if len(left) == 1:
+            return left[0]
+        node.values = left
+        return node
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.operand, ast.Constant):
+            value: Any = node.operand.value
+            if isinstance(node.op, ast.Not):
+                return ast.Constant(not value)
+            if isinstance(node.op, ast.USub) and is_number(value):
+                return ast.Constant(-value)
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        left, right, kind = node.left, node.right, type(node.op)
+        if (
+            isinstance(left, ast.Constant)
+            and isinstance(right, ast.Constant)
+            and kind in _BINARY
+        ):
+            return ast.Constant(_BINARY[kind](left.value, right.value))
+        return node
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.test, ast.Constant):
+            return node.body if node.test.value else node.orelse
+        return node
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        function = self._scope.lookup(node.func)
+        if function in (float, int) and isinstance(node.args[0], ast.Constant):
+            return ast.Constant(function(node.args[0].value))
+        return self._constant_result(function) or node

@@ -1,0 +1,83 @@
+"""The compiled functions of a cable stay inside what Numba and Warp have in common."""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+import pytest
+
+from cable.terms_on import TERMS_ON
+from cc_mujoco._utils.compilation import compiled
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable import _pack as pack
+from cc_mujoco.cable._parameters import TERMS
+from cc_mujoco.errors import CableError
+from cc_mujoco.warp._fold import Known
+from cc_mujoco.warp._translate import translate
+from cc_mujoco.warp._variants import FUNCTIONS, known_values
+
+OTHERS = (
+    kernel.slack_length, kernel.stored_energy, kernel.total_stretch, pack.rebend,
+    nodes.rest_stretch, moving_path.set_unstretched_lengths,
+)  # fmt: skip
+
+
+def test_every_function_is_in_the_subset():
+    names = translate([*FUNCTIONS, *OTHERS], Known()).names
+    for needed in (
+        "_fronts.march", "_graph.sweep", "_presliding.preslide", "_kernel.step",
+        "_nonlinear_elasticity.relinearize", "_pre_step.add_end_springs",
+    ):  # fmt: skip
+        assert needed in names
+
+
+@pytest.mark.parametrize("terms", TERMS_ON)
+def test_terms_that_are_off_leave_nothing(terms):
+    on = {"friction", *TERMS_ON[terms]} & set(TERMS)
+    library = translate(FUNCTIONS, known_values(frozenset(on), False, True))
+    ast.parse(library.source)
+    assert ("_presliding.preslide" in library.names) == ("bristle_length" in on)
+    assert ("_elasticity.tension_of" in library.names) == ("bedding_strain" in on)
+    assert ("_pre_step.relax_stress" in library.names) == ("stress_relaxation" in on)
+    assert "_moving_path.apply_material_law" not in library.names
+    assert "_pre_step.add_end_springs" not in library.names
+
+
+@compiled
+def _of_a_list(x: np.ndarray) -> float:
+    return sum([abs(value) for value in x])
+
+
+@compiled
+def _by_name(a: float) -> float:
+    return max(a, key=a)
+
+
+@compiled
+def _of_a_pair(pair: tuple[float, float]) -> float:
+    return pair[0]
+
+
+@compiled
+def _sorted(a: float) -> float:
+    return np.sort(a)
+
+
+@pytest.mark.parametrize(
+    ("function", "what"),
+    [
+        (_of_a_list, r"`\[abs\(value\) for value in x\]` in _of_a_list"),
+        (_by_name, "an argument given by name in _by_name"),
+        (_of_a_pair, r"an argument of the type `tuple\[float, float\]`"),
+        (_sorted, r"a call of `np.sort` in _sorted"),
+    ],
+)
+def test_what_leaves_it_is_refused_with_its_place(function, what):
+    with pytest.raises(CableError, match=what) as refusal:
+        translate([function], Known())
+    line = int(str(refusal.value).split(":")[1])
+    start = function.py_func.__code__.co_firstlineno
+    assert start <= line <= start + 3

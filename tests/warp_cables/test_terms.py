@@ -1,0 +1,75 @@
+"""The kernel on Warp against the same functions compiled by Numba, term by term."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("warp")
+
+import warp as wp
+
+from cable.random_cables import CABLES
+from cc_mujoco.cable._parameters import TERMS
+from warp_cables.term_motions import Runs, by_numba, by_warp, errors, random_runs
+
+GUIDED_TERMS = frozenset(
+    name for name, term in TERMS.items() if term.acts_on != "pulley"
+)
+LIBRARY_FUNCTIONS = (
+    "static_memory", "viscous", "grease", "stribeck", "tension_dependent", "ageing",
+    "drift", "heating", "stress_relaxation",
+)  # fmt: skip
+"""Terms whose step calls exp, log or pow, which two libraries may round differently."""
+SINGLE_STEPS = {"stribeck": 1e-2}
+"""Largest RMS error where the onset of slip depends on single steps, see the page."""
+
+
+@pytest.fixture(scope="module")
+def runs() -> Runs:
+    return random_runs(each=3, samples=200)
+
+
+@pytest.fixture(scope="module")
+def right(runs: Runs) -> np.ndarray:
+    return by_numba(runs)
+
+
+def test_double_precision_has_the_bits_of_numba(runs, right):
+    found = errors(by_warp(runs, wp.float64, GUIDED_TERMS), right)
+    for term, off in zip(runs.terms, np.abs(found).max(axis=(1, 2)), strict=True):
+        assert off <= (1e-10 if term in LIBRARY_FUNCTIONS else 0.0), term
+    assert set(runs.terms) == set(CABLES)
+
+
+def test_single_precision_is_right_to_a_thousandth(runs, right):
+    found = errors(by_warp(runs, wp.float32, GUIDED_TERMS), right)
+    check_single_precision(runs, found)
+
+
+def check_single_precision(runs: Runs, found: np.ndarray) -> None:
+    rms = np.sqrt((found**2).mean(axis=(1, 2)))
+    for term in dict.fromkeys(runs.terms):
+        own = [off for off, name in zip(rms, runs.terms, strict=True) if name == term]
+        assert np.median(own) < 1e-5, term
+        assert np.max(own) < SINGLE_STEPS.get(term, 1e-3), term
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("term", CABLES)
+def test_a_kernel_of_one_term_is_that_of_all(term):
+    runs = random_runs(each=12, samples=600, terms=[term])
+    right = by_numba(runs)
+    draws = [CABLES[term](np.random.default_rng(seed)) for seed in range(9)]
+    used = {"friction"} | {n for n in TERMS if any(draw.get(n) for draw in draws)}
+    double = errors(by_warp(runs, wp.float64, frozenset(used), True), right)
+    assert np.abs(double).max() <= (1e-10 if term in LIBRARY_FUNCTIONS else 0.0)
+    single = errors(by_warp(runs, wp.float32, frozenset(used), True), right)
+    check_single_precision(runs, single)
+
+
+@pytest.mark.study
+def test_a_million_steps_stay_numbers():
+    for seed in range(60):  # a thousand steps of a cable of each of 18 terms
+        runs = random_runs(each=1, samples=1000, seed=seed)
+        assert np.isfinite(by_warp(runs, wp.float32, GUIDED_TERMS, True)).all()

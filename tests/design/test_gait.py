@@ -138,7 +138,9 @@ def test_profiles_of_a_batch_are_each_as_alone_and_as_shown(tmp_path: Path) -> N
     asked = ["rms_torque_error", *NAMES]
     table = study("ankle", vary, across=across, out=tmp_path, metrics=asked, **STRIDE)
     assert table["failed"].null_count == 4
-    for row, design in enumerate(table.select(list(vary)).to_pylist()):
+    designs = table.select(list(vary)).to_pylist()
+    for row in (0, 3):
+        design = designs[row]
         alone = study("ankle", designs=[design], across=across, metrics=asked, **STRIDE)
         for name in asked:
             assert alone[name][0].as_py() == table[name][row].as_py()
@@ -296,14 +298,14 @@ def test_the_size_of_the_scenes_wearer_changes_no_bit() -> None:
 
 
 def test_a_wearer_of_another_size_is_shown_as_measured(tmp_path: Path) -> None:
-    across = {"body_mass": "55,95", "leg_length": "0.85,1"}
+    across = {"body_mass": "55,95", "leg_length": "0.85"}
     asked = ["rms_torque_error", *NAMES]
     table = study("ankle", {"friction": "0.1"}, across=across, out=tmp_path,
                   metrics=asked, **STRIDE)  # fmt: skip
     found = set()
-    for case in range(4):
+    for case, mass in enumerate((55.0, 95.0)):
         log, model = show(tmp_path, 0, case=case)
-        body = Body(float((55, 95)[case // 2]), (0.85, 1.0)[case % 2])
+        body = Body(mass, 0.85)
         work = strides_of(log, body.pace(), body.moment)["wearer_work"]
         found.add(work)
         least, most = (table[f"wearer_work@{e}"][0].as_py() for e in ("least", "most"))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from axes import Device, hidden_values, motions, played, record
 
-from cc_mujoco import cli
+from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._loading import load
 
+FEW = ("end_compliance", "viscous_friction", "load_independent_friction")
+"""Effects that are looked for."""
 SLACK = {"pretension": 0.0, "axial_stiffness": 1.0}
 """Values of a cable that hardly pulls."""
 
@@ -77,14 +78,13 @@ def test_an_effect_that_one_axis_hides_is_named(
     hidden: str,
 ) -> None:
     device = Device.of(scene)
-    record(tmp_path / "data", device, axis, hidden, 3.0)
-    words = ["diagnose", str(tmp_path / "data"), "--scene", scene, "--axis", axis]
-    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
-    verdict = json.loads((tmp_path / "out" / "verdict.json").read_text("utf-8"))
-    (named,) = [each for each in verdict["effects"] if not each["refinement"]]
-    assert named["id"] == hidden
-    wanted = hidden_values(device.benches[axis], hidden)[hidden]
-    found = named["parameters"][hidden]["value"]
-    assert found == pytest.approx(wanted, rel=0.1)
-    for gap in verdict["gap"].values():
-        assert gap["rmse_after"] < gap["rmse_before"]
+    bench = device.benches[axis]
+    record(tmp_path, device, axis, hidden, 2.0)
+    dataset, _ = load([tmp_path], None, bench)
+    found = run_inference(dataset, bench, Options(ids=FEW)).diagnosis
+    (named,) = found.missing
+    assert named.id == hidden
+    wanted = hidden_values(bench, hidden)[hidden]
+    assert named.parameters[hidden].value == pytest.approx(wanted, rel=0.1)
+    for gap in found.gap.values():
+        assert gap.rmse_after < gap.rmse_before

@@ -34,7 +34,7 @@ FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
 def test_an_effect_in_the_tendon_is_named_and_repaired(
     tmp_path: Path, rig: str, name: str
 ) -> None:
-    data = recorded(rig, HIDDEN[name], 1, seconds=4.0)
+    data = recorded(rig, HIDDEN[name], 1, seconds=3.0 if rig == "closed forms" else 2.0)
     result = run_inference(data, FINGER, Options(ids=FEW))
     found = result.diagnosis
     wanted = [] if name == "none" else [name]

@@ -303,12 +303,15 @@ def example(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["stiction", *PLANNED])
+@pytest.mark.parametrize(
+    ("scene", "name"),
+    [("wrist", "stiction"), ("wrist", "predictive"), ("exosuit", "adaptive")],
+)
 def test_the_example_gives_the_torques_of_recorded_readings(
-    name: str, made: Made
+    scene: str, name: str, made: Made
 ) -> None:
-    readings, torques = episode("wrist", name)
-    folder, plan = made("wrist", name)
+    readings, torques = episode(scene, name)
+    folder, plan = made(scene, name)
     assert np.array_equal(example(folder, plan, readings, COMPILER), torques)
 
 
@@ -694,29 +697,31 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
 @needs_compiler
 def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> None:
     """Viscous friction would bias the estimates of friction without warning."""
-    folder, plan = made("wrist", "adaptive")
+    (cable,) = driven("exosuit")
+    folder, plan = made("exosuit", "adaptive")
     exported = Library(folder, plan)
     names = [field.name for field in plan.fields]
     for name, value in (
-        ("flexor_viscous_friction", 5.0),
-        ("extensor_grease_drag", 1.0),
-        ("extensor_friction", 0.0),
+        (f"{cable}_viscous_friction", 5.0),
+        (f"{cable}_grease_drag", 1.0),
+        (f"{cable}_friction", 0.0),
         ("learning", 5.0),
-        ("flexor_sensor_1_deviation", 0.0),
+        (f"{cable}_sensor_1_deviation", 0.0),
     ):
         changed = exported.parameters.copy()
         changed[names.index(name)] = value
         assert exported.take(changed) == names.index(name) + 1
     changed = exported.parameters.copy()
-    changed[names.index("flexor_friction_drift")] = 0.1
+    changed[names.index(f"{cable}_friction_drift")] = 0.1
     assert exported.take(changed) == 0
+    known = device("exosuit").drives[0]
     row = tuple(
         dataclasses.replace(one, cable=one.cable.replace(viscous_friction=5.0))
-        for one in device("wrist").drive.cables
+        for one in known.cables
     )
-    drive = dataclasses.replace(device("wrist").drive, cable_drives=(row,))
+    drive = dataclasses.replace(known, cable_drives=(row,))
     with pytest.raises(CableError, match="the slope of the logarithm of tension"):
-        ExportPlan.of("adaptive", drive, driven("wrist"))
+        ExportPlan.of("adaptive", drive, driven("exosuit"))
 
 
 @needs_compiler

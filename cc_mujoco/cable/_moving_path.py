@@ -12,9 +12,11 @@ to the next, with the strain that it has.
 
 A step is found in unstretched lengths too: near the tension before it a node is a
 spring of EA (1 + strain)^2 / l, and what its path gained counts divided by 1 + strain.
-`apply_material_law` then replaces the straight line by the law, so that no cable is
-lost or made over any number of steps. A drum takes cable in at the strain of the
-pretension.
+A node that was slack is one of EA / l, that of cable which becomes taut, and has the
+length left that the law tells: between both a straight line through the slack would be
+wrong by EA strain^2, as much as kN. `apply_material_law` then replaces the straight
+line by the law, so that no cable is lost or made over any number of steps. A drum takes
+cable in at the strain of the pretension.
 
 Cable that is moved from node a to node b takes its energy along. Where m dU/dm at fixed
 l is T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean strain)
@@ -154,6 +156,9 @@ def carry(
         share = 1.0 / ratio
         taken = (now[i] - before[i]) * share + carried - came
         loose = now[i] * share * share
+        if tension[i] < 0.0:
+            taken -= _bend_of_slack(now[i], ratio)
+            loose = now[i]
         changed = changed or taken != longer[i] or loose != length[i]
         longer[i], length[i] = taken, loose
         if i == 0 or i == n:
@@ -165,6 +170,15 @@ def carry(
     changed = changed or mixed != prm[at.CARRY_ENERGY]
     prm[at.CARRY_ENERGY] = mixed
     return changed
+
+
+@internal
+def _bend_of_slack(length: float, ratio: float) -> float:
+    """Return by how much a slack node is shorter than the tangent at no tension [m].
+
+    `length` is that of its path [m], `ratio` its stretched by its unstretched length.
+    """
+    return length * (1.0 - ratio) ** 2 / ratio
 
 
 @internal
@@ -184,8 +198,12 @@ def _tension_by_law(
     By the law, from the linear solution `after` [N].
     """
     spring, start = _spring(prm, n, i), stretch_ratio(prm, before)
-    length = at.node_length(prm, n)[i] * start * start
+    length = at.node_length(prm, n)[i]
     moved = nodes.stretch_between(prm, n, i, before, after)
+    if before < 0.0:
+        moved += _bend_of_slack(length, start)
+    else:
+        length *= start * start
     unit, tension = _cable_per_length(prm), after
     for _ in range(_MAX_ROUNDS):
         strain = max(stretch_ratio(prm, tension), start * (1.0 - _MAX_NODE_SHARE))
@@ -207,7 +225,10 @@ def apply_material_law(
     for i in range(n + 1):
         if after[i] == before[i]:
             continue
-        if straight and _spring(prm, n, i) == 0.0:
+        plain = straight and _spring(prm, n, i) == 0.0
+        if plain and before[i] < 0.0:
+            after[i] *= ea / (ea - min(after[i], _MAX_NODE_SHARE * ea))
+        elif plain:
             whole = ea + before[i]
             risen = min(after[i] - before[i], _MAX_NODE_SHARE * whole)
             after[i] = before[i] + risen * whole / (whole - risen)

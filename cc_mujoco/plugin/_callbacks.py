@@ -137,6 +137,7 @@ from cc_mujoco.plugin._instance_data import (
     text_at,
 )
 from cc_mujoco.plugin._routing import compile_leading, follow, lay, pull, set_reference
+from cc_mujoco.plugin._slack_passage import evaluate_prediction
 from cc_mujoco.plugin._warnings import (
     ACTUATION_DISABLED,
     GROUP_DISABLED,
@@ -366,7 +367,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             )
             implicit_ends.predict_acceleration(model, data, kind, area)
         block = mj_struct.block(data, instance)
-        implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 4))
+        implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 8))
 
     export_callback("cc_mujoco_aim", aim)
 
@@ -451,9 +452,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         if not looks:
             known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
         elif not is_evaluated(block, data, state, u_proximal, u_distal):
-            u_proximal = implicit_ends.predicted_position(model, data, block, 0)
-            u_distal = implicit_ends.predicted_position(model, data, block, 1)
-            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+            aim = np.empty(8)
+            implicit_ends.predict_known_motion(model, data, block, aim)
+            known = evaluate_prediction(block, state, aim, dt)
         if known:
             pull(block, model, data)
             store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
@@ -624,8 +625,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             model, block, displacement(data, block, PROXIMAL)
         )
         u_distal = displacement(data, block, DISTAL)
-        seen = u_proximal, u_distal
-        yields = 0.0, 0.0
+        looks = False
         if fits:
             evaluation = load_word(lead + EVALUATION_COUNT)
             if load_word(block + PATH_EVALUATION) != evaluation:
@@ -643,19 +643,19 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
                     model, data, load_real(pose_at(state, n))
                 )
                 store_word(block + POSITION_CHANGED, 1 if touched else 0)
-            if implicit_ends.is_implicit(model, block):
-                aim = np.empty(4)
-                _aim(model, data, instance, aim.ctypes.data)
-                u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
+            looks = implicit_ends.is_implicit(model, block)
         store_word(block + PATH_EVALUATION, 0)
         if cut:
             warn_once(model, instance, NO_PASSIVE)
-        save_motion(block, data, seen[0], seen[1])
-        if (
-            fits
-            and not cut
-            and evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt)
-        ):
+        save_motion(block, data, u_proximal, u_distal)
+        known = False
+        if fits and not cut and looks:
+            aim = np.empty(8)
+            _aim(model, data, instance, aim.ctypes.data)
+            known = evaluate_prediction(block, state, aim, dt)
+        elif fits and not cut:
+            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+        if known:
             tension = new_at(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0) * lever
             distal = max(load_real(tension + 8 * n), 0.0)
@@ -673,8 +673,8 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
                 save_first_stage(block, data, state)
             stages = block + STAGES
             copy(stages + STAGE_SIZE, stages, 3 * STAGE_SIZE)
-            store_real(stages + 3 * STAGE_SIZE, seen[0])
-            store_real(stages + 3 * STAGE_SIZE + 8, seen[1])
+            store_real(stages + 3 * STAGE_SIZE, u_proximal)
+            store_real(stages + 3 * STAGE_SIZE + 8, u_distal)
             store_real(stages + 3 * STAGE_SIZE + 16, mj_struct.time(data))
             copy(block + INPUTS, stages + 3 * STAGE_SIZE + 24, 40)
             if load_word(block + ROUTE) >= 0:

@@ -95,7 +95,7 @@ from cc_mujoco.plugin._instance_data import (
 Floats = npt.NDArray[np.float64]
 
 _STABILITY_LIMIT, _STABILITY_LIMIT_RK4, _VELOCITY_GAIN = 2.5, 5.8, 0.25
-_IMPLICIT_LIMIT, _IMPLICIT_LIMIT_RK4 = 1.0, 2.0
+_IMPLICIT_LIMIT, _IMPLICIT_LIMIT_RK4 = 1.0, 0.3
 """Square of step times frequency, in `qpos0`, above which an end may be implicit."""
 MAX_DOFS = 300
 """Degrees of freedom up to which the ends are implicit: factors are dense."""
@@ -175,6 +175,9 @@ def is_implicit(model: int, block: int) -> bool:
         if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _JOINT:
             dof = mj_struct.integer(model, mj_struct.JNT_DOFADR, target)
             mobility = mj_struct.real(model, mj_struct.DOF_INVWEIGHT0, dof)
+            armature = mj_struct.real(model, mj_struct.DOF_ARMATURE, dof)
+            if armature > 0.0:  # which MuJoCo leaves out for the slide of a body
+                mobility = min(mobility, 1.0 / armature)
         else:
             mobility = mj_struct.real(model, mj_struct.TENDON_INVWEIGHT0, target)
         mobility *= attachments.pulley_radius(model, output) ** 2
@@ -560,13 +563,14 @@ def _constraint_force(data: int, i: int, given: Floats, state: Floats) -> float:
 def predict_ends(
     model: int, data: int, block: int, kind: int, area: int, out: Floats
 ) -> None:
-    """Compute where to evaluate the ends of a cable, and how far they yield (4,).
+    """Compute where to evaluate the ends of a cable, and how far they yield (8,).
 
     Displacements [m] of the proximal and the distal end while their tensions stay as
-    they are, and by how much they go into the cable per tension [m/N]. How ends on the
-    same bodies move each other is added to what each does by itself.
+    they are, and by how much they go into the cable per tension [m/N]; then the same
+    four of where the step leads, see `_slack_passage.py`. How ends on the same bodies
+    move each other is added to what each does by itself.
     """
-    nv = mj_struct.dofs(model)
+    nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
     known = load_word(area)
     found = floats(area + 8, nv)
     row, answer = floats(area + 8 + 16 * nv, nv), floats(area + 8 + 24 * nv, nv)
@@ -575,7 +579,8 @@ def predict_ends(
     factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
     for end in range(2):
         x, lever = _end_position(model, data, block, end)
-        out[end], out[2 + end] = x, 0.0
+        out[end] = out[4 + end] = x
+        out[2 + end] = out[6 + end] = 0.0
         if load_word(block + TIED_ENDS + 8 * end) != 0:
             continue
         output = load_word(block + (DISTAL if end else PROXIMAL))
@@ -589,12 +594,14 @@ def predict_ends(
             multiply_inertia(model, data, between.ctypes.data, answer.ctypes.data)
             solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
         mobility = _mobility(model, data, kind, answer)
-        velocity, acceleration = _newmark_terms(model, block, end, mobility)
-        out[end] += (
-            velocity * lever * mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        )
-        out[end] += acceleration * dot(row, found)
-        out[2 + end] = acceleration * mobility
+        gain, square = _newmark_terms(model, block, end, mobility)
+        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+        acceleration = dot(row, found)
+        out[end] += gain * lever * speed
+        out[end] += square * acceleration
+        out[2 + end] = square * mobility
+        out[4 + end] += step * lever * speed + step * step * acceleration
+        out[6 + end] = step * step * mobility
 
 
 @internal
@@ -617,25 +624,31 @@ def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
 
 
 @internal
-def predicted_position(model: int, data: int, block: int, end: int) -> float:
-    """Return where an implicit end is evaluated [m], by the acceleration in `data`.
+def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None:
+    """Compute what `predict_ends` does (8,), by the acceleration in `data`.
 
-    It is that of `predict_ends` where the acceleration is the one that MuJoCo finds.
+    It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
     """
-    x, lever = _end_position(model, data, block, end)
-    if load_word(block + TIED_ENDS + 8 * end) != 0:
-        return x
-    nv = mj_struct.dofs(model)
-    output = load_word(block + (DISTAL if end else PROXIMAL))
+    nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
     row, answer = np.zeros(nv), np.empty(nv)
-    _add_moment(data, output, lever, row)
-    solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
     kind = mj_struct.integer(model, mj_struct.PLUGIN, load_word(block + INSTANCE))
-    mobility = _mobility(model, data, kind, answer)
-    velocity, acceleration = _newmark_terms(model, block, end, mobility)
     found = floats(load_word(data + mj_struct.QACC), nv)
-    moved = velocity * lever * mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-    return float(x + moved + acceleration * dot(row, found))
+    for end in range(2):
+        x, lever = _end_position(model, data, block, end)
+        out[end] = out[4 + end] = x
+        out[2 + end] = out[6 + end] = 0.0
+        if load_word(block + TIED_ENDS + 8 * end) != 0:
+            continue
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        fill(row, 0.0)
+        _add_moment(data, output, lever, row)
+        solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
+        mobility = _mobility(model, data, kind, answer)
+        gain, square = _newmark_terms(model, block, end, mobility)
+        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
+        acceleration = dot(row, found)
+        out[end] = x + gain * lever * speed + square * acceleration
+        out[4 + end] = x + step * lever * speed + step * step * acceleration
 
 
 @internal

@@ -60,9 +60,8 @@ _ALLOWED_KEYS = [
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 MAX_STIFFNESS = 50e3
 """Axial stiffness of a tendon taken over, where its time step bears it [N]."""
-_STEP_MARGIN, _END_SQUARE = 3.0, 100.0
-"""Ratio of the step that the pieces of such a tendon bear to the model's, and square
-of the step times the frequency of a winch at the first segment."""
+_STEP_MARGIN = 3.0
+"""Ratio of the step that the pieces of such a tendon bear to the model's."""
 _SOFT = 100.0
 """Axial stiffness at which a tendon stretches by 1 % per newton [N]."""
 
@@ -197,14 +196,14 @@ def add_friction(
     ]
     given = {"pretension": 0.0, "axial_stiffness": MAX_STIFFNESS, **given}
     cables = _lay(tried, ends, given)
-    bearable = _bearable_stiffness(tried, cables, plan)
+    bearable = _bearable_stiffness(tried, cables)
     if "axial_stiffness" not in parameters:
         given["axial_stiffness"] = stiffness = min(bearable, MAX_STIFFNESS)
         if stiffness < _SOFT:
             warnings.warn(
                 f"tendon {burden.tendon!r} stretches by {1 / stiffness:.2g} of its "
-                "length per newton, because its winch and time step bear no stiffer "
-                "one; give `winch` more inertia, or shorten the timestep.",
+                "length per newton, because what it pulls bears no stiffer one at this "
+                "time step; shorten the timestep, or give its joints more `armature`.",
                 CableWarning,
                 stacklevel=2,
             )
@@ -376,11 +375,10 @@ def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
     return spec.joint(joint) or joint if isinstance(joint, str) else joint
 
 
-def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid, winch: Winch) -> float:
+def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid) -> float:
     """Return the axial stiffness that the time step of new cables bears [N].
 
-    Their pieces do in the pose `qpos0`, in keyframes and over the ranges of the joints;
-    and their winches do not rebound when slack runs out.
+    Their pieces do in the pose `qpos0`, in keyframes and over the ranges of the joints.
     """
     tried = spec.copy()
     _write_cables(tried, laid)
@@ -393,9 +391,6 @@ def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid, winch: Winch) -> float
         shortest = min(shortest, *(limits[e.branch.name].pieces for e, _ in laid))
     ratio = shortest / (_STEP_MARGIN * model.opt.timestep)
     stiffness = laid[0][1].axial_stiffness * ratio * ratio
-    for (_, cable), inertia in zip(laid, winch.inertias, strict=True):
-        end = 2.0 * cable.segments / cable.length * model.opt.timestep**2
-        stiffness = min(stiffness, _END_SQUARE * inertia / end)
     return float(f"{stiffness:.2g}")
 
 
@@ -409,7 +404,7 @@ def _stretch_line(laid: _Laid, bearable: float, step: float) -> str:
     if stiffness > bearable:
         text += (
             f"; with a timestep of {step:g} s more than {bearable:g} N may make it "
-            "unstable when slack runs out: shorten the timestep"
+            "unstable: shorten the timestep"
         )
     elif stiffness < MAX_STIFFNESS and stiffness == bearable:
         text += f", as stiff as a timestep of {step:g} s bears"

@@ -268,6 +268,7 @@ def test_a_stiffness_that_a_step_does_not_bear_is_reported() -> None:
     assert math.exp(*bounds) < 1e6
 
 
-def test_a_winch_that_bears_only_a_soft_tendon_warns() -> None:
-    with pytest.warns(CableWarning, match="give `winch` more inertia"):
-        taken(arm(0, DRIVES["motor"][0]), winch=(0.02, 1e-9))
+def test_a_step_that_bears_only_a_soft_tendon_warns() -> None:
+    slow = arm(0, DRIVES["motor"][0]).replace('timestep="1e-3"', 'timestep="0.05"')
+    with pytest.warns(CableWarning, match="give its joints more `armature`"):
+        taken(slow)

@@ -161,6 +161,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         _RUNTIME,
         _PROVIDED,
         frozenset(visible),
+        passes=1,
     )
     with atomic_io.replacing_folder(folder) as partial:
         compiled = partial / "plugin.o"

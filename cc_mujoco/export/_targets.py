@@ -63,6 +63,7 @@ def emit(
     runtime: str | None = None,
     provided: frozenset[str] = LIBM,
     visible: frozenset[str] = frozenset(),
+    passes: int = 2,
 ) -> bytes:
     """Compile an interface in C with all the functions that it calls.
 
@@ -74,6 +75,9 @@ def emit(
             for functions that allocate nothing.
         provided: Functions that may remain to be linked.
         visible: What else C sees.
+        passes: Times that all is optimised. The first finds that no error of a
+            controller can be raised, the second gains from that; the plugin, which
+            raises its own, gains nothing.
 
     Returns:
         An object file.
@@ -105,7 +109,7 @@ def emit(
     program.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     builder = llvm.create_pass_builder(machine, options)
-    for _ in range(2):  # the first finds that no error can be raised, the second gains
+    for _ in range(passes):
         builder.getModulePassManager().run(program, builder)
     _require_self_contained(program, provided)
     if target.bits == 32:

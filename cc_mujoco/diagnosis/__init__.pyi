@@ -33,6 +33,7 @@ from ._scene.repair import write as write
 from ._scene.rollout import rollout as rollout
 from ._verdict import Diagnosis as Diagnosis
 from .effects import EFFECTS as EFFECTS
+from .effects import CoupledNeighbour as CoupledNeighbour
 from .effects import Effect as Effect
 from .effects import EffectParameter as EffectParameter
 from .effects import Shape as Shape

@@ -92,6 +92,10 @@ EFFECTS: dict[str, tuple[Mapping[str, float], Formula]] = {
         },
         lambda m, j: (m + 0.2 + 0.05 * TIME, j - 0.3 - 0.1 * TIME),
     ),
+    "sensor_cross_talk": (
+        {"motor_torque_cross_talk": 0.05, "joint_torque_cross_talk": -0.02},
+        lambda m, j: (m + 0.05 * j, j - 0.02 * m),
+    ),
     "sensor_delay": (
         {"joint_delay": 0.0, "motor_torque_delay": 0.0, "joint_torque_delay": 0.0053},
         lambda m, j: (m, late(j, 0.0053)),

@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis import EFFECTS, load, repair_scene, write
 from cc_mujoco.diagnosis._checks.run import check_bench
 from cc_mujoco.diagnosis._inference.bench_simulation import baseline_parameters
 from cc_mujoco.diagnosis._report.output import OPTIONAL_FILES
-from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis._scene.realisation import REALISATIONS, is_realisable
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis.effects import RigGeometry
 from cc_mujoco.errors import CableError
@@ -312,7 +312,7 @@ def test_an_interrupt_while_writing_leaves_nothing(
     assert files(tmp_path) == ["run.csv"]
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", [n for n in EFFECTS if is_realisable(BENCH, n)])
 def test_a_repaired_scene_is_a_bench_again(tmp_path: Path, name: str) -> None:
     effect, path = EFFECTS[name], tmp_path / "scene.xml"
     values = dict(effect.starts[0])

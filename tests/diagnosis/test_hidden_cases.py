@@ -40,11 +40,23 @@ def test_friction_without_load_is_named_alone() -> None:
     assert found.not_testable == ()
 
 
-def test_a_cable_that_winds_on_itself_is_unknown() -> None:
-    found = diagnosed("drum")
-    assert found.verdict == "unknown", found.statement
-    assert found.remaining > 4.0
-    assert len(found.not_testable) <= 2
+@pytest.mark.parametrize(
+    ("case", "effect", "parameter", "value"),
+    [
+        ("drum", "drum_winding", "drum_growth", 0.01),
+        ("drift_over_trials", "friction_by_order", "friction_per_trial", -0.4 / 7.0),
+        ("ripple", "current_ripple", "ripple_order", 14.0),
+    ],
+)
+def test_a_rare_effect_is_named_without_being_asked_for(
+    case: str, effect: str, parameter: str, value: float
+) -> None:
+    found = diagnosed(case)
+    assert found.verdict == "named", found.statement
+    (named,) = found.missing
+    assert named.id == effect
+    assert named.parameters[parameter].value == pytest.approx(value, rel=0.01)
+    assert found.remaining < 1.5
 
 
 def test_drag_and_a_weight_are_both_named() -> None:

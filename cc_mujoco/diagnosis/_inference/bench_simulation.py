@@ -9,7 +9,7 @@ file says they are uncertain, the pulleys.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -325,17 +325,11 @@ class SimulatedRig:
             lever=self.bench.lever,
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
-            arm=self._joint_arm(values, effects),
+            arm=_moment_arm([EFFECTS[name].joint_arm for name in effects], values),
+            motor_arm=_moment_arm(
+                [EFFECTS[name].motor_arm for name in effects], values
+            ),
         )
-
-    def _joint_arm(self, values: Values, effects: Sequence[str]) -> tuple[float, ...]:
-        """Return the coefficients of the joint's moment arm, see `Setting.arm`."""
-        own = [EFFECTS[name].joint_arm for name in effects]
-        whole = {**_zero_sizes(), **values}
-        found = [np.array(change(whole)) for change in own if change is not None]
-        size = max((each.size for each in found), default=0)
-        total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
-        return tuple(total.tolist()) if total.any() else ()
 
     def cables(
         self,
@@ -474,6 +468,17 @@ class SimulatedRig:
     def limited(self, records: Sequence[Record]) -> SimulatedRig:
         """Return the same plant for other records."""
         return replace(self, records=tuple(records))
+
+
+def _moment_arm(
+    changes: Sequence[Callable[[Values], tuple[float, ...]] | None], values: Values
+) -> tuple[float, ...]:
+    """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
+    whole = {**_zero_sizes(), **values}
+    found = [np.array(change(whole)) for change in changes if change is not None]
+    size = max((each.size for each in found), default=0)
+    total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
+    return tuple(total.tolist()) if total.any() else ()
 
 
 def _zero_sizes() -> dict[str, float]:

@@ -10,11 +10,11 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
 
-_SMALL_SHARE = 1e-4
-"""Share of a typical size over which the derivative at 0 is taken."""
-_MAX_SLOPE_RATIO = 50.0
-"""Derivative at 0 over that at the typical size beyond which it is none; it is 100 for
-a square root and 1e-4 for a square."""
+_SMALL_SHARE = 3e-4
+"""Share of a typical size at which the derivative near 0 is taken, over as much."""
+_MAX_SLOPE_RATIO = 15.0
+"""Derivative near 0 over the mean one to the typical size beyond which there is none;
+it is 24 for a square root and 1e-3 for a square."""
 _MIN_SLOPE_RATIO = 0.01
 MAX_CHECKED_RECORDS = 3
 """Records on which effects are checked."""
@@ -75,11 +75,13 @@ def _check(
                 )
         for parameter in sizes:
             full = start[parameter.name]
-            changes = [
-                _change(effect, plant, plain, {**off, parameter.name: size}) / size
-                for size in (_SMALL_SHARE * full, full)
-            ]
-            small, large = (float(np.sqrt(np.mean(each**2))) for each in changes)
+            # At 0 itself the kernel may change from one way of solving to another.
+            first, second, whole = (
+                _change(effect, plant, plain, {**off, parameter.name: share * full})
+                for share in (_SMALL_SHARE, 2.0 * _SMALL_SHARE, 1.0)
+            )
+            small = float(np.linalg.norm(second - first)) / _SMALL_SHARE
+            large = float(np.linalg.norm(whole))
             shows |= large > 0.0 and parameter.size
             if parameter.size and large > 0.0:
                 _require_slope(effect, parameter.name, small / large)

@@ -319,7 +319,11 @@ def untestable_effects(
     """List effects that are not detectable at a plausible size, with the reason."""
     confused = {each.id: each for each in hidden}
     able = shown.problem.plant.library
-    found = [NotTestable(name, why) for name, why in able.hidden.items()]
+    found = [
+        NotTestable(name, why)
+        for name, why in able.hidden.items()
+        if not EFFECTS[name].rare
+    ]
     for each in shown.changes:
         left = np.linalg.norm(shown.left(each.made), axis=0)
         most = int(np.argmax(left))

@@ -23,14 +23,11 @@ from cc_mujoco.diagnosis.effects import (
 )
 from cc_mujoco.report._html import list_words
 
-_TORQUE_ONLY_EFFECTS: dict[str, tuple[str, tuple[Instrument, ...]]] = {
-    "motor_inertia": ("motor", ("torque sensor", "motor current")),
-    "motor_cogging": ("motor", ("torque sensor", "motor current")),
-    "joint_gravity": ("joint", ("torque sensor", "known load")),
-    "joint_stiffness": ("joint", ("torque sensor", "known load")),
-    "joint_inertia": ("joint", ("torque sensor", "known load")),
+_MECHANICAL_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
+    "motor": ("torque sensor", "motor current"),
+    "joint": ("torque sensor", "known load"),
 }
-"""Effects on one torque only: its side and the instruments that measure them."""
+"""Instruments that show effects beyond the cable, on the torque of one side."""
 _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
     "motor": ("torque sensor", "load cells", "motor current"),
     "joint": ("torque sensor", "load cells"),
@@ -82,7 +79,8 @@ def available_effects(
 
     effects, hidden = {}, {}
     for name, effect in EFFECTS.items():
-        side, shown = _TORQUE_ONLY_EFFECTS.get(name, ("", ()))
+        side = effect.where if effect.torques and not effect.sensor else ""
+        shown = _MECHANICAL_INSTRUMENTS.get(side, ())
         kept = tuple(filter(acts, effect.parameters))
         if name in _LOAD_EFFECTS and sides["joint"] == "known load":
             either = (-math.inf, math.inf)
@@ -92,7 +90,7 @@ def available_effects(
             hidden[name] = reason
         elif absent:
             hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
-        elif side and sides[side] not in shown:
+        elif shown and sides[side] not in shown:
             hidden[name] = _instrument_exclusion(side, sides[side], shown)
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
@@ -109,8 +107,8 @@ def available_effects(
 
 def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
-    if led and effect.joint_arm is not None:
-        return "the path in the scene is the arm at the joint"
+    if led and (effect.joint_arm is not None or effect.motor_arm is not None):
+        return "a path that the joint moves is played with the arms of the scene"
     if led and effect.id == "backlash":
         if tied:
             return "the cable ends on the body that it turns, where nothing has play"

@@ -84,7 +84,7 @@ from cc_mujoco.diagnosis._inference.verdict_rules import Judgement, judge, only_
 from cc_mujoco.diagnosis._phrases import capitalise, format_number
 from cc_mujoco.diagnosis._report_data import Evidence, Isolability
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, FoundEffect, Gap, RunnerUp
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
 from cc_mujoco.estimation._least_squares import Estimate, Fit
 from cc_mujoco.report._html import list_words
 
@@ -125,10 +125,9 @@ def run_inference(
     if baseline_fit.change > MAX_NUMERICAL_ERROR:
         return _numerics_diagnosis(bench, baseline_fit)
     able = baseline_fit.problem.plant.library.effects
-    usual = (n for n, e in EFFECTS.items() if not e.rare or n in settings.asked)
-    names = tuple(name for name in settings.ids or usual if name in able)
-    rare = tuple(n for n, e in EFFECTS.items() if e.rare and n in able)
-    rare = () if settings.ids else tuple(n for n in rare if n not in names)
+    wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.asked])
+    names = tuple(name for name in wanted if name in able)
+    rare = () if settings.ids else tuple(name for name in able if name not in names)
 
     def told(share: float, doing: str) -> None:
         progress(0.2 + 0.5 * share, doing)

@@ -33,7 +33,7 @@ from cc_mujoco.diagnosis._inference.motions import MOTION_STEP, CataloguedTrial,
 from cc_mujoco.diagnosis._inference.plausibility import plausible_size
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.screening import effect_amplitudes, screen
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
 
 PLAN_SEGMENTS = 16
 DEFAULT_TORQUE_NOISE = 0.005
@@ -130,7 +130,7 @@ def planned(
     plant = plant.limited(records)
     free = baseline_parameters(bench, records, constants, instruments)
     library = plant.library
-    wanted = tuple(EFFECTS) if ids is None else ids
+    wanted = usual_effects() if ids is None else ids
     hidden = {name: library.hidden[name] for name in wanted if name in library.hidden}
     able = [name for name in wanted if name in library.effects]
     place = np.zeros(len(free))

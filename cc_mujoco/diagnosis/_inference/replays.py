@@ -22,6 +22,7 @@ from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets._moment_arm import Lever
 from cc_mujoco.diagnosis._inference.records import LEAD_SAMPLES, RAMP_SAMPLES, Record
+from cc_mujoco.errors import CableError
 
 MAX_REPLAYS = 48
 """Replays of a record that are kept, those used last."""
@@ -43,6 +44,8 @@ class Setting(NamedTuple):
         share: of the courses' distal displacements.
         arm: coefficients of the joint's moment arm over the nominal one, 1 + a q + b
             q^2 + ..., or none.
+        motor_arm: the same at the motor, where q is the angle by which a cable is wound
+            on: that of the motor, and its negative for the antagonist.
     """
 
     cables: tuple[Cable, ...]
@@ -56,6 +59,7 @@ class Setting(NamedTuple):
     courses: tuple[CoupledPath, ...] = ()
     share: float = 1.0
     arm: tuple[float, ...] = ()
+    motor_arm: tuple[float, ...] = ()
 
     def following(self, joint: FloatArray) -> FloatArray:
         """Return the motor angle at which the cables keep their length (samples,)."""
@@ -187,12 +191,55 @@ def _replay_cables(
     if courses:
         drive = CoupledCables(setting.cables, courses, proximal, setting.share)
         return drive.replay(dt, motor_angle=motor, joint_angle=joint)
+    if setting.motor_arm:
+        return _replay_wound(setting, dt, motor, joint)
     pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     if setting.lever is None and not setting.arm:
         return pulleys.replay(dt, motor_angle=motor, joint_angle=joint)
     played = pulleys.replay(dt, motor_angle=motor, joint_angle=setting.turned(joint))
     return replace(
         played, joint_torque=played.joint_torque * setting.moment_share(joint)
+    )
+
+
+def _replay_wound(
+    setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
+) -> Driven:
+    """Return both angles, played through cables on a drum whose radius changes.
+
+    Each cable feels the angle of a round pulley that winds as much, so it is played
+    twice and the part of one cable taken from each.
+
+    Raises:
+        CableError: the cables share play or leave an eccentric pulley.
+    """
+    if setting.backlash or any(c.eccentricity or c.ovality for c in setting.cables):
+        raise CableError(
+            "a drum whose radius changes cannot be simulated together with play or an "
+            "eccentric pulley"
+        )
+    arm = Polynomial((1.0, *setting.motor_arm))
+    pulleys = Transmission(setting.cables, setting.motor_radius, setting.joint_radius)
+    signs = (1.0, -1.0)[: len(setting.cables)]
+    parts = [
+        pulleys.replay(
+            dt,
+            motor_angle=sign * arm.integ()(sign * motor),
+            joint_angle=setting.turned(joint),
+        )
+        for sign in signs
+    ]
+    proximal = np.array([p.tension_proximal[k] for k, p in enumerate(parts)])
+    distal = np.array([p.tension_distal[k] for k, p in enumerate(parts)])
+    levers = np.array([sign * arm(sign * motor) for sign in signs])
+    return replace(
+        parts[0],
+        motor_torque=setting.motor_radius * np.sum(levers * proximal, axis=0),
+        joint_torque=setting.joint_radius
+        * setting.moment_share(joint)
+        * _agonist_less_antagonist(distal),
+        tension_proximal=proximal,
+        tension_distal=distal,
     )
 
 

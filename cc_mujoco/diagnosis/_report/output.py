@@ -223,6 +223,9 @@ def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> Non
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
         weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
         weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
+    for name, values in effects.items():
+        if EFFECTS[name].edit_spec is not None:
+            values["joint_angle_offset"] = offset
     if "joint_stiffness" in effects:
         spring = effects["joint_stiffness"]
         spring["joint_stiffness_moment"] -= spring["joint_stiffness"] * offset

@@ -84,6 +84,11 @@ REALISATIONS: dict[str, _Realisation] = {
         mechanical.motor_inertia,
         pulley=False,
     ),
+    "sensor_cross_talk": _Realisation(
+        ("motor_torque_cross_talk", "joint_torque_cross_talk"),
+        "each torque is also a weighted sum of the sensors of the other one",
+        sensing.cross_talk,
+    ),
     "torque_sensor_gain": _Realisation(
         ("motor_torque_gain", "joint_torque_gain"),
         "weights of the sums that are the torques",
@@ -151,6 +156,6 @@ def unrealisable_reason(bench: Bench, name: str) -> str:
         return "it takes pulleys at both ends, and the joint of this scene has a lever"
     effect = EFFECTS.get(name)
     if effect is not None and effect.cables is not None:
-        if effect.torques is None and effect.joint_arm is None:
+        if not (effect.torques or effect.joint_arm or effect.motor_arm):
             return ""  # keys of the cables
     return "nothing says how MuJoCo has it (method `edit_spec` of its class)"

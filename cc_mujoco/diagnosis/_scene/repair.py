@@ -174,7 +174,7 @@ def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
 
 def _check(name: str, parameters: Sequence[str], values: Values) -> None:
     for given in values:
-        if given not in parameters:
+        if given not in (*parameters, "joint_angle_offset"):
             raise CableError.unknown(f"parameter of {name}", given, parameters)
     for wanted in parameters:
         if wanted not in values:

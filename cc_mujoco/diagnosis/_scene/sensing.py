@@ -56,6 +56,18 @@ def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         set_torque_parts(spec, channel, scaled)
 
 
+def cross_talk(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add to each torque reading a share of the other one."""
+    both = (MOTOR_TORQUE, JOINT_TORQUE)
+    parts = {channel: torque_parts(spec, channel) for channel in both}
+    for channel, other, name in (
+        (MOTOR_TORQUE, JOINT_TORQUE, "motor_torque_cross_talk"),
+        (JOINT_TORQUE, MOTOR_TORQUE, "joint_torque_cross_talk"),
+    ):
+        for part in parts[other]:
+            add_torque_part(spec, channel, part.sensor, values[name] * part.weight)
+
+
 def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Add a constant and a drift to the torque readings."""
     for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):

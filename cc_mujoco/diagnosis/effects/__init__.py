@@ -28,7 +28,12 @@ from cc_mujoco.diagnosis.effects._effect_class import (
     effect_of_class,
     form_key,
 )
-from cc_mujoco.diagnosis.effects._library import EFFECTS, effects_in_use
+from cc_mujoco.diagnosis.effects._library import (
+    EFFECTS,
+    effects_in_use,
+    usual_effects,
+)
+from cc_mujoco.diagnosis.effects._rare_effects import CoupledNeighbour
 from cc_mujoco.diagnosis.effects._sensor_effects import (
     GAIN_BOUNDS,
     JOINT_DELAY,
@@ -42,6 +47,7 @@ __all__ = [
     "GAIN_BOUNDS",
     "JOINT_DELAY",
     "USUAL_CONDITIONS",
+    "CoupledNeighbour",
     "Effect",
     "EffectError",
     "EffectParameter",
@@ -56,4 +62,5 @@ __all__ = [
     "effect_of_class",
     "effects_in_use",
     "form_key",
+    "usual_effects",
 ]

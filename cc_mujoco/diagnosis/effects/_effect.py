@@ -216,6 +216,8 @@ class Effect:
         sensor: True for an effect of a sensor, applied after the mechanical ones.
         joint_arm: coefficients (a, b, ...) of the joint's moment arm over the nominal
             one, 1 + a q + b q^2 + ..., at joint angle q.
+        motor_arm: the same at the motor, where q is the angle by which each cable is
+            wound on: the motor's angle, and its negative for the antagonist.
         edit_spec: adds the effect to an `MjSpec`; None where it is in keys of the cable
             plugin, where a table of `realisation` has it, or where a scene cannot.
         columns: columns of the file that it takes.
@@ -244,6 +246,7 @@ class Effect:
     generalises: tuple[str, ...] = ()
     form_of: tuple[str, ...] = ()
     joint_arm: Callable[[Values], tuple[float, ...]] | None = None
+    motor_arm: Callable[[Values], tuple[float, ...]] | None = None
     edit_spec: Callable[[MjSpec, Bench, Values], None] | None = None
     columns: tuple[str, ...] = ()
     by_trial: bool = False

@@ -13,8 +13,9 @@
 
     effect = effect_of_class(JointDrag)
 
-`parameters` lists `Size` (0 is off) and `Shape`. At least one of `signals`, `cables`
-and `joint_arm` changes the simulation; `edit_spec` adds the effect to an `MjSpec`.
+`parameters` lists `Size` (0 is off) and `Shape`. At least one of `signals`, `cables`,
+`joint_arm` and `motor_arm` changes the simulation; `edit_spec` adds the effect to an
+`MjSpec`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from cc_mujoco.diagnosis.effects._effect import (
 )
 from cc_mujoco.errors import CableError
 
-CHANGES = ("signals", "cables", "joint_arm")
+CHANGES = ("signals", "cables", "joint_arm", "motor_arm")
 """Methods that change a simulation, of which an effect has at least one."""
 _METHODS = ("parameters", *CHANGES, "edit_spec")
 _BOUND = 1e4
@@ -205,7 +206,7 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
             for start in starts
             for k in range(len(forms))
         )
-    signals, cables, arm, editing = (
+    signals, cables, joint_arm, motor_arm, editing = (
         getattr(made, method, None) for method in (*CHANGES, "edit_spec")
     )
     in_keys = changes == ["cables"]
@@ -225,7 +226,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         source=getattr(made, "source", f"class {kind.__qualname__}"),
         cables=_checked_cables(name, cables) if cables else None,
         torques=_checked_signals(name, signals) if signals else None,
-        joint_arm=_checked_arm(name, arm) if arm else None,
+        joint_arm=_checked_arm(name, joint_arm) if joint_arm else None,
+        motor_arm=_checked_arm(name, motor_arm) if motor_arm else None,
         edit_spec=_guarded(name, editing) if editing else None,
         sensor=sensor,
         columns=tuple(getattr(made, "columns", ())),
@@ -278,6 +280,7 @@ _ARGUMENTS = {
     "signals": ("signals", "values"),
     "cables": ("cables", "values", "rig"),
     "joint_arm": ("values",),
+    "motor_arm": ("values",),
     "edit_spec": ("spec", "bench", "values"),
 }
 
@@ -377,16 +380,16 @@ def _checked_arm(
 ) -> Callable[[Values], tuple[float, ...]]:
     called = _guarded(name, method)
 
-    def joint_arm(values: Values) -> tuple[float, ...]:
+    def arm(values: Values) -> tuple[float, ...]:
         found = np.atleast_1d(np.asarray(called(values), dtype=np.float64))
         if found.ndim != 1 or not np.isfinite(found).all():
             raise EffectError(
-                f"effect {name!r}: `joint_arm` must return finite coefficients of q, "
-                f"q^2, ..., not {found!r:.80}"
+                f"effect {name!r}: `{method.__name__}` must return finite "
+                f"coefficients of q, q^2, ..., not {found!r:.80}"
             )
         return tuple(found.tolist())
 
-    return joint_arm
+    return arm
 
 
 def _text(name: str, values: Values) -> str:

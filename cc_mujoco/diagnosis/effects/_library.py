@@ -17,14 +17,26 @@ from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS
 from cc_mujoco.diagnosis.effects._effect import Effect
 from cc_mujoco.diagnosis.effects._effect_class import effect_of_class
 from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
+from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
 from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
-    for effect in (*FRICTION_EFFECTS, *CABLE_EFFECTS, *DRIVE_EFFECTS, *SENSOR_EFFECTS)
+    for effect in (
+        *FRICTION_EFFECTS,
+        *CABLE_EFFECTS,
+        *DRIVE_EFFECTS,
+        *SENSOR_EFFECTS,
+        *RARE_EFFECTS,
+    )
 }
 """Every effect of the library by its id."""
+
+
+def usual_effects() -> tuple[str, ...]:
+    """Return the ids of the effects that every search considers."""
+    return tuple(name for name, effect in EFFECTS.items() if not effect.rare)
 
 
 @contextmanager

@@ -82,6 +82,9 @@ class Plant(NamedTuple):
     """First harmonic of the motor pulley's radius, relative; the second a quarter."""
     eccentric_phase: float = 0.0
     eccentric_phase_2: float = 0.0
+    drum_growth: float = 0.0
+    """Growth of the motor pulley's radius per angle that a cable is wound on, relative
+    [1/rad]."""
     backlash: float = 0.0
     """Full gap between joint pulley and handle [rad]."""
     contact_stiffness: float = 2e4

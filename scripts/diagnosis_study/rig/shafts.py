@@ -28,7 +28,8 @@ def wound(p: Plant, angle: float, side: float) -> tuple[float, float]:
     turn on, so that odd harmonics change their sign.
     """
     if p.eccentricity == 0.0:
-        return p.motor_radius * angle, p.motor_radius
+        slope = p.motor_radius * (1.0 + side * p.drum_growth * angle)
+        return 0.5 * (p.motor_radius + slope) * angle, slope
     e = p.eccentricity
     odd = side * e
     one = angle - p.eccentric_phase

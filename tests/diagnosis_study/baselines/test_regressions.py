@@ -11,7 +11,7 @@ import pytest
 from baselines.binning import BINS, in_bins, regressed
 from baselines.features import FAMILIES
 from baselines.signals import Signals
-from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.diagnosis.effects import usual_effects
 
 Faulty = Callable[..., Signals]
 Residual = Callable[[Any], dict[str, np.ndarray]]
@@ -118,7 +118,7 @@ def test_samples_that_do_not_count_have_no_say(faulty: Faulty, motion: Any) -> N
 
 
 def test_every_effect_of_the_library_has_a_look() -> None:
-    assert [family.id for family in FAMILIES] == list(EFFECTS)
+    assert [family.id for family in FAMILIES] == list(usual_effects())
 
 
 def test_bins_hold_as_many_samples_each_but_never_split_equal_ones() -> None:

@@ -1,0 +1,221 @@
+"""Diagnoses by `cc-mujoco diagnose` of rigs that hide rare effects, and of clean ones.
+
+    python scripts/diagnosis_study/rare_effects.py --out runs/rare
+
+The rig shares no code with the package (`rig/`). A drum whose radius grows and friction
+that differs between trials are simulated by it. Everything else is what a rig without
+the effect shows, with one exact change of the recorded signals: a stop or a neighbour
+between transmission and sensor, sensors that show each other, a joint on a cam. Every
+rare effect is asked for in each diagnosis. Cases that are done are kept; the table is
+printed as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis import EFFECTS, diagnose
+from cc_mujoco.report import _markdown as markdown
+from rig.dataset import make_dataset, make_trials, run, truth_of
+from rig.generate import facts_of
+from rig.makes import MAKES
+from rig.nominal import Rig, make_rig
+from rig.sensors import BASIC
+
+Array = NDArray[np.float64]
+Session = list[dict[str, Array]]
+
+TRIALS = "rich"
+RARE = tuple(name for name, effect in EFFECTS.items() if effect.rare)
+
+
+def _simulated(rig: Rig, change: Callable[[int], tuple[Rig, float]]) -> Session:
+    """Return a session whose trials have a rig and a drum of their own."""
+    make = MAKES[rig.make]
+    session = []
+    for k, trial in enumerate(make_trials(TRIALS, rig.seed)):
+        own, growth = change(k)
+        truth = truth_of(own, {}, rig.seed)
+        if growth != 0.0:
+            truth = truth._replace(plant=truth.plant._replace(drum_growth=growth))
+        signals = make.logger.sampled(run(truth, own, trial), own, truth.chain, BASIC)
+        session.append(make.logger.logged(signals, own, BASIC, [rig.seed, rig.seed, k]))
+    return session
+
+
+def _rubbing(rig: Rig, factor: float) -> Rig:
+    return replace(
+        rig, friction_a=factor * rig.friction_a, friction_b=factor * rig.friction_b
+    )
+
+
+def _changed(rig: Rig, change: Callable[[dict[str, Array], int], None]) -> Session:
+    """Return a session of a rig without effects, with its signals changed in place."""
+    session = make_dataset(rig, {}, TRIALS, rig.seed)
+    for k, columns in enumerate(session):
+        change(columns, k)
+    return session
+
+
+def _drum(rig: Rig, amount: float) -> Session:
+    return _simulated(rig, lambda k: (rig, amount))
+
+
+def _order(rig: Rig, amount: float) -> Session:
+    middle = 0.5 * (len(make_trials(TRIALS, rig.seed)) - 1)
+    return _simulated(rig, lambda k: (_rubbing(rig, 1.0 + amount * (k - middle)), 0.0))
+
+
+def _temperature(rig: Rig, amount: float) -> Session:
+    count = len(make_trials(TRIALS, rig.seed))
+    celsius = 22.0 + np.random.default_rng(rig.seed).uniform(-5.0, 5.0, count)
+    factors = 1.0 + amount * (celsius - celsius.mean())
+    session = _simulated(rig, lambda k: (_rubbing(rig, float(factors[k])), 0.0))
+    for columns, value in zip(session, celsius, strict=True):
+        columns["temperature_c"] = np.full(columns["time_s"].size, value)
+    return session
+
+
+def _stop(side: float) -> Callable[[Rig, float], Session]:
+    def session(rig: Rig, amount: float) -> Session:
+        def change(columns: dict[str, Array], _: int) -> None:
+            beyond = np.maximum(side * columns["joint_angle_rad"] - 0.3, 0.0)
+            columns["joint_torque_nm"] -= side * amount * beyond
+
+        return _changed(rig, change)
+
+    return session
+
+
+def _ripple(rig: Rig, amount: float) -> Session:
+    def change(columns: dict[str, Array], _: int) -> None:
+        wave = amount * np.cos(9.0 * columns["motor_angle_rad"] + 1.0)
+        columns["motor_torque_nm"] *= 1.0 + wave
+
+    return _changed(rig, change)
+
+
+def _cross_talk(rig: Rig, amount: float) -> Session:
+    def change(columns: dict[str, Array], _: int) -> None:
+        motor, joint = (columns[f"{side}_torque_nm"] for side in ("motor", "joint"))
+        columns["motor_torque_nm"] = motor + amount * joint
+        columns["joint_torque_nm"] = joint - 0.6 * amount * motor
+
+    return _changed(rig, change)
+
+
+def _neighbour(rig: Rig, amount: float) -> Session:
+    random = np.random.default_rng(rig.seed)
+
+    def change(columns: dict[str, Array], _: int) -> None:
+        time = columns["time_s"]
+        phase = random.uniform(0.3, 1.5, 2)[:, None] * 2.0 * np.pi * time
+        waves = np.sin(phase + random.uniform(0.0, 6.0, 2)[:, None])
+        torque = 2.0 * waves[0] + waves[1]
+        columns["neighbour_torque_nm"] = torque + random.normal(0.0, 0.01, time.size)
+        columns["joint_torque_nm"] = columns["joint_torque_nm"] + amount * torque
+
+    return _changed(rig, change)
+
+
+def _cam(rig: Rig, amount: float) -> Session:
+    """Put the joint on a cam: the pulley turns by q + amount q^2 / 2."""
+
+    def change(columns: dict[str, Array], _: int) -> None:
+        pulley = columns["joint_angle_rad"]
+        joint = (np.sqrt(1.0 + 2.0 * amount * pulley) - 1.0) / amount
+        columns["joint_angle_rad"] = joint
+        columns["joint_torque_nm"] = columns["joint_torque_nm"] * (1.0 + amount * joint)
+
+    return _changed(rig, change)
+
+
+def _clean(rig: Rig, amount: float) -> Session:
+    """Return a session without effects, with every column that effects take."""
+    random = np.random.default_rng(rig.seed)
+    session = _neighbour(rig, 0.0)
+    for columns in session:
+        warming = 0.01 * columns["time_s"]
+        columns["temperature_c"] = 22.0 + random.uniform(-4.0, 4.0) + warming
+    return session
+
+
+HIDDEN: dict[str, tuple[Callable[[Rig, float], Session], float, str]] = {
+    "drum_winding": (_drum, 0.03, "drum_growth"),
+    "upper_joint_stop": (_stop(1.0), 3.0, "upper_stop_stiffness"),
+    "lower_joint_stop": (_stop(-1.0), 3.0, "lower_stop_stiffness"),
+    "current_ripple": (_ripple, 0.06, "ripple_order"),
+    "friction_by_order": (_order, -0.05, "friction_per_trial"),
+    "friction_by_temperature": (_temperature, -0.03, "friction_per_kelvin"),
+    "sensor_cross_talk": (_cross_talk, 0.05, "motor_torque_cross_talk"),
+    "coupled_neighbour": (_neighbour, 0.05, "neighbour_at_joint"),
+    "lever_geometry": (_cam, 0.06, "arm_slope"),
+    "none": (_clean, 0.0, ""),
+}
+"""Session, amount and parameter that is printed, by hidden effect."""
+
+
+def _write(folder: Path, session: Session, seed: int) -> None:
+    folder.mkdir(parents=True)
+    for k, columns in enumerate(session):
+        np.savetxt(
+            folder / f"trial_{k:02d}.csv",
+            np.stack(list(columns.values()), axis=1),
+            fmt="%.7g",
+            delimiter=",",
+            header=",".join(columns),
+            comments="",
+        )
+    (folder / "dataset.toml").write_text(facts_of(TRIALS, seed), encoding="utf-8")
+
+
+def row(out: Path, name: str, make: str, seed: int) -> list[str]:
+    """Return a row of the table: what is hidden, and what a diagnosis says of it."""
+    session, amount, parameter = HIDDEN[name]
+    place = out / f"{name}_{make}_{seed}"
+    if not (place / "data").exists():
+        _write(place / "data", session(make_rig(seed, make=make), amount), seed)
+    if not (place / "out" / "verdict.json").exists():
+        diagnose(place / "data", "bench", place / "out", effects=RARE)
+    told = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))
+    ids = [each["id"] for each in told["effects"]]
+    known = {k: v for each in told["effects"] for k, v in each["parameters"].items()}
+    value = ""
+    if parameter in known:
+        low, high = known[parameter]["ci95"]
+        value = f"{known[parameter]['value']:.4g} ({low:.4g} to {high:.4g})"
+    ties = ["/".join(tie) for tie in told["ties"]]
+    return [
+        *(name, make, str(seed), f"{amount:g}", told["verdict"]),
+        *(", ".join(ids), "; ".join(ties), value, f"{told['remaining']:.2f}"),
+    ]
+
+
+def main() -> None:
+    """Make and diagnose the cases, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/rare"))
+    parser.add_argument("--only", nargs="+", choices=HIDDEN, default=list(HIDDEN))
+    parser.add_argument("--make", nargs="+", choices=MAKES, default=["bristles"])
+    parser.add_argument("--first", type=int, default=820, help="seed of the first rig")
+    parser.add_argument("--rigs", type=int, default=1)
+    given = parser.parse_args()
+    head = ("hidden", "make", "seed", "amount", "verdict", "added", "tied")
+    rows = []
+    for name in given.only:
+        for make in given.make:
+            for seed in range(given.first, given.first + given.rigs):
+                rows.append(row(given.out, name, make, seed))
+                print(" | ".join(rows[-1]), flush=True)
+    print(markdown.table((*head, "found", "floors left"), rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""Rare effects: right by mechanics, and searched where nothing else explains the error.
+
+`scripts/diagnosis_study/rare_effects.py` hides each in a rig that shares no code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    fit_baseline,
+    plant_of,
+    prepare,
+)
+from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._inference.effect_check import check_effects
+from cc_mujoco.diagnosis._inference.folds import interleaved_folds
+from cc_mujoco.diagnosis._inference.search import Thresholds, search, search_rare
+from cc_mujoco.diagnosis.effects import usual_effects
+from diagnosis.recorded import BENCH, dataset
+
+RARE = [name for name, effect in EFFECTS.items() if effect.rare]
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("drum_winding", {"drum_growth": 0.05}),
+        ("lever_geometry", {"arm_slope": 0.1, "arm_bend": -0.2}),
+    ],
+)
+def test_arms_that_change_make_no_work(effect: str, values: dict[str, float]) -> None:
+    """Over a closed path of both angles, cables without friction return all of it."""
+    records, _ = prepare(dataset(duration=2.0, chosen=(0,)), BENCH)
+    turns = np.linspace(0.0, 4.0 * np.pi, 2001)
+    record = replace(
+        records[0],
+        motor_angle=0.6 * np.sin(turns),
+        joint_angle=0.6 * np.sin(turns) + 0.004 * (1.0 - np.cos(turns)),
+    )
+    plant = SimulatedRig(BENCH, (record,), 4)
+    given = {"friction": 0.0, **values}
+    shown = plant.setting(given, (effect,))
+    signals = plant._torques(record, shown, given)
+    round_ = signals.motor[1000:], signals.joint[1000:]
+    (plain,) = plant.simulate({"friction": 0.0})
+    assert np.abs(signals.motor - plain[0]).max() > 0.05
+    work = [
+        np.trapezoid(torque, angle[1000:])
+        for torque, angle in zip(
+            round_, (record.motor_angle, record.joint_angle), strict=True
+        )
+    ]
+    size = np.abs(round_[0]).max() * 2.4
+    assert abs(work[0] - work[1]) < 1e-4 * size
+    assert abs(work[0]) > 1e-2 * size
+
+
+def test_a_rare_effect_is_searched_where_the_error_is_not_explained() -> None:
+    """Friction falls by a fifth from trial to trial."""
+    parts = [
+        dataset(duration=2.5, changes={"friction": 0.12 * factor}, chosen=(place,))
+        for place, factor in enumerate((1.2, 1.0, 0.8))
+    ]
+    data = replace(parts[0], trials=tuple(part.trials[0] for part in parts))
+    records, filtering = prepare(data, BENCH)
+    plant = plant_of(data, BENCH, records)
+    crossed = fit_baseline(data, plant, filtering, 0).crossed
+    division = interleaved_folds(records)
+    plain = search(crossed, division, ("torque_sensor_offset",), Thresholds())
+    found = search_rare(plain, division, ("friction_by_order",), Thresholds())
+    assert plain.after.problem.effects == ()
+    assert found.after.problem.effects == ("friction_by_order",)
+    problem = found.after.problem
+    values = problem.values(np.mean([fit.x for fit in found.after.fits], axis=0))
+    assert values["friction_per_trial"] == pytest.approx(-0.2, abs=0.01)
+    explained = search_rare(found, division, RARE, Thresholds())
+    assert explained is found
+
+
+def test_rare_effects_pass_the_check_of_users_effects() -> None:
+    data = dataset(duration=1.5)
+    warm = [
+        replace(trial, temperature=np.full(trial.time.size, 20.0 + k))
+        for k, trial in enumerate(data.trials)
+    ]
+    records, _ = prepare(replace(data, trials=tuple(warm)), BENCH)
+    known = {"neighbour_torque_nm": np.sin(records[0].time)}
+    records = tuple(
+        replace(r, columns={**known, "temperature_c": r.time}) for r in records
+    )
+    assert check_effects(SimulatedRig(BENCH, records, 4), {}, RARE) == ()
+
+
+def test_rare_effects_are_not_among_the_usual_ones() -> None:
+    assert RARE and not set(RARE) & set(usual_effects())

@@ -47,8 +47,8 @@ PAGES = {place: path.read_text("utf-8") for place, path in found("*.md").items()
 FRONT = PAGES["README.md"]
 CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.M | re.S)
 LINK = re.compile(r"(!?)\[[^\]]*\]\(([^)\s]+)\)")
-OWN_TEST = ("scripts/examples/README.md",)
-"""Pages that a test of their own runs, with the files that they are about."""
+OWN_TEST = ("scripts/examples/README.md", "cc_mujoco/warp/README.md")
+"""Pages that a test of their own runs: with its files, or where it has the time."""
 BLOCKS = [
     pytest.param(place, code, id=f"{place}-{number}")
     for place, text in PAGES.items()

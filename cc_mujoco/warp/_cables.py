@@ -1,0 +1,421 @@
+"""Cables of all worlds of a mujoco_warp model: their arrays and their callback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._parameters import BENDS, ENDS, PARAMETERS, PATHS, TERMS, Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import CableReading, Reader, from_mjcf
+from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._spec import compile_spec
+from cc_mujoco.warp._kernels import add_forces, forget, kernels, moment_row
+
+Floats = NDArray[np.float64]
+
+_INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+_IMPLICIT_LIMIT = 1.0
+"""Square of step times frequency, in `qpos0`, above which ends look ahead."""
+
+
+def attach(
+    m: mjw.Model,
+    d: mjw.Data,
+    source: mujoco.MjSpec | mujoco.MjModel,
+    *,
+    terms: tuple[str, ...] = (),
+    rest_in_pose: bool = False,
+) -> AttachedCables:
+    """Let the cables of a scene act in all worlds of a mujoco_warp model.
+
+    Sets `m.callback.act_bias`; what was there is called before. A cable is laid at rest
+    where the time of a world is before that of the last evaluation, as after
+    `mujoco_warp.reset_data`, and takes one step whenever it is later. Evaluations at
+    the same time do not add up.
+
+    Args:
+        m: model of `without_plugin(spec)`.
+        d: its data.
+        source: the scene with its cables, a specification or a compiled model.
+        terms: parameters of `Cable` that are off and may be switched on by `vary`.
+        rest_in_pose: whether a reset lays the cables at their pretension in the pose of
+            the world, as `settle` does, and not in `qpos0`.
+
+    Raises:
+        CableError: no cable, an end or integrator that is not supported, or a model
+            that is not that of `without_plugin`.
+    """
+    return AttachedCables(m, d, source, terms, rest_in_pose)
+
+
+class AttachedCables:
+    """Cables of all worlds, see `attach`.
+
+    Attributes:
+        names: of the cables, in the order of the model.
+        tensions: `wp.array` (worlds, cables, 2), tension at the proximal and the distal
+            end at the last evaluation [N].
+        values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
+            of the table in `cable/README.md`; call `repack` after a change.
+    """
+
+    def __init__(
+        self,
+        m: mjw.Model,
+        d: mjw.Data,
+        source: mujoco.MjSpec | mujoco.MjModel,
+        terms: tuple[str, ...],
+        rest_in_pose: bool,
+    ) -> None:
+        """Make the arrays of the cables and set the callback; see `attach`."""
+        cables = from_mjcf(source)
+        if not cables:
+            raise CableError("the scene has no cable to attach to mujoco_warp")
+        for name, cable in cables.items():
+            _require_supported(name, cable)
+        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_RK4:
+            raise CableError(
+                "cables in mujoco_warp take one evaluation a step; set the integrator "
+                "to Euler or implicitfast, not RK4"
+            )
+        is_model = isinstance(source, mujoco.MjModel)
+        self._model = source if is_model else compile_spec(source)
+        self.names = tuple(cables)
+        self._cables, self._worlds = tuple(cables.values()), int(d.nworld)
+        self._terms = _terms_in_use(self._cables, terms)
+        self._rest_in_pose = bool(rest_in_pose)
+        actuators = _end_actuators(self._model, self.names)
+        _require_plain(m, self._model, actuators)
+        self._implicit = self._are_implicit(m, actuators)
+        self._kernels = kernels(self._terms, self._implicit)
+        self._allocate(d, actuators)
+        self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
+        m.callback.act_bias = self._act
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return len(self._cables), self._worlds
+
+    def _are_implicit(self, m: mjw.Model, actuators: NDArray[np.int32]) -> bool:
+        """Return whether the step is long for an end that may look ahead."""
+        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_DISCRETE:
+            return False
+        step = float(m.opt.timestep.numpy().max())
+        return any(
+            cable.ends == ENDS[0]
+            and step**2 * _end_rate(self._model, cable, own[end], end) > _IMPLICIT_LIMIT
+            for cable, own in zip(self._cables, actuators, strict=True)
+            for end in range(2)
+        )
+
+    def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
+        count, worlds = self._shape
+        most = max(cable.segments for cable in self._cables)
+        device, rows = d.time.device, count * worlds
+        interleaved = _is_interleaved(device)
+
+        def matrix(width: int, *planes: int, height: int = rows) -> Any:
+            """Return zeros, a row for each thread."""
+            if not interleaved:
+                return wp.zeros((*planes, height, width), dtype=float, device=device)
+            whole = wp.zeros((*planes, width, height), dtype=float, device=device)
+            order = (0, 2, 1) if planes else (1, 0)
+            return whole.transpose(order)
+
+        packed = np.zeros((count, kernel.parameter_size(most)), np.float32)
+        values = np.zeros((count, worlds, at.SCALARS), np.float32)
+        for i, cable in enumerate(self._cables):
+            own = packed_parameters(cable)
+            packed[i, : own.size] = own
+            values[i] = own[: at.SCALARS]
+        trn_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
+        held = self._model.actuator_trntype[actuators] == trn_tendon
+        rest = _lengths_in_qpos0(self._model)[actuators]
+        ints: dict[str, Any] = {"dtype": int, "device": device}
+        reals: dict[str, Any] = {"dtype": float, "device": device}
+        self._segments = wp.array([c.segments for c in self._cables], **ints)
+        self._actuators = wp.array(actuators, **ints)
+        self._followed = wp.array(held.astype(np.int32), **ints)
+        self._rest = wp.array(rest.astype(np.float32), **reals)
+        self.values = wp.array(values, **reals)
+        self._prm = matrix(packed.shape[1])
+        self._prm.assign(np.repeat(packed, worlds, axis=0))
+        self._state = matrix(kernel.state_size(most), 2)
+        self._work = matrix(kernel.work_size(most), height=rows if interleaved else 1)
+        self._place = wp.zeros((2, rows, 2), **reals)
+        nv = int(self._model.nv)
+        self._slope = wp.zeros((2, 2 * rows, nv if held.any() else 0), **reals)
+        self._aim = wp.zeros((rows, 5), **reals)
+        self._stamp = wp.full(rows, np.inf, **reals)
+        self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
+        self._flags = wp.ones(worlds, dtype=bool, device=device)
+        self.tensions = wp.zeros((worlds, count, 2), **reals)
+        if self._implicit:
+            self._right = wp.zeros((worlds, nv), **reals)
+            self._found = wp.zeros((worlds, nv), **reals)
+            ends = np.full(self._model.nu, -1, np.int32)
+            ends[actuators.ravel()] = np.arange(actuators.size)
+            self._ends = wp.array(ends, **ints)
+            # Inertia with the damping that the integrator takes implicitly, factors.
+            self._inertia = [wp.zeros_like(a) for a in (d.M, d.qLD, d.qLDiagInv)]
+            self._answers = wp.zeros((2 * count, worlds, nv), **reals)
+
+    def _act(self, m: mjw.Model, d: mjw.Data) -> None:
+        """Evaluate all cables at the positions in `d`, and write their forces."""
+        if self._before is not None:
+            self._before(m, d)
+        if d.nworld != self._worlds:
+            raise CableError(
+                f"the data has {d.nworld} worlds, and cables were attached to "
+                f"{self._worlds}; attach them to a model of its own"
+            )
+        wp.launch(
+            self._kernels.begin,
+            dim=self._shape,
+            inputs=[
+                d.time, m.opt.timestep, d.actuator_length, d.qvel, *_moments(d),
+                m.actuator_gear, self._segments, self._actuators, self._followed,
+                self._rest, self._rest_in_pose, self._prm,
+            ],
+            outputs=[
+                self._stamp, self._now, self._fresh, self._place, self._slope,
+                self._state, self._aim,
+            ],
+            device=d.time.device,
+        )  # fmt: skip
+        if self._implicit:
+            self._look_ahead(m, d)
+        wp.launch(
+            self._kernels.evaluate,
+            dim=self._shape,
+            inputs=[
+                self._worlds, m.opt.timestep, self._segments, self._actuators,
+                self._aim, self._now, self._prm,
+            ],
+            outputs=[self._state, self._work, self.tensions, d.actuator_force],
+            device=d.time.device,
+        )  # fmt: skip
+
+    def _look_ahead(self, m: mjw.Model, d: mjw.Data) -> None:
+        """Aim the ends at where the step leads, see `plugin/_implicit_ends.py`.
+
+        Constraints are taken to act as in the step before.
+        """
+        damped = copy(d)
+        damped.M, damped.qLD, damped.qLDiagInv = self._inertia
+        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
+            wp.copy(damped.M, d.M)
+        else:
+            mjw.deriv_smooth_vel(m, d, damped.M)
+        mjw.factor_m(m, damped)
+        moments = _moments(d)
+        wp.launch(
+            add_forces,
+            dim=self._worlds,
+            inputs=[
+                self._worlds, self._segments, self._ends, self._aim, self._now,
+                self._fresh, self._state, *moments, d.qfrc_passive, d.qfrc_bias,
+                d.qfrc_applied, d.qfrc_constraint, d.actuator_force,
+            ],
+            outputs=[self._right],
+            device=d.time.device,
+        )  # fmt: skip
+        mjw.xfrc_accumulate(m, d, self._right)
+        mjw.solve_m(m, damped, self._found, self._right)
+        for cable in range(len(self._cables)):
+            for end in range(2):
+                wp.launch(
+                    moment_row,
+                    dim=self._worlds,
+                    inputs=[
+                        cable, end, self._worlds, self._actuators, *moments, self._aim
+                    ],
+                    outputs=[self._right],
+                    device=d.time.device,
+                )  # fmt: skip
+                mjw.solve_m(m, damped, self._answers[2 * cable + end], self._right)
+        wp.launch(
+            self._kernels.look_ahead,
+            dim=self._shape,
+            inputs=[
+                self._worlds, m.opt.timestep, self._segments, self._actuators,
+                *moments, self._answers, self._found, d.actuator_velocity, self._prm,
+            ],
+            outputs=[self._aim],
+            device=d.time.device,
+        )  # fmt: skip
+
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        """Lay the cables of some worlds at rest at their next evaluation.
+
+        `mujoco_warp.reset_data` needs no call of it; a reset that keeps the time does.
+
+        Args:
+            worlds: flags (worlds,); all if omitted.
+        """
+        if worlds is None:
+            worlds = np.ones(self._worlds, bool)
+        self._flags.assign(np.asarray(worlds, bool))
+        wp.launch(
+            forget,
+            dim=self._shape,
+            inputs=[self._flags],
+            outputs=[self._stamp],
+            device=self._stamp.device,
+        )
+
+    def vary(self, name: str, **parameters: ArrayLike) -> None:
+        """Give a cable other parameters, in each world its own; nothing is compiled.
+
+        The pretension is that of the next reset.
+
+        Args:
+            name: the cable.
+            parameters: scalar parameters of `Cable`, numbers or arrays (worlds,).
+
+        Raises:
+            CableError: an unknown cable or parameter, a value out of its range, or a
+                term that is off in the kernel.
+        """
+        cable = self._index(name)
+        values = self.values.numpy().copy()
+        for key, given in parameters.items():
+            if key not in _INDEX:
+                raise CableError.unknown("parameter", key, list(_INDEX))
+            wanted = np.broadcast_to(np.asarray(given, float), self._worlds)
+            self._require_allowed(name, key, wanted)
+            values[cable, :, _INDEX[key]] = wanted
+        self.values.assign(values)
+        self.repack()
+
+    def repack(self) -> None:
+        """Take over `values`, unchecked; can be captured in a graph."""
+        wp.launch(
+            self._kernels.repack,
+            dim=self._shape,
+            inputs=[self._segments, self.values],
+            outputs=[self._prm],
+            device=self._prm.device,
+        )
+
+    def _require_allowed(self, name: str, key: str, wanted: Floats) -> None:
+        parameter = PARAMETERS[_INDEX[key]]
+        above = (
+            wanted > parameter.low if parameter.low_open else wanted >= parameter.low
+        )
+        bad = wanted[~(above & (wanted <= parameter.high))]
+        if bad.size:
+            raise CableError(
+                f"cable {name!r}: {key} is {bad[0]:g}; it must be {parameter.allowed}"
+            )
+        if key in TERMS and key not in self._terms and np.any(wanted != 0.0):
+            raise CableError(
+                f"cable {name!r}: {key} was off when the kernel was compiled; attach "
+                f"with terms=({key!r},) to vary it"
+            )
+
+    def read(self, name: str) -> CableReading:
+        """Return the state of a cable in all worlds, as `cc_mujoco.read` does.
+
+        Arrays have the worlds as their first axis; they are copies.
+
+        Raises:
+            CableError: there is no cable of that name.
+        """
+        index, reader = self._index(name), Reader(self._model, name)
+        rows = slice(index * self._worlds, (index + 1) * self._worlds)
+        now = self._now.numpy()[rows]
+        size = kernel.state_size(self._cables[index].segments)
+        both = self._state.numpy()[:, rows, :size].astype(float)
+        state = np.zeros((self._worlds, self._model.npluginstate))
+        pending = both[1 - now, np.arange(self._worlds)]
+        state[:, reader.start : reader.start + size] = pending
+        return reader.read(state)
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise CableError.unknown("cable", name, list(self.names))
+        return self.names.index(name)
+
+
+def _is_interleaved(device: Any) -> bool:
+    """Return whether rows of neighbouring threads lie beside each other, as on a GPU.
+
+    A processor runs one thread after the other: they share scratch, and rows are whole.
+    """
+    return not device.is_cpu
+
+
+def _moments(d: mjw.Data) -> list[Any]:
+    """Return the arrays of the moments of all actuators."""
+    return [d.moment_rownnz, d.moment_rowadr, d.moment_colind, d.actuator_moment]
+
+
+def _require_supported(name: str, cable: Cable) -> None:
+    if cable.bend != BENDS[0]:
+        raise CableError(
+            f"cable {name!r}: bend={cable.bend!r} is not supported in mujoco_warp; use "
+            f"bend={BENDS[0]!r}, a conduit whose bends stay"
+        )
+    if cable.path != PATHS[0]:
+        raise CableError(
+            f"cable {name!r}: path={cable.path!r} is not supported in mujoco_warp; use "
+            f"path={PATHS[0]!r}, a conduit from end to end"
+        )
+
+
+def _terms_in_use(cables: tuple[Cable, ...], more: tuple[str, ...]) -> frozenset[str]:
+    for name in more:
+        if name not in TERMS:
+            raise CableError.unknown("term", name, list(TERMS))
+    on = {name for name in TERMS if any(getattr(cable, name) for cable in cables)}
+    return frozenset(on | set(more))
+
+
+def _end_actuators(model: mujoco.MjModel, names: tuple[str, ...]) -> NDArray[np.int32]:
+    """Return the actuators at the proximal and the distal end of each cable."""
+    places: Mapping[str, int] = instances(model)
+    return np.array(
+        [np.flatnonzero(model.actuator_plugin == places[name]) for name in names],
+        np.int32,
+    )
+
+
+def _require_plain(
+    m: mjw.Model, model: mujoco.MjModel, actuators: NDArray[np.int32]
+) -> None:
+    kinds = m.actuator_biastype.numpy()
+    user = int(mujoco.mjtBias.mjBIAS_USER)
+    if kinds.size != model.actuator_plugin.size or np.any(kinds[actuators] != user):
+        raise CableError(
+            "this mujoco_warp model is not of the scene with its cables; make it of "
+            "cc_mujoco.warp.without_plugin(spec).compile()"
+        )
+
+
+def _lengths_in_qpos0(model: mujoco.MjModel) -> Floats:
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.actuator_length)
+
+
+def _end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> float:
+    """Return the square of the frequency of an end that friction holds [1/s^2]."""
+    target = model.actuator_trnid[actuator, 0]
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        mobility = model.dof_invweight0[model.jnt_dofadr[target]]
+    else:
+        mobility = model.tendon_invweight0[target]
+    stiffness = kernel.end_stiffness(packed_parameters(cable), cable.segments, end == 1)
+    return float(mobility * model.actuator_gear[actuator, 0] ** 2 * stiffness)

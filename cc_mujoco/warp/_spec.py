@@ -1,0 +1,37 @@
+"""Scenes for mujoco_warp, which takes no engine plugins."""
+
+from __future__ import annotations
+
+import mujoco
+
+from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.plugin._spec import require_spec
+
+
+def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a copy of a specification whose cable ends any MuJoCo can hold.
+
+    The two actuators of each cable keep names, order, `gear` and what they pull; their
+    force is one that the user gives (`biastype="user"`) and 0 until `attach` does.
+    Sensors of these forces stay. Tendons that draw a conduit stay as well.
+
+    Args:
+        spec: specification with cables; not changed.
+
+    Raises:
+        CableError: it is no specification.
+    """
+    require_spec(spec)
+    plain = spec.copy()
+    for actuator in plain.actuators:
+        if actuator.plugin.plugin_name == PLUGIN:
+            actuator.plugin.active = False
+            actuator.plugin.name = ""
+            actuator.plugin.plugin_name = ""
+            actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+            actuator.gainprm[0] = 0.0
+            actuator.biastype = mujoco.mjtBias.mjBIAS_USER
+    for plugin in list(plain.plugins):
+        if plugin.plugin_name == PLUGIN:
+            plain.delete(plugin)
+    return plain

@@ -1,0 +1,194 @@
+"""The callback by itself: lengths and times given by hand, without a step of MuJoCo."""
+
+from __future__ import annotations
+
+import sys
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+
+import cc_mujoco
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.errors import CableError
+from cc_mujoco.warp import attach, without_plugin
+
+CABLE = Cable(friction=0.2, static_friction=0.3, conduit=(Section(1.0, 0.3),))
+SHORT = CABLE.replace(segments=8)
+WORLDS, DT = 3, 2e-3
+
+
+def scene(*cables: Cable, integrator: str = "Euler") -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_string(
+        f"<mujoco><option timestep='{DT}' integrator='{integrator}'/></mujoco>"
+    )
+    for name in ("motor", "wrist"):
+        body = spec.worldbody.add_body(mass=50.0, inertia=[9.0, 9.0, 9.0])
+        body.add_joint(name=name)
+    for i, cable in enumerate(cables):
+        ends = ("motor", (-1) ** i * -0.02), ("wrist", (-1) ** i * -0.05)
+        cc_mujoco.plugin.to_mjcf(spec, f"cable{i}", cable, *ends)
+    return spec
+
+
+class Rig:
+    """Cables in three worlds whose ends a test moves."""
+
+    def __init__(self, *cables: Cable, **options) -> None:
+        self.spec = scene(*cables)
+        plain = without_plugin(self.spec).compile()
+        self.m = mjw.put_model(plain)
+        self.d = mjw.make_data(plain, nworld=WORLDS)
+        self.cables = attach(self.m, self.d, self.spec, **options)
+
+    def evaluate(self, step: int, lengths: np.ndarray, calls: int = 1) -> np.ndarray:
+        """Return the end tensions (worlds, cables, 2) at lengths (worlds, ends)."""
+        self.d.time.fill_(step * DT)
+        self.d.actuator_length.assign(lengths.astype(np.float32))
+        for _ in range(calls):
+            self.m.callback.act_bias(self.m, self.d)
+        return self.cables.tensions.numpy().copy()  # else that of the next call
+
+
+def lengths(steps: int, ends: int) -> np.ndarray:
+    """Lengths of actuators (steps, worlds, ends) [m], in single precision."""
+    time = np.arange(steps)[:, None, None] * DT
+    rate = np.arange(8.0, 8.0 + WORLDS * ends).reshape(WORLDS, ends)
+    return (4e-3 * np.sin(rate * time)).astype(np.float32).astype(float)
+
+
+def reference(cable: Cable, moved: np.ndarray) -> np.ndarray:
+    """End tensions (steps, 2) [N] of a cable whose ends move (steps, 2) from rest."""
+    n, prm = cable.segments, packed_parameters(cable)
+    state, work = np.zeros(kernel.state_size(n)), np.zeros(kernel.work_size(n))
+    after, found = state.copy(), np.zeros_like(moved)
+    kernel.initialize(prm, n, 0.0, 0.0, state)
+    for k, (u, v) in enumerate(moved):
+        kernel.advance(prm, n, state, u, v, DT, after, work)
+        state, after = after, state
+        found[k] = at.tensions(state, n)[[0, n]]
+    return np.maximum(found, 0.0)
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig(CABLE, SHORT)
+
+
+def test_tensions_are_those_of_the_kernel_however_often_it_is_asked(rig):
+    moved = lengths(150, 4)
+    found = np.array([rig.evaluate(k, u, 1 + k % 3) for k, u in enumerate(moved)])
+    for world in range(WORLDS):
+        for i, cable in enumerate((CABLE, SHORT)):
+            right = reference(cable, moved[:, world, 2 * i : 2 * i + 2])
+            np.testing.assert_allclose(
+                found[:, world, i], right, rtol=0, atol=2e-5 * right.max()
+            )
+    pulls = rig.d.actuator_force.numpy().reshape(WORLDS, 2, 2)
+    np.testing.assert_array_equal(pulls, found[-1] * [1, -1])
+    reading = rig.cables.read("cable1")
+    assert reading.tension.shape == (WORLDS, SHORT.segments + 1)
+    np.testing.assert_array_equal(reading.tension_distal, found[-1, :, 1, 1])
+
+
+def test_the_reset_of_one_world_leaves_the_others(rig):
+    other, moved = Rig(CABLE, SHORT), lengths(60, 4)
+    for k in range(30):
+        rig.evaluate(k, moved[k]), other.evaluate(k, moved[k])
+    time = np.array([30, 0, 30], np.float32) * DT
+    anew = []
+    for k in range(30, 60):
+        whole = other.evaluate(k, moved[k])
+        rig.d.time.assign(time + (k - 30) * DT)
+        part = moved[k].copy()
+        part[1] = moved[k - 30, 1]
+        rig.d.actuator_length.assign(part.astype(np.float32))
+        rig.m.callback.act_bias(rig.m, rig.d)
+        found = rig.cables.tensions.numpy().copy()
+        np.testing.assert_array_equal(found[[0, 2]], whole[[0, 2]])
+        anew.append(found[1, 0])
+    np.testing.assert_allclose(anew, reference(CABLE, moved[:30, 1, :2]), atol=1e-3)
+
+
+def test_a_reset_at_the_same_time_is_a_call(rig):
+    moved = lengths(20, 4)
+    for k in range(20):
+        rig.evaluate(k, moved[k])
+    rig.cables.reset([False, True, False])
+    found = rig.evaluate(19, 0.0 * moved[0])
+    assert (found[1] == 10.0).all() and (found[0] != 10.0).all()
+
+
+def test_every_world_has_parameters_of_its_own(rig):
+    friction = np.array([0.05, 0.2, 0.25])
+    rig.cables.vary("cable0", friction=friction, axial_stiffness=3000.0)
+    moved = lengths(60, 4)
+    found = np.array([rig.evaluate(k, u) for k, u in enumerate(moved)])
+    for world in range(WORLDS):
+        own = CABLE.replace(friction=friction[world], axial_stiffness=3000.0)
+        right = reference(own, moved[:, world, :2])
+        np.testing.assert_allclose(
+            found[:, world, 0], right, rtol=0, atol=2e-5 * right.max()
+        )
+
+
+def test_the_layout_of_a_gpu_gives_the_same_bits(rig, monkeypatch):
+    monkeypatch.setattr("cc_mujoco.warp._cables._is_interleaved", lambda device: True)
+    other, moved = Rig(CABLE, SHORT), lengths(40, 4)
+    for k in range(40):
+        np.testing.assert_array_equal(
+            other.evaluate(k, moved[k]), rig.evaluate(k, moved[k])
+        )
+    np.testing.assert_array_equal(
+        other.cables.read("cable1").tension, rig.cables.read("cable1").tension
+    )
+
+
+def test_rest_in_the_pose_of_the_world():
+    rig = Rig(CABLE, rest_in_pose=True)
+    assert (rig.evaluate(0, lengths(40, 2)[-1]) == CABLE.pretension).all()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "what"),
+    [
+        ({"friction": [0.1, 0.2, 9.0]}, r"friction is 9; it must be .*\[0, 5\]"),
+        ({"viscous_friction": 2.0}, r"terms=\('viscous_friction',\)"),
+        ({"frictoin": 0.1}, "friction"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused(rig, wanted, what):
+    with pytest.raises(CableError, match=what):
+        rig.cables.vary("cable0", **wanted)
+
+
+def test_what_is_not_supported_is_refused_in_one_sentence():
+    plain = without_plugin(scene(CABLE)).compile()
+    m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=1)
+    routed = scene(CABLE.replace(bend="route", route="cord"))
+    opened = scene(CABLE.replace(path="open", route="cord"))
+    for source, what in (
+        (routed, "bend='route' is not supported in mujoco_warp"),
+        (opened, "path='open' is not supported in mujoco_warp"),
+        (scene(), "no cable"),
+        (scene(CABLE, SHORT), "not of the scene with its cables"),
+    ):
+        with pytest.raises(CableError, match=what):
+            attach(m, d, source)
+    rk4 = mjw.put_model(without_plugin(scene(CABLE, integrator="RK4")).compile())
+    with pytest.raises(CableError, match="not RK4"):
+        attach(rk4, d, scene(CABLE))
+    assert m.callback.act_bias is None
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    for name in list(sys.modules):
+        if name.startswith("cc_mujoco.warp"):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "mujoco_warp", None)
+    with pytest.raises(ImportError, match=r"pip install 'cc_mujoco\[warp\]'"):
+        __import__("cc_mujoco.warp")

@@ -1,10 +1,12 @@
 from ._axes import AxesController as AxesController
 from ._axes import axes_controller as axes_controller
+from ._backlash_inverse import BacklashInverse as BacklashInverse
 from ._cable_model import CableModel as CableModel
 from ._controller import Controller as Controller
 from ._controller import as_round_pulley as as_round_pulley
 from ._disturbance import DisturbanceObserver as DisturbanceObserver
 from ._feed_forward import FeedForward as FeedForward
+from ._gaussian import LinearQuadraticGaussian as LinearQuadraticGaussian
 from ._model_based import ModelBased as ModelBased
 from ._policy import Network as Network
 from ._policy import Policy as Policy
@@ -18,4 +20,6 @@ from ._registry import controller as controller
 from ._stiction import StictionCompensation as StictionCompensation
 from ._tension_feedback import AdaptiveModel as AdaptiveModel
 from ._tension_feedback import FusedFeedback as FusedFeedback
+from ._tuned_feedback import FrictionFeedForward as FrictionFeedForward
+from ._tuned_feedback import TunedFeedback as TunedFeedback
 from ._user_controller import External as External

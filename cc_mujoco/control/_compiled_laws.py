@@ -241,6 +241,30 @@ def guarded_torque(
 
 
 @compiled
+def damped_feedback(
+    gains: FloatArray,
+    stiffness: float,
+    memory: FloatArray,
+    seen: FloatArray,
+    feedforward: float,
+) -> float:
+    """Return the motor torque of feedback with a damper, guarded [N m].
+
+    Args:
+        gains: see `GAINS`.
+        stiffness: of all cables at the joint [N m/rad].
+        memory: of the law.
+        seen: what is measured.
+        feedforward: motor torque that is fed forward [N m].
+    """
+    damping = _damping_torque(gains, stiffness, seen)
+    if _releases_joint(gains, stiffness, memory, seen):
+        return _limited(gains, -damping)
+    error = seen[DESIRED] - seen[TORQUE]
+    return closed_loop_torque(gains, memory, feedforward - damping, error)
+
+
+@compiled
 def model_based(
     gains: FloatArray,
     stiffness: float,

@@ -131,6 +131,10 @@ class Tuning:
         meaning="fastest change of the command; infinite where there is no limit",
     )  # fmt: skip
 
+    bristles: float = parameter(
+        unit="rad", bounds=(0.0, 10.0), default=0.0,
+        meaning="motion of the joint over which friction may build up; 0 is at once",
+    )  # fmt: skip
     safe_torque: float = parameter(
         unit="N m", bounds=(0.0, guard.NO_TORQUE_LIMIT), default=guard.NO_TORQUE_LIMIT,
         low_open=True, meaning="most that the cables may put into the joint",
@@ -177,6 +181,7 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
     LATE_FIRST,
     LAG,
     RATE,
+    BRISTLES,
     SAFE,
     STIFFNESS,
 ) = range(len(TUNING) + 1)

@@ -13,15 +13,18 @@ from collections.abc import Callable
 from typing import Any
 
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
+from cc_mujoco.control._backlash_inverse import BacklashInverse
 from cc_mujoco.control._controller import Controller
 from cc_mujoco.control._disturbance import DisturbanceObserver
 from cc_mujoco.control._feed_forward import FeedForward
+from cc_mujoco.control._gaussian import LinearQuadraticGaussian
 from cc_mujoco.control._model_based import ModelBased
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._predictive import PredictiveCompensation
 from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control._stiction import StictionCompensation
 from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
+from cc_mujoco.control._tuned_feedback import FrictionFeedForward, TunedFeedback
 from cc_mujoco.control._user_controller import from_callable
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import look_up
@@ -30,6 +33,10 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
     "feedback": Feedback,
     "pi": ProportionalIntegral,
+    "pi_tuned": TunedFeedback,
+    "pi_feed_forward": FrictionFeedForward,
+    "inverse": BacklashInverse,
+    "lqg": LinearQuadraticGaussian,
     "fused": FusedFeedback,
     "model": ModelBased,
     "stiction": StictionCompensation,

@@ -19,6 +19,8 @@ from cc_mujoco._utils.compilation import compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _planner_learning as planner_learning
+from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planner_parameters as planner_parameters
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import has_changed, pack, stiffness
@@ -49,12 +51,12 @@ def places(
         knots: Of a plan.
     """
     state = kernel.state_size(most)
-    kept = planning.FRICTION + cables
+    kept = planner_memory.FRICTION + cables
     given = _ARMS + 3 * cables
     scratch = given + cables * SCALARS + 2 * sections
-    scratch += kept + delays * (planning.OBSERVER_SIZE + 1)
+    scratch += kept + delays * (planner_memory.OBSERVER_SIZE + 1) + cables * state
     packed = scratch + SCALARS + 2 * (knots + 1) + kept + 3 * cables * state
-    packed += knots * (4 + knots + planning.WORK_ROWS)
+    packed += knots * (4 + knots + planner_memory.WORK_ROWS)
     first = packed + cables * kernel.parameter_size(most)
     new = first + cables * state
     work = new + cables * state
@@ -83,7 +85,7 @@ def memory_places(shape: Any) -> tuple[int, int, int, int, int, int]:
 def friction_factor_place(shape: Any) -> int:
     """Return the place of the initial friction factor, until there is a plan."""
     cables = shape[0]
-    kept, knots = planning.FRICTION + cables, shape[2 + 2 * cables]
+    kept, knots = planner_memory.FRICTION + cables, shape[2 + 2 * cables]
     return int(memory_places(shape)[0] + SCALARS + 2 * (knots + 1) + kept)
 
 
@@ -166,10 +168,10 @@ def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     cables = shape[0]
     _, sections = longest_cable(shape)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
-    kept = carray(pointer_at(memory, law), planning.FRICTION + cables)
+    kept = carray(pointer_at(memory, law), planner_memory.FRICTION + cables)
     if memory[entry_points.FIRST_STEP] != 0.0:
         kept[:] = 0.0
-    planning.friction_factors(
+    planner_learning.friction_factors(
         kept, carray(pointer_at(memory, friction_factor_place(shape)), cables)
     )
     return plan(memory, shape, tables, readings)
@@ -187,14 +189,13 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
     scratch, packed, first, after, work, end = memory_places(shape)
     size, width = kernel.parameter_size(most), kernel.state_size(most)
-    kept, states = planning.FRICTION + cables, (cables, width)
+    kept, states = planner_memory.FRICTION + cables, (cables, width)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
-    device = planning.PlannerMemory(
+    device = planner_memory.PlannerMemory(
         carray(pointer_at(memory, law), kept),
-        carray(pointer_at(memory, law + kept), (delays, planning.OBSERVER_SIZE)),
-        carray(
-            pointer_at(memory, law + kept + delays * planning.OBSERVER_SIZE), delays
-        ),
+        carray(pointer_at(memory, law + kept), (delays, planner_memory.OBSERVER_SIZE)),
+        carray(pointer_at(memory, scratch - delays), delays),
+        carray(pointer_at(memory, scratch - delays - cables * width), states),
     )
     state = carray(pointer_at(memory, first), states)
     arm = carray(pointer_at(memory, _ARMS), cables)
@@ -222,8 +223,8 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     if is_fresh:
         stepper.set_rest(model, readings[0], 0.0, state)
         memory[entry_points.JOINT_ANGLE], memory[entry_points.FIRST_STEP] = 0.0, 0.0
-    own = packed - knots * (4 + knots + planning.WORK_ROWS)
-    plan_scratch = planning.PlannerWorkspace(
+    own = packed - knots * (4 + knots + planner_memory.WORK_ROWS)
+    plan_scratch = planner_memory.PlannerWorkspace(
         carray(pointer_at(memory, after), states),
         carray(pointer_at(memory, free), states),
         carray(pointer_at(memory, free + cables * width), states),
@@ -237,12 +238,13 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         carray(pointer_at(memory, own + 3 * knots), knots),
         carray(pointer_at(memory, own + 4 * knots), (knots, knots)),
         carray(
-            pointer_at(memory, own + (4 + knots) * knots), (planning.WORK_ROWS, knots)
+            pointer_at(memory, own + (4 + knots) * knots),
+            (planner_memory.WORK_ROWS, knots),
         ),
         carray(pointer_at(memory, work), end - work),
     )
     plans = delays * knots * (2 + knots)
-    plan_tables = planning.Tables(
+    plan_tables = planner_memory.Tables(
         carray(tables, (delays, knots, 2 + knots)),
         carray(pointer_at(tables, plans), delays),
         carray(pointer_at(tables, plans + delays), delays),

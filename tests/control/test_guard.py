@@ -19,7 +19,7 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control import _planning as planning
+from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control._guard import NO_TORQUE_LIMIT, release_state
 from cc_mujoco.device import (
     TENSION_COLUMN,
@@ -113,7 +113,7 @@ def test_every_controller_that_measures_lets_go_of_what_it_should_not_pull(
         for measured in np.linspace(0.0, 1.2 * SAFE, 30):
             torque = law.torque(seen(law, float(measured)))
         if isinstance(law, PredictiveCompensation):
-            released_now = law._devices.memory[0, planning.RELEASED] == 1.0
+            released_now = law._devices.memory[0, planner_memory.RELEASED] == 1.0
         else:
             # Motor and joint are at rest, so there is nothing to follow.
             released_now = torque == 0.0

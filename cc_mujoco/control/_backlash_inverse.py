@@ -1,0 +1,179 @@
+r"""Inverse of the backlash of a cable transmission in closed form.
+
+law = BacklashInverse(env.unwrapped.drive)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._controller import Controller, as_round_pulley, readings
+from cc_mujoco.control._full_slip import cable_table, full_slip_balance
+from cc_mujoco.control._tuned_feedback import (
+    loop_gains,
+    require_known_motor,
+    total_delay,
+)
+from cc_mujoco.device._drive import Drive
+
+_INPUTS = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(_INPUTS))
+_DELAY_SHARE = 0.2
+"""Bandwidth of the motor's position, times the delay."""
+_MAX_BANDWIDTH = 200.0
+"""Most of that bandwidth [rad/s]."""
+_INTEGRAL_SHARE = 0.2
+"""Bandwidth of the integral over that of the position."""
+_ENCODER_STEP = 5e-4
+"""Motion of the joint that is none [rad]."""
+_BAND_SIGMAS = 6.0
+"""Motion that is none, in standard deviations of the torque sensor."""
+_SLACK_SHARE = 1.0
+"""Most that the integral pays out of a single cable, over its stretch."""
+
+(
+    _RATIO, _LOW, _HIGH, _PERIOD, _LATE, _ONE_WAY, _POSITION, _DAMPING, _INTEGRAL,
+    _STIFFNESS, _BAND, _SAFE, _INERTIA, _RELEASE, _GAINS,
+) = range(15)  # fmt: skip
+(
+    _STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, _RELEASED, _SIZE,
+) = range(8)  # fmt: skip
+
+
+class BacklashInverse(Controller):
+    r"""The motor's angle from the inverse of the backlash, with integral feedback.
+
+    Cables that slip as a whole make the desired torque at one angle of the motor for
+    either sense of motion (`full_slip_balance`). The sense is that of the wanted angle
+    without friction, \(\rho (\theta_j + \tau_d / k)\), and turns when it reverses by
+    more than noise; then the wanted angle jumps across the backlash, and the motor
+    follows by a position loop with the balance of the cables fed forward. An integral
+    of the torque error shifts the angle. As the inverse of a cable transmission after
+    T. Do et al., "Hysteresis modeling and position control of tendon-sheath mechanism",
+    Mechatronics 24, 2014, for a torque.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device; its `cable_drives` and the motor's inertia must be known.
+
+        Raises:
+            CableError: They are not known.
+        """
+        super().__init__(drive)
+        require_known_motor(drive)
+        stiffness = max(map(joint_stiffness, drive.cable_drives))
+        bandwidth = min(_DELAY_SHARE / total_delay(drive), _MAX_BANDWIDTH)
+        self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
+        self._gains = np.zeros(_GAINS)
+        self._gains[_RATIO], self._gains[_LATE] = drive.ratio, total_delay(drive)
+        self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
+        self._gains[_PERIOD], self._gains[_ONE_WAY] = drive.period, drive.one_way
+        self._gains[_POSITION] = drive.inertia * bandwidth**2
+        self._gains[_DAMPING] = 2.0 * drive.inertia * bandwidth
+        self._gains[_INTEGRAL] = _INTEGRAL_SHARE * bandwidth
+        self._gains[_STIFFNESS] = stiffness
+        noise = _BAND_SIGMAS * drive.torque_noise / stiffness
+        self._gains[_BAND] = max(noise, _ENCODER_STEP)
+        self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
+        self._gains[_INERTIA] = drive.inertia
+        self._gains[_RELEASE] = loop_gains(drive).settling * stiffness / drive.ratio**2
+        self._memory: FloatArray = np.zeros((0, _SIZE))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        if where is None:
+            self._memory = np.zeros((0, _SIZE))
+        elif len(self._memory):
+            self._memory[where] = 0.0
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        seen = readings(as_round_pulley(observation, self.drive), _INPUTS)
+        rows = len(seen)
+        if len(self._memory) != rows:
+            self._memory = np.zeros((rows, _SIZE))
+        found = np.empty(rows)
+        cables = np.resize(self._cables, (rows, *self._cables.shape[1:]))
+        _torques(self._gains, cables, self._memory, seen, found)
+        numbers = np.ndim(observation[_INPUTS[0]]) == 0
+        return float(found[0]) if numbers else found
+
+
+@compiled
+def _turn(memory: FloatArray, wanted: float, band: float) -> float:
+    """Return the sense in which an angle moves, which noise does not turn."""
+    sense = memory[_SENSE]
+    if sense == 0.0:
+        if abs(wanted - memory[_EXTREME]) > band:
+            memory[_SENSE] = np.sign(wanted - memory[_EXTREME])
+            memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) > 0.0:
+        memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) < -band:
+        memory[_SENSE], memory[_EXTREME] = -sense, wanted
+    return float(memory[_SENSE])
+
+
+@compiled
+def _torque(
+    gains: FloatArray, cables: FloatArray, memory: FloatArray, seen: FloatArray
+) -> float:
+    """Return the torque of the motor of one device [N m]."""
+    ratio, stiffness = gains[_RATIO], gains[_STIFFNESS]
+    if memory[_STARTED] == 0.0:
+        memory[_STARTED], memory[_MOTOR_0] = 1.0, seen[_MOTOR]
+        memory[_JOINT_0] = seen[_JOINT]
+        memory[_EXTREME] = seen[_DESIRED] / stiffness
+    ahead = seen[_MOTOR_SPEED] - ratio * seen[_JOINT_SPEED]
+    rushing = guard.impact_torque(ahead, ratio, stiffness, gains[_INERTIA])
+    memory[_RELEASED] = guard.release_state(
+        memory[_RELEASED], seen[_TORQUE], rushing, seen[_DESIRED], gains[_SAFE]
+    )
+    if memory[_RELEASED] != 0.0:
+        memory[_OFFSET] = 0.0
+        return float(min(max(-gains[_RELEASE] * ahead, gains[_LOW]), gains[_HIGH]))
+    joint = seen[_JOINT] - memory[_JOINT_0] + gains[_LATE] * seen[_JOINT_SPEED]
+    motor = seen[_MOTOR] - memory[_MOTOR_0] + gains[_LATE] * seen[_MOTOR_SPEED]
+    sense = _turn(memory, joint + seen[_DESIRED] / stiffness, gains[_BAND])
+    balance, stretch = full_slip_balance(cables, sense, seen[_DESIRED])
+    relative = ratio * (stretch + memory[_OFFSET])
+    error = (seen[_DESIRED] - seen[_TORQUE]) / stiffness
+    torque = balance + gains[_POSITION] * (relative + ratio * joint - motor)
+    torque += gains[_DAMPING] * (ratio * seen[_JOINT_SPEED] - seen[_MOTOR_SPEED])
+    limited = min(max(torque, gains[_LOW]), gains[_HIGH])
+    if not (torque - limited) * error * ratio > 0.0:
+        memory[_OFFSET] += gains[_INTEGRAL] * gains[_PERIOD] * error
+    if gains[_ONE_WAY] != 0.0:
+        # A torque that no paying out ends would pay out without an end.
+        least = -_SLACK_SHARE * abs(stretch) - _BAND_SIGMAS * gains[_BAND]
+        memory[_OFFSET] = max(memory[_OFFSET], least)
+    return float(limited)
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    cables: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    found: FloatArray,
+) -> None:
+    for row in range(found.size):
+        found[row] = _torque(gains, cables[row], memory[row], seen[row])

@@ -1,0 +1,238 @@
+r"""Linear quadratic Gaussian control of the joint torque with disturbance observers.
+
+law = LinearQuadraticGaussian(env.unwrapped.drive)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._controller import Controller, as_round_pulley, readings
+from cc_mujoco.control._tuned_feedback import (
+    loop_gains,
+    require_known_motor,
+    total_delay,
+)
+from cc_mujoco.device._drive import Drive
+
+_INPUTS = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(_INPUTS))
+_STATES = 4
+_STRETCH, _SPEED, _LOAD, _LACK = range(_STATES)
+"""Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
+the joint that the linear model lacks."""
+_ENCODER_NOISE = 3e-4
+"""Standard deviation of an angle [rad]."""
+_LOAD_WALK, _LACK_WALK = 0.2, 0.5
+"""Random walks of both, in a second, over the greatest torque."""
+_EFFORT = 1.0
+"""Weight of motor torque to torque error at the joint, both over the greatest."""
+_RATIO, _LOW, _HIGH, _RIGIDITY, _SAFE, _INERTIA, _RELEASE, _ONE_WAY, _GAINS = range(9)
+_STARTED, _OFFSET, _RELEASED, _HEADER = range(4)
+
+
+class LinearQuadraticGaussian(Controller):
+    r"""LQG of the joint torque with observers of both disturbances; no friction known.
+
+    The model is linear, a rotor on a spring: with the stretch
+    \(z = \theta_m - \rho \theta_j\) and the stiffness k of the cables at the motor,
+
+    \[ J \ddot z = \tau_m + d_m - k z, \qquad \tau_j = \rho k z + d_j \]
+
+    A Kalman filter finds z, its rate and the two disturbances, random walks, from
+    angles and torque, as late as they are; a prediction over the delay and a linear
+    quadratic regulator bring z to where the model makes the desired torque less
+    \(d_j\). Disturbance observers after K. Ohnishi, M. Shibata, T. Murakami, "Motion
+    control for advanced mechatronics", IEEE/ASME Trans. Mechatronics 1, 1996.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device; its `cable_drives` and the motor's inertia must be known.
+
+        Raises:
+            CableError: They are not known.
+        """
+        from scipy.linalg import expm, solve_discrete_are
+
+        super().__init__(drive)
+        require_known_motor(drive)
+        ratio, period, inertia = drive.ratio, drive.period, drive.inertia
+        rigidity = float(np.mean([joint_stiffness(row) for row in drive.cable_drives]))
+        most = max(map(abs, drive.reach))
+        drift = np.zeros((_STATES + 1, _STATES + 1))
+        drift[_STRETCH, _SPEED] = 1.0
+        drift[_SPEED, _STRETCH] = -rigidity / ratio**2 / inertia
+        drift[_SPEED, _SPEED] = -drive.damping / inertia
+        drift[_SPEED, _LOAD] = drift[_SPEED, _STATES] = 1.0 / inertia
+        step = expm(period * drift)
+        self._model = np.ascontiguousarray(step[:_STATES])
+        a, b = step[:_STATES, :_STATES], step[:_STATES, _STATES:]
+        seen = np.zeros((2, _STATES))
+        seen[0, _STRETCH] = 1.0
+        seen[1, _STRETCH], seen[1, _LACK] = rigidity / ratio, 1.0
+        noise = np.diag(
+            [
+                (_ENCODER_NOISE * (1.0 + abs(ratio))) ** 2,
+                max(drive.torque_noise, 1e-4 * most) ** 2,
+            ]
+        )
+        walk = np.zeros(_STATES)
+        walk[_LOAD] = (_LOAD_WALK * most / ratio) ** 2 * period
+        walk[_LACK] = (_LACK_WALK * most) ** 2 * period
+        walk[_SPEED] = 1e-9 * (most / ratio / inertia) ** 2 * period
+        spread = solve_discrete_are(a.T, seen.T, np.diag(walk), noise)
+        gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
+        self._kalman = np.ascontiguousarray(gain)
+        self._seen = seen
+        cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
+        effort = np.array([[(_EFFORT * ratio / most) ** 2]])
+        value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
+        own = b[:2].T @ value
+        regulator = np.linalg.solve(effort + own @ b[:2], own @ a[:2, :2])
+        self._regulator = np.ascontiguousarray(regulator[0])
+        self._late = round(total_delay(drive) / period - 0.5)
+        self._gains = np.zeros(_GAINS)
+        self._gains[_RATIO], self._gains[_RIGIDITY] = ratio, rigidity
+        self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
+        self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
+        self._gains[_INERTIA], self._gains[_ONE_WAY] = inertia, drive.one_way
+        self._gains[_RELEASE] = loop_gains(drive).settling * rigidity / ratio**2
+        self._size = _HEADER + _STATES + self._late
+        self._memory: FloatArray = np.zeros((0, self._size))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        if where is None:
+            self._memory = np.zeros((0, self._size))
+        elif len(self._memory):
+            self._memory[where] = 0.0
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        seen = readings(as_round_pulley(observation, self.drive), _INPUTS)
+        if len(self._memory) != len(seen):
+            self._memory = np.zeros((len(seen), self._size))
+        found = np.empty(len(seen))
+        _torques(
+            self._gains,
+            self._model,
+            self._seen,
+            self._kalman,
+            self._regulator,
+            self._memory,
+            seen,
+            np.empty(_STATES),
+            found,
+        )
+        numbers = np.ndim(observation[_INPUTS[0]]) == 0
+        return float(found[0]) if numbers else found
+
+
+@compiled
+def _advance(
+    model: FloatArray, state: FloatArray, torque: float, new: FloatArray
+) -> None:
+    """Advance the state by a step with a torque of the motor."""
+    for i in range(_STATES):
+        new[i] = model[i, _STATES] * torque
+        for j in range(_STATES):
+            new[i] += model[i, j] * state[j]
+    for i in range(_STATES):
+        state[i] = new[i]
+
+
+@compiled
+def _torque(
+    gains: FloatArray,
+    model: FloatArray,
+    read: FloatArray,
+    kalman: FloatArray,
+    regulator: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    ahead: FloatArray,
+    new: FloatArray,
+) -> float:
+    """Return the torque of the motor of one device [N m]."""
+    ratio = gains[_RATIO]
+    state = memory[_HEADER : _HEADER + _STATES]
+    applied = memory[_HEADER + _STATES :]
+    stretch = seen[_MOTOR] - ratio * seen[_JOINT]
+    if memory[_STARTED] == 0.0:
+        memory[_STARTED], memory[_OFFSET] = 1.0, stretch
+    _advance(model, state, applied[0], new)
+    off_0 = stretch - memory[_OFFSET] - state[_STRETCH]
+    off_1 = seen[_TORQUE]
+    for j in range(_STATES):
+        off_1 -= read[1, j] * state[j]
+    for i in range(_STATES):
+        state[i] += kalman[i, 0] * off_0 + kalman[i, 1] * off_1
+        ahead[i] = state[i]
+    for i in range(1, applied.size):
+        _advance(model, ahead, applied[i], new)
+    relative = seen[_MOTOR_SPEED] - ratio * seen[_JOINT_SPEED]
+    rushing = guard.impact_torque(relative, ratio, gains[_RIGIDITY], gains[_INERTIA])
+    memory[_RELEASED] = guard.release_state(
+        memory[_RELEASED], seen[_TORQUE], rushing, seen[_DESIRED], gains[_SAFE]
+    )
+    if memory[_RELEASED] != 0.0:
+        torque = -gains[_RELEASE] * relative
+    else:
+        torque = _regulated(gains, regulator, ahead, seen[_DESIRED])
+    torque = min(max(torque, gains[_LOW]), gains[_HIGH])
+    for i in range(applied.size - 1):
+        applied[i] = applied[i + 1]
+    applied[applied.size - 1] = torque
+    return float(torque)
+
+
+@compiled
+def _regulated(
+    gains: FloatArray, regulator: FloatArray, state: FloatArray, desired: float
+) -> float:
+    """Return the torque of the regulator [N m]."""
+    ratio = gains[_RATIO]
+    wanted = (desired - state[_LACK]) * ratio / gains[_RIGIDITY]
+    if gains[_ONE_WAY] != 0.0:
+        # A single cable cannot push, and what hangs need not hang further.
+        least = -np.abs(desired) * abs(ratio) / gains[_RIGIDITY]
+        wanted = max(wanted, least)
+    hold = gains[_RIGIDITY] / ratio**2 * wanted - state[_LOAD]
+    off = regulator[0] * (state[_STRETCH] - wanted) + regulator[1] * state[_SPEED]
+    return float(hold - off)
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    model: FloatArray,
+    read: FloatArray,
+    kalman: FloatArray,
+    regulator: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    new: FloatArray,
+    found: FloatArray,
+) -> None:
+    ahead = np.empty(_STATES)
+    for row in range(found.size):
+        found[row] = _torque(
+            gains, model, read, kalman, regulator, memory[row], seen[row], ahead, new
+        )

@@ -1,0 +1,355 @@
+"""Observer of a planning controller: cables, rotor and motion when they were measured.
+
+Which torque made the rotor move as it was seen to tells how late that was: there is an
+observer of the rotor for every delay that may be, and the one that errs least is
+believed. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
+Trans. Automatic Control 10, 1965.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._layout import CONSTANT_COULOMB, scalars
+from cc_mujoco.control import _rollout as rollout
+from cc_mujoco.control._planner_memory import (
+    ANGLE,
+    BELIEVED_DELAY,
+    BIAS,
+    BRISTLED,
+    COMMAND,
+    DESIRED_TORQUE,
+    DISTURBANCE,
+    ENERGY,
+    FILTERED_TORQUE,
+    JOINT,
+    JOINT_SHIFT,
+    LOAD,
+    MODEL_ERROR,
+    MOTOR_TORQUE,
+    OBSERVER_ERROR,
+    OTHER_JOINT,
+    STARTED,
+    TAUT_SHIFT,
+    VELOCITY,
+    PlannerMemory,
+    PlannerWorkspace,
+    Tables,
+    copy_states,
+)
+from cc_mujoco.control._planner_parameters import (
+    BELIEF,
+    BRISTLES,
+    DAMPING,
+    FORGETTING,
+    HIGH,
+    INERTIA,
+    LAG,
+    LATE_FIRST,
+    LEAK,
+    LOW,
+    MOTION_0,
+    MOTION_1,
+    MOTION_2,
+    NOISE,
+    PERIOD,
+    RATIO,
+    ROTOR_0,
+    ROTOR_1,
+    SPAN,
+    STIFFNESS,
+)
+
+_TORQUE_SMOOTHING = 0.25
+"""Share of a low-pass that tells taut from slack, per step."""
+_OBSERVER_SWITCH_RATIO = 0.7
+"""Mean squared error of an observer, over that of the one that is believed, below which
+it is believed instead."""
+_MODEL_SWITCH_RATIO = 0.25
+"""Mean squared error of the torque of a model, over that of the one that is planned
+with, below which it is planned with instead."""
+_MODEL_ERROR_FLOOR = 0.01
+"""Mean squared error from which nothing is concluded, over the squared torque that is
+one for sure."""
+_MODEL_MEMORY = 0.3
+"""Time over which the errors of both models are compared [s]."""
+_BRISTLE = law.INDEX["bristle_length"]
+_ROUNDING_ERROR = (2e-4) ** 2
+"""Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
+14 bits rounds by half of that."""
+
+
+@internal
+def replace_by_mean_torque(
+    memory: FloatArray, applied: FloatArray, tune: FloatArray
+) -> None:
+    """Replace the newest command in `applied` by the mean torque that it led to."""
+    command, lag, dt = applied[applied.size - 1], tune[LAG], tune[PERIOD]
+    behind = memory[MOTOR_TORQUE] - command
+    memory[COMMAND] = memory[MOTOR_TORQUE] = command
+    if lag > 0.0:
+        passed = -np.expm1(-dt / lag)
+        applied[applied.size - 1] += behind * (passed * lag / dt)
+        memory[MOTOR_TORQUE] += behind * (1.0 - passed)
+
+
+@compiled
+def smooth(
+    memory: FloatArray, first: int, seen: float, a: float, b: float, c: float
+) -> None:
+    """Correct value, rate and acceleration (per step) by the reading one step later."""
+    memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
+    memory[first + 1] += memory[first + 2]
+    off = seen - memory[first]
+    memory[first] += a * off
+    memory[first + 1] += b * off
+    memory[first + 2] += 2.0 * c * off
+
+
+@internal
+def _reset(
+    cables: stepper.Cables,
+    state: FloatArray,
+    device: PlannerMemory,
+    seen: FloatArray,
+    late: float,
+) -> None:
+    """Reset the memory, with motor and joint at rest at their measured angles."""
+    memory, rotors = device.memory, device.rotors
+    memory[:] = 0.0
+    memory[JOINT], memory[DESIRED_TORQUE], memory[BELIEVED_DELAY] = (
+        seen[1],
+        seen[3],
+        late,
+    )
+    rotors[:] = 0.0
+    rotors[:, ANGLE] = seen[0]
+    memory[LOAD] = stepper.torque(cables, state, False, seen[0])[0]
+    copy_states(state, device.other)
+    memory[STARTED] = 1.0
+
+
+@compiled
+def observe(
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: FloatArray,
+    device: PlannerMemory,
+    seen: FloatArray,
+    tables: Tables,
+    scratch: PlannerWorkspace,
+) -> float:
+    """Bring cables, rotor and motion to when `seen` was measured.
+
+    Returns:
+        Angle of the joint in the model that is planned with [rad]. Until the next step
+        the cables have the bristles of that model.
+    """
+    memory, tune = device.memory, tables.tune
+    if memory[STARTED] == 0.0:
+        _reset(cables, state, device, seen, tune[LATE_FIRST])
+        memory[OTHER_JOINT] = joint[0]
+    torque = seen[2] - memory[BIAS]
+    before = memory[JOINT]
+    smooth(memory, JOINT, seen[1], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
+    smooth(
+        memory, DESIRED_TORQUE, seen[3], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2]
+    )
+    turned = memory[JOINT] - before
+    memory[ENERGY] += (torque - memory[DESIRED_TORQUE]) * memory[JOINT + 1]
+    memory[ENERGY] -= tune[LEAK] * memory[ENERGY]
+    memory[FILTERED_TORQUE] += _TORQUE_SMOOTHING * (torque - memory[FILTERED_TORQUE])
+    if tune[BRISTLES] > 0.0:
+        _set_bristles(cables, tune[BRISTLES])
+        memory[OTHER_JOINT] = _follow(
+            cables, device.other, memory[OTHER_JOINT] + turned, memory, 1, seen[0],
+            torque, tune, scratch,
+        )  # fmt: skip
+        _set_bristles(cables, 0.0)
+    joint[0] = _follow(
+        cables, state, joint[0] + turned, memory, 0, seen[0], torque, tune, scratch
+    )
+    bristled = tune[BRISTLES] > 0.0 and _choose_model(memory, tune)
+    if bristled:
+        _set_bristles(cables, tune[BRISTLES])
+        load = stepper.torque(cables, device.other, False, seen[0])[0]
+    else:
+        load = stepper.torque(cables, state, False, seen[0])[0]
+    mean_load = 0.5 * (load + memory[LOAD])
+    memory[LOAD] = load
+    _observe_rotor(device, seen[0], mean_load, tables)
+    return float(memory[OTHER_JOINT] if bristled else joint[0])
+
+
+@internal
+def _set_bristles(cables: stepper.Cables, bristles: float) -> None:
+    """Give all cables bristles of a length, as a motion of the joint [rad]."""
+    for k in range(cables.n.size):
+        prm = cables.prm[k]
+        prm[_BRISTLE] = bristles * abs(cables.distal[k])
+        prm[CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(scalars(prm)) else 0.0
+
+
+@internal
+def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
+    """Return whether the model with bristles predicts the torque better.
+
+    The other one must be better by a margin, and by more than noise.
+    """
+    bristled = memory[BRISTLED] != 0.0
+    own, other = memory[MODEL_ERROR], memory[MODEL_ERROR + 1]
+    if bristled:
+        own, other = other, own
+    floor = _MODEL_ERROR_FLOOR * tune[NOISE] * tune[NOISE]
+    if other + floor < _MODEL_SWITCH_RATIO * own:
+        bristled = not bristled
+    memory[BRISTLED] = 1.0 if bristled else 0.0
+    return bool(bristled)
+
+
+@internal
+def _follow(
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: float,
+    memory: FloatArray,
+    hypothesis: int,
+    motor: float,
+    torque: float,
+    tune: FloatArray,
+    scratch: PlannerWorkspace,
+) -> float:
+    """Bring the cables of a model to when they were measured; the model's joint [rad].
+
+    Args:
+        cables: of the model.
+        state: of the cables (cables, numbers); moved on.
+        joint: angle to which the joint turned since the step before [rad].
+        memory: of the device; the error of the torque is noted there.
+        hypothesis: 1 for the model with bristles, else 0.
+        motor: measured angle [rad].
+        torque: measured torque without its bias [N m].
+        tune: see `Tuning.packed`.
+        scratch: of the plan.
+    """
+    new = scratch.new
+    stepper.move(cables, state, motor, joint, tune[PERIOD], new, scratch.work)
+    made, size = stepper.torque(cables, new, True, motor)
+    taut = size > 0.0
+    if cables.n.size == 1:
+        # By the bias of its sensor a cable would be paid out without an end.
+        taut = abs(made) > tune[NOISE]
+    if taut or abs(memory[FILTERED_TORQUE]) > tune[NOISE]:
+        error = memory[MODEL_ERROR + hypothesis]
+        off = torque - made
+        share = tune[PERIOD] / _MODEL_MEMORY
+        memory[MODEL_ERROR + hypothesis] += share * (off * off - error)
+        # What the cables did is known better than the last bit of a sensor.
+        made += tune[BELIEF] * off
+        if cables.n.size == 1 and made * cables.distal[0] > 0.0:
+            made = 0.0  # noise may push, a cable cannot
+        to = rollout.find_joint_angle(
+            cables, state, motor, joint, made, tune[STIFFNESS], 0.02 * tune[NOISE],
+            tune[PERIOD], new, scratch.work,
+        )  # fmt: skip
+        if cables.n.size == 1:
+            side = np.sign(cables.distal[0])
+            shift = _shift(
+                memory, hypothesis, side * (to - joint), -side * torque, -side, scratch,
+                tune,
+            )  # fmt: skip
+            if shift < side * (to - joint):
+                to = joint + side * shift
+                stepper.move(cables, state, motor, to, tune[PERIOD], new, scratch.work)
+        joint = to
+    copy_states(new, state)
+    return joint
+
+
+@internal
+def _observe_rotor(
+    device: PlannerMemory, motor: float, mean_load: float, tables: Tables
+) -> None:
+    """Advance the observers of the rotor and choose the delay that explains it best."""
+    memory, rotors, applied = device.memory, device.rotors, device.applied
+    tune = tables.tune
+    believed = int(memory[BELIEVED_DELAY])
+    gain = tables.unexplained[believed]  # the same for all, or the quickest would win
+    best = 0
+    for d in range(rotors.shape[0]):
+        _update_observer(
+            rotors[d], motor, applied[applied.size - 1 - d] - mean_load, gain, tune
+        )
+        if rotors[d, OBSERVER_ERROR] < rotors[best, OBSERVER_ERROR]:
+            best = d
+    if (
+        rotors[best, OBSERVER_ERROR] + _ROUNDING_ERROR
+        < _OBSERVER_SWITCH_RATIO * rotors[believed, OBSERVER_ERROR]
+    ):
+        believed = best
+    memory[BELIEVED_DELAY] = believed
+    memory[ANGLE], memory[VELOCITY] = (
+        rotors[believed, ANGLE],
+        rotors[believed, VELOCITY],
+    )
+    memory[DISTURBANCE] = rotors[believed, DISTURBANCE]
+
+
+@internal
+def _shift(
+    memory: FloatArray,
+    hypothesis: int,
+    wanted: float,
+    pull: float,
+    way: float,
+    scratch: PlannerWorkspace,
+    tune: FloatArray,
+) -> float:
+    """Return by how much the joint of a single cable's model is shifted [rad].
+
+    Drag keeps up a pull that no paying out ends. A model without that drag would be
+    shifted for as long, and its motor would pay out cable without an end. So while the
+    cable pulls more than desired, the shift is no more than what that pull stretches
+    it by, and what the motor takes up in half of the horizon.
+
+    Args:
+        memory: of the device.
+        hypothesis: see `_follow`.
+        wanted: by the torque sensor, above 0 where the cable is to pull more [rad].
+        pull: measured torque in the direction in which the cable pulls [N m].
+        way: sign of such a torque.
+        scratch: of the plan.
+        tune: see `Tuning.packed`.
+    """
+    shift = memory[JOINT_SHIFT + 2 * hypothesis] + wanted
+    if pull > max(way * memory[DESIRED_TORQUE], 0.0) + tune[NOISE]:
+        half = 0.5 * tune[SPAN] * scratch.path.size
+        quick = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
+        reach = 0.25 * quick * half * half / abs(tune[RATIO])
+        most = memory[TAUT_SHIFT + 2 * hypothesis] + pull / tune[STIFFNESS] + reach
+        shift = min(shift, max(most, memory[JOINT_SHIFT + 2 * hypothesis]))
+    elif pull > tune[NOISE]:
+        memory[TAUT_SHIFT + 2 * hypothesis] = shift
+    wanted = shift - memory[JOINT_SHIFT + 2 * hypothesis]
+    memory[JOINT_SHIFT + 2 * hypothesis] = shift
+    return float(wanted)
+
+
+@compiled
+def _update_observer(
+    rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
+) -> None:
+    """Advance an observer of the rotor by one step, with the measured angle."""
+    dt, inertia = tune[PERIOD], tune[INERTIA]
+    force += rotor[DISTURBANCE] - tune[DAMPING] * rotor[VELOCITY]
+    gained = dt * force / inertia
+    rotor[ANGLE] += dt * (rotor[VELOCITY] + 0.5 * gained)
+    rotor[VELOCITY] += gained
+    off = seen - rotor[ANGLE]
+    rotor[ANGLE] += tune[ROTOR_0] * off
+    rotor[VELOCITY] += tune[ROTOR_1] / dt * off
+    rotor[DISTURBANCE] += 2.0 * unexplained / dt**2 * inertia * off
+    rotor[OBSERVER_ERROR] += tune[FORGETTING] * (off * off - rotor[OBSERVER_ERROR])

@@ -1,0 +1,206 @@
+"""PI with gains that follow from rotor, cables and delay of a drive.
+
+>>> from cc_mujoco.device._drive import Drive, CableDrive
+>>> from cc_mujoco.control import TunedFeedback
+>>> from cc_mujoco.cable import Cable
+>>> pair = CableDrive(Cable(), -0.02, -0.1), CableDrive(Cable(), 0.02, 0.1)
+>>> drive = Drive(5.0, -1.0, 1.0, 0.001, cable_drives=(pair,), inertia=7e-5)
+>>> round(TunedFeedback(drive).integral)
+34
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._full_slip import cable_table, full_slip_balance
+from cc_mujoco.control._proportional_integral import ProportionalIntegral
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.errors import CableError
+
+_DAMPING_RATIO = 0.7
+_DELAY_SHARE = 0.35
+"""Share of what a delay allows that damping and proportional gain take."""
+_INTEGRAL_SHARE = 0.25
+"""Bandwidth of the integral over that of the damped motor."""
+_MAX_PROPORTIONAL = 2.0
+_RATE_FILTER = 0.2
+"""Share of a new value in the filtered rate of the desired torque."""
+_SMOOTH_SPEED = 0.3
+"""Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
+
+_KNOWN, _DESIRED, _RATE, _SENSE_SIZE = 0, 1, 2, 3
+"""Places in the memory of the sense of slip, and its size."""
+
+
+class LoopGains(NamedTuple):
+    """Gains of a torque loop that is stable with the delay of the drive."""
+
+    settling: float
+    """Damping of the motor over the stiffness of the cables [s]."""
+    proportional: float
+    """K_p [-]."""
+    integral: float
+    """K_i [1/s]."""
+
+
+def total_delay(drive: Drive) -> float:
+    """Return the time from a torque at the joint to the answer of the motor [s]."""
+    return (drive.delay + 1.5) * drive.period + drive.motor_lag
+
+
+def require_known_motor(drive: Drive) -> None:
+    """Refuse a drive whose cables or rotor are not known.
+
+    Raises:
+        CableError: They are not.
+    """
+    if not (drive.inertia > 0.0 and drive.cables):
+        raise CableError(
+            "a controller whose gains follow from rotor and cables needs to know both; "
+            "this Drive has no inertia or no cable drives."
+        )
+
+
+def loop_gains(drive: Drive) -> LoopGains:
+    r"""Return the gains of a PI loop with a damper of the motor.
+
+    With the rotor's inertia J, the stiffness k of the cables at the motor and the delay
+    T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
+    proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
+    T). The integral has a quarter of the least of the bandwidths 1 / T, k / D, D / J.
+
+    Raises:
+        CableError: Cables or rotor are not known.
+    """
+    require_known_motor(drive)
+    inertia, late = drive.inertia, total_delay(drive)
+    stiffness = max(map(joint_stiffness, drive.cable_drives)) / drive.ratio**2
+    damping = 2.0 * _DAMPING_RATIO * math.sqrt(stiffness * inertia)
+    damping = min(damping, _DELAY_SHARE * inertia / late)
+    proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
+    bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
+    integral = _INTEGRAL_SHARE * (1.0 + proportional) * bandwidth
+    return LoopGains(damping / stiffness, proportional, integral)
+
+
+class TunedFeedback(ProportionalIntegral):
+    r"""`pi` with a damped motor and gains from rotor, cables and delay; no model.
+
+    \[ \tau_m = \frac{1}{\rho} \Bigl( \tau_d + K_p e + K_i \int e \, dt \Bigr)
+       - D (\dot\theta_m - \rho \dot\theta_j) \]
+
+    with the gains of `loop_gains`. It is stable on a light winch, where the gains of
+    the thesis are not.
+    """
+
+    _capstan = False
+    """True if friction of slipping cables is fed forward."""
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device; its `cable_drives` and the motor's inertia must be known.
+
+        Raises:
+            CableError: They are not known.
+        """
+        found = loop_gains(drive)
+        super().__init__(drive, found.proportional, found.integral)
+        self.settling = found.settling
+        self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
+        self._sense: FloatArray = np.zeros((0, _SENSE_SIZE))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Empty the integral; see `Controller.reset`."""
+        super().reset(where)
+        if where is None:
+            self._sense = np.zeros((0, _SENSE_SIZE))
+        elif len(self._sense):
+            self._sense[where] = 0.0
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        seen = readings(
+            as_round_pulley(observation, self.drive), compiled_laws.LAW_INPUTS
+        )
+        found = self.answer(seen)
+        numbers = np.ndim(observation["desired_torque_nm"]) == 0
+        return float(found[0]) if numbers else found
+
+    def answer(self, seen: FloatArray) -> FloatArray:
+        """Return the torque of the motor (rows,) [N m]; see `ProportionalIntegral`."""
+        rows = len(seen)
+        if len(self._sense) != rows:
+            self._sense = np.zeros((rows, _SENSE_SIZE))
+        found = np.empty(rows)
+        _torques(
+            self.gains.packed,
+            np.full(rows, self.stiffness),
+            np.resize(self._cables, (rows, *self._cables.shape[1:])),
+            self._capstan,
+            self.memory(rows),
+            self._sense,
+            seen,
+            found,
+        )
+        return found
+
+
+class FrictionFeedForward(TunedFeedback):
+    r"""`pi_tuned` with the friction of slipping cables fed forward, smoothly.
+
+    The motor torque of cables that slip as a whole (`full_slip_balance`) takes the
+    place of \(\tau_d / \rho\). The sense of the slip is the hyperbolic tangent of the
+    speed \(\dot\theta_j + \dot\tau_d / k\) at which the motor has to follow, over 0.3
+    rad/s: it is 0 at rest, so that nothing chatters there.
+    """
+
+    _capstan = True
+
+
+@compiled
+def _sense_of_slip(
+    gains: FloatArray, memory: FloatArray, seen: FloatArray, stiffness: float
+) -> float:
+    """Return the smooth sense in which the motor has to turn, -1 to 1."""
+    desired = seen[compiled_laws.DESIRED]
+    if memory[_KNOWN] == 0.0:
+        memory[_KNOWN], memory[_DESIRED] = 1.0, desired
+    rate = (desired - memory[_DESIRED]) / gains[compiled_laws.PERIOD]
+    memory[_DESIRED] = desired
+    memory[_RATE] += _RATE_FILTER * (rate - memory[_RATE])
+    speed = seen[compiled_laws.JOINT_VELOCITY] + memory[_RATE] / stiffness
+    return float(np.tanh(speed / _SMOOTH_SPEED))
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    stiffness: FloatArray,
+    cables: FloatArray,
+    capstan: bool,
+    memory: FloatArray,
+    senses: FloatArray,
+    seen: FloatArray,
+    found: FloatArray,
+) -> None:
+    for row in range(found.size):
+        desired = seen[row, compiled_laws.DESIRED]
+        ahead = compiled_laws.feed_forward(gains, desired)
+        if capstan:
+            sense = _sense_of_slip(gains, senses[row], seen[row], stiffness[row])
+            ahead = full_slip_balance(cables[row], sense, desired)[0]
+        found[row] = compiled_laws.damped_feedback(
+            gains, stiffness[row], memory[row], seen[row], ahead
+        )

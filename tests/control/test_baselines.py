@@ -1,0 +1,98 @@
+"""Baselines that follow from rotor, cables and delay."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.benchmark import SUITES, Cell, play
+from cc_mujoco.benchmark._cell import prepare_episodes
+from cc_mujoco.control import (
+    CONTROLLERS,
+    BacklashInverse,
+    CableModel,
+    Controller,
+    FrictionFeedForward,
+    LinearQuadraticGaussian,
+    TunedFeedback,
+)
+from cc_mujoco.control._full_slip import cable_table, full_slip_balance
+from cc_mujoco.control._tuned_feedback import loop_gains
+from cc_mujoco.device import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.simulation import run
+from control.devices import pull_pull, single
+
+LAWS = (TunedFeedback, FrictionFeedForward, BacklashInverse, LinearQuadraticGaussian)
+ORDINARY = {
+    scene: SUITES["v2"].conditions(scene)[0] for scene in ("wrist", "ankle", "finger")
+}
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_rotor_and_cables_must_be_known(kind: type[Controller]) -> None:
+    with pytest.raises(CableError, match="rotor and cables"):
+        kind(pull_pull())
+    with pytest.raises(CableError, match="rotor and cables"):
+        kind(Drive(1.0, -1.0, 1.0, 0.001, inertia=1e-4))
+
+
+def test_a_late_drive_and_a_light_rotor_have_less_gain() -> None:
+    heavy = dataclasses.replace(pull_pull(), inertia=1e-2)
+    gains = loop_gains(heavy)
+    for other in (
+        loop_gains(dataclasses.replace(heavy, delay=5)),
+        loop_gains(dataclasses.replace(heavy, motor_lag=5e-3)),
+        loop_gains(dataclasses.replace(heavy, inertia=1e-4)),
+    ):
+        assert other.proportional < gains.proportional
+        assert other.settling < gains.settling
+
+
+@pytest.mark.parametrize("drive", [pull_pull(), single()])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_balance_is_that_of_the_model_when_all_slips(
+    drive: Drive, sense: float
+) -> None:
+    """The kernel, drawn by the joint as a motor that turns the other way would."""
+    desired = 0.3 * drive.reach[1]
+    torque, stretch = full_slip_balance(cable_table(drive.cables), sense, desired)
+    model: Any = CableModel(drive)
+    for share in np.linspace(0.2 if sense < 0.0 else 2.5, 1.0, 60):
+        model.follow(np.zeros(1), np.array([share * desired]))
+    # The motor holds still, so the joint gives way by as much.
+    assert -model.joint[0] == pytest.approx(stretch, rel=0.02)
+    assert model.motor_torque()[0] == pytest.approx(torque, rel=0.02)
+
+
+@pytest.mark.parametrize("scene", ORDINARY)
+def test_they_are_stable_on_a_light_winch_and_better_than_the_gains_of_the_thesis(
+    scene: str,
+) -> None:
+    short = dataclasses.replace(ORDINARY[scene], duration=1.2)
+    usual = play(Cell(short, "pi", (0,))).scores["rms_torque_error"][0]
+    names = [name for name, kind in CONTROLLERS.items() if kind in LAWS]
+    assert len(names) == len(LAWS)
+    for name in names:
+        found = play(Cell(short, name, (0,))).scores
+        assert found["failed"][0] == 0.0
+        assert found["rms_torque_error"][0] < 0.8 * usual, name
+
+
+def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:
+    """The gains of the thesis do: they know nothing of the rotor."""
+    short = dataclasses.replace(ORDINARY["wrist"], duration=1.01)
+    made = prepare_episodes([Cell(short, "none", (0,))])
+    light = dataclasses.replace(made.drives[0], inertia=0.1 * made.drives[0].inertia)
+    torques: list[float] = []
+    made.fleet._devices[0].model.dof_armature[:] *= 0.1
+    run(
+        made.fleet,
+        TunedFeedback(light),
+        lambda step, columns, torque: torques.append(float(torque[0])),
+        measure=made.sensors.measure,
+    )
+    assert np.std(np.diff(torques[300:])) < 0.05

@@ -35,21 +35,25 @@ from cc_mujoco.plugin._open_path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import route_wrap
 from cc_mujoco.plugin._settle import step_limits
 from cc_mujoco.plugin._spec import compile_spec, require_spec
-from cc_mujoco.plugin._takeover import (
-    Burden,
-    TendonBranch,
+from cc_mujoco.plugin._takeover.report import (
     TendonTakeover,
-    Winch,
     describe_band,
     describe_winch,
-    find_burden,
-    keep_constraints,
     order_line,
+)
+from cc_mujoco.plugin._takeover.stops import held_tension, keep_constraints
+from cc_mujoco.plugin._takeover.survey import (
+    Burden,
+    TendonBranch,
+    find_burden,
+    slacken,
+    write_branches,
+)
+from cc_mujoco.plugin._takeover.winch import (
+    Winch,
     plan_winch,
     pose_keyframes,
     sample_poses,
-    slacken,
-    write_branches,
     write_winch,
 )
 from cc_mujoco.plugin._tendon_report import tendon_report
@@ -113,9 +117,9 @@ def add_friction(
             whose arc there is drag per length; Coulomb friction is the same for any.
         report: print the turns and losses of the tendon, see `tendon_report`.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
-            they are those of `Cable()`. A tendon with a winch has by default no
-            `pretension`, and the `axial_stiffness` that its time step bears, at most
-            `MAX_STIFFNESS`.
+            they are those of `Cable()`. A tendon with a winch has by default the
+            `pretension` that its `frictionloss` holds in `qpos0`, or none, and the
+            `axial_stiffness` that its time step bears, at most `MAX_STIFFNESS`.
 
     Returns:
         What became of all that the tendon had; its text is a line for each.
@@ -194,7 +198,9 @@ def add_friction(
         _Ends(branch, (name, -plan.lever), None)
         for branch, name in zip(burden.branches, plan.names, strict=True)
     ]
-    given = {"pretension": 0.0, "axial_stiffness": MAX_STIFFNESS, **given}
+    # Without it what friction holds would fall into the cable, and shake it.
+    held = float(f"{held_tension(model, burden):.3g}")
+    given = {"pretension": held, "axial_stiffness": MAX_STIFFNESS, **given}
     cables = _lay(tried, ends, given)
     bearable = _bearable_stiffness(tried, cables)
     if "axial_stiffness" not in parameters:
@@ -209,6 +215,8 @@ def add_friction(
             )
         cables = _lay(tried, ends, given)
     lines = describe_winch(model, tried, burden, plan)
+    if held > 0.0 and given["pretension"] == held:
+        lines.append(f"pretension {held:g} N: what the dry friction holds in qpos0")
     lines.append(_stretch_line(cables, bearable, model.opt.timestep))
     _write_cables(tried, cables)
     after = compile_spec(tried)

@@ -125,6 +125,13 @@ def test_without_friction_what_a_tendon_has_acts_as_before(
     assert sum(line.startswith(burden) for line in report.lines) == 1
 
 
+@pytest.mark.parametrize("seed", [0, 3, 9])
+def test_a_load_that_dry_friction_holds_does_not_fall_into_the_cable(seed: int) -> None:
+    xml = arm(seed, DRIVES["motor"][0], 'frictionloss="4"')
+    report = assert_moves_alike(xml, lambda t: 2.2 + 3.0 * (1.0 - math.cos(6.0 * t)))
+    assert "what the dry friction holds in qpos0" in str(report)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_spring_alone_becomes_a_band(seed: int) -> None:
     report = assert_moves_alike(

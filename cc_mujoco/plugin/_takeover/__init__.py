@@ -1,0 +1,1 @@
+"""Transfer of what acts on a whole tendon to a winch at the end of a cable."""

@@ -1,0 +1,140 @@
+"""Account of what became of all that acted on a tendon as a whole."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+
+from cc_mujoco.plugin._takeover.survey import MOVED_SENSORS, Burden, can_push, kind_of
+from cc_mujoco.plugin._takeover.winch import Winch
+
+_GAIN = mujoco.mjtGain
+_ENDS = ("proximal", "distal")
+
+
+@dataclasses.dataclass(frozen=True)
+class TendonTakeover:
+    """Account of a tendon that became a cable; its text is one line for each change.
+
+    Attributes:
+        cables: names of the cables, one, or one for every branch behind a `<pulley>`.
+        winch: fixed tendon that carries what acted on the tendon as a whole, or empty.
+        lines: what became of everything that the tendon had.
+    """
+
+    cables: tuple[str, ...]
+    winch: str
+    lines: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return the lines."""
+        return "\n".join(self.lines)
+
+
+def describe_winch(
+    original: mujoco.MjModel, spec: mujoco.MjSpec, burden: Burden, winch: Winch
+) -> list[str]:
+    """Return a line for everything that moved to a winch."""
+    place = f"winch {burden.winch!r}"
+    lines = []
+    if burden.has_pulleys:
+        parts = ", ".join(f"{b.name!r} (1/{b.divisor:g})" for b in burden.branches)
+        lines.append(
+            f"<pulley>: the branches are the cables {parts}, each with its share of "
+            f"the force; tendon {burden.tendon!r} stays as their length"
+        )
+    for i in burden.actuators:
+        kind, name = kind_of(original, i), original.actuator(i).name
+        label = f"{kind} {name!r}" if name else f"{kind} {i}"
+        law = "the same command, gains and ranges"
+        if spec.actuators[i].gaintype == _GAIN.mjGAIN_MUSCLE:
+            low, high = original.actuator_lengthrange[original.actuator_outadr[i]]
+            law = f"the same excitation and length range {low:.4g} to {high:.4g} m"
+        lines.append(f"{label}: pulls at the first site, through {place}, by {law}")
+    if can_push(original, burden):
+        lines.append(
+            f"pushing: a cable cannot; the actuators of {place} give no force that "
+            "would lengthen it"
+        )
+    index = original.tendon(burden.tendon).id
+    low, high = burden.rest
+    if "stiffness" in burden.fields:
+        text = (
+            f"stiffness {burden.spring[0]:g} N/m: a spring at the first site, on "
+            f"{place}, without force up to {high:.4g} m"
+        )
+        if low > 0.0:
+            text += f"; below {low:.4g} m, where it pushed, the cable is slack"
+        lines.append(text)
+    if "damping" in burden.fields:
+        lines.append(f"damping: acts on {place}, on what moves past the first site")
+    if "frictionloss" in burden.fields:
+        value = original.tendon_frictionloss[index]
+        lines.append(f"frictionloss {value:g} N: acts on {place}")
+    if "armature" in burden.fields:
+        value = original.tendon_armature[index]
+        lines.append(f"armature {value:g} kg: turns with {place}")
+    if "range" in burden.fields:
+        least, most = original.tendon_range[index]
+        text = f"range: {place} pays out no more than {most:.4g} m"
+        if least > 0.0:
+            text += (
+                f" and winds up to {least:.4g} m; a path that joints make shorter than "
+                "that hangs slack, so limit the joints"
+            )
+        lines.append(text)
+    if "actuatorfrcrange" in burden.fields:
+        lines.append(f"actuatorfrcrange: limits the actuators of {place}")
+    for i in burden.equalities:
+        name = spec.equalities[i].name or f"number {i}"
+        lines.append(f"equality {name!r}: holds the length that {place} pays out")
+    for i in burden.sensors:
+        lines.append(f"sensor {spec.sensors[i].name!r}: reads {place}")
+    kept = [
+        s.name
+        for s in spec.sensors
+        if s.objname == burden.tendon and s.type not in MOVED_SENSORS
+    ]
+    if kept:
+        lines.append(
+            f"sensors {', '.join(map(repr, kept))}: still read the length of the path"
+        )
+    joints = ", ".join(map(repr, winch.names))
+    mass = ", ".join(f"{m:.2g}" for m in winch.inertias)
+    drag = ", ".join(f"{c:.2g}" for c in winch.damping)
+    word = "joint" if len(winch.names) == 1 else "joints"
+    unit = "angle" if winch.radius else "length paid out"
+    lines.append(
+        f"new {word} {joints}, last in qpos: {unit}, of inertia {mass} kg and damping "
+        f"{drag} N s/m at the tendon; a pose set by hand needs the length of the path "
+        "there, then `cc_mujoco.plugin.settle`"
+    )
+    return lines
+
+
+def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[str]:
+    """Return the lines of an elastic band."""
+    low, high = burden.rest
+    text = (
+        f"stiffness {burden.spring[0]:g} N/m beyond {high:.4g} m: an elastic band, "
+        f"axial_stiffness {stiffness:.4g} N, {pretension:.4g} N in the pose qpos0"
+    )
+    if low > 0.0:
+        text += f"; below {low:.4g} m, where the tendon pushed, it is slack"
+    return [text]
+
+
+def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str:
+    """Return the line that tells where the ends of cables are among the actuators."""
+    ends = [model.actuator(f"{name}_{end}").id for name in cables for end in _ENDS]
+    places = sorted(int(model.actuator_ctrladr[end]) for end in ends)
+    if places[0] >= before:
+        text = "the places of all others stay"
+    else:
+        text = "the places of those behind them change"
+    return (
+        f"ctrl: the ends of the cable are {places[0]} to {places[-1]}, which take no "
+        f"command; {text}"
+    )

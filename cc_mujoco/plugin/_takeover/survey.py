@@ -1,0 +1,252 @@
+"""Survey of what acts on a tendon as a whole.
+
+A `Burden` lists the actuators, features, equalities and sensors of a spatial tendon,
+and the branches of its path between pulleys.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.plugin._spec import add_element, pristine_fields
+
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+_GAIN, _BIAS, _DYN = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
+_SENSOR = mujoco.mjtSensor
+MOVED_SENSORS = (
+    _SENSOR.mjSENS_TENDONLIMITPOS,
+    _SENSOR.mjSENS_TENDONLIMITVEL,
+    _SENSOR.mjSENS_TENDONLIMITFRC,
+    _SENSOR.mjSENS_TENDONACTFRC,
+)
+"""Sensors that read the winch of a tendon instead of the tendon."""
+CARRIED = (
+    "stiffness", "springlength", "springyield", "damping", "frictionloss",
+    "solref_friction", "solimp_friction", "limited", "range", "margin", "solref_limit",
+    "solimp_limit", "actfrclimited", "actfrcrange", "armature",
+)  # fmt: skip
+"""Fields of a tendon that act on it as a whole."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TendonBranch:
+    """Part of a tendon between two of its pulleys, or all of it.
+
+    Attributes:
+        name: tendon that has the path of the branch alone, and its cable.
+        divisor: number by which MuJoCo divides its length and its force.
+        path: sites, and geoms with their side sites, by name.
+    """
+
+    name: str
+    divisor: float
+    path: tuple[tuple[str, str], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Burden:
+    """All that acts on a tendon as a whole.
+
+    Attributes:
+        tendon: name of the tendon.
+        actuators: places in the specification of those that pull it.
+        equalities: the same of the equalities of its length.
+        sensors: the same of the sensors of its limit and of its actuators' force.
+        spring: stiffness [N/m], with its coefficients of higher order.
+        rest: lengths between which the spring has no force [m].
+        branches: parts of its path.
+        length: of the tendon in the pose `qpos0` [m].
+        fields: names of its own features, as in MJCF.
+    """
+
+    tendon: str
+    actuators: tuple[int, ...]
+    equalities: tuple[int, ...]
+    sensors: tuple[int, ...]
+    spring: tuple[float, ...]
+    rest: tuple[float, float]
+    branches: tuple[TendonBranch, ...]
+    length: float
+    fields: tuple[str, ...]
+
+    @property
+    def winch(self) -> str:
+        """Return the name of what takes over."""
+        return f"{self.tendon}_winch"
+
+    @property
+    def is_none(self) -> bool:
+        """Return whether nothing acts on the tendon as a whole."""
+        parts = (self.actuators, self.equalities, self.sensors, self.fields)
+        return not any(parts) and not self.has_pulleys
+
+    @property
+    def has_pulleys(self) -> bool:
+        """Return whether the path has branches."""
+        return self.branches[0].name != self.tendon
+
+    @property
+    def is_band(self) -> bool:
+        """Return whether it is an elastic band that is taut in the pose `qpos0`."""
+        others = self.actuators or self.equalities or self.sensors or self.has_pulleys
+        return (
+            not others
+            and self.fields == ("stiffness",)
+            and not any(self.spring[1:])
+            and 0.0 < self.rest[1] <= self.length
+        )
+
+
+def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burden:
+    """Return what acts on a spatial tendon as a whole.
+
+    Args:
+        spec: the specification.
+        model: the same, compiled.
+        tendon: name of the tendon.
+
+    Raises:
+        CableError: the tendon belongs to a cable already, or an equality couples it
+            to itself.
+    """
+    own = spec.tendon(tendon)
+    _refuse_second_cable(spec, tendon)
+    index = model.tendon(tendon).id
+    features = {
+        "stiffness": bool(np.any(own.stiffness)),
+        "damping": bool(np.any(own.damping)),
+        "frictionloss": own.frictionloss != 0.0,
+        "range": bool(model.tendon_limited[index]),
+        "armature": own.armature != 0.0,
+        "actuatorfrcrange": bool(model.tendon_actfrclimited[index]),
+    }
+    equalities = tuple(
+        i
+        for i, equality in enumerate(spec.equalities)
+        if equality.type == mujoco.mjtEq.mjEQ_TENDON
+        and tendon in (equality.name1, equality.name2)
+    )
+    return Burden(
+        tendon,
+        tuple(
+            i
+            for i, actuator in enumerate(spec.actuators)
+            if actuator.trntype == _TENDON and actuator.target == tendon
+        ),
+        equalities,
+        tuple(
+            i
+            for i, sensor in enumerate(spec.sensors)
+            if sensor.type in MOVED_SENSORS and sensor.objname == tendon
+        ),
+        tuple(float(x) for x in own.stiffness),
+        (
+            float(model.tendon_lengthspring[index, 0]),
+            float(model.tendon_lengthspring[index, 1]),
+        ),
+        _branches(own),
+        float(model.tendon_length0[index]),
+        tuple(name for name, present in features.items() if present),
+    )
+
+
+def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
+    cables = {p.name: dict(p.config) for p in spec.plugins if p.plugin_name == PLUGIN}
+    users = [name for name, config in cables.items() if config.get("route") == tendon]
+    users += [
+        a.plugin.name
+        for a in spec.actuators
+        if a.plugin.name in cables and a.trntype == _TENDON and a.target == tendon
+    ]
+    if tendon in cables or spec.tendon(f"{tendon}_winch") is not None:
+        raise CableError(f"tendon {tendon!r} is a cable already.")
+    if users:
+        raise CableError(
+            f"tendon {tendon!r} belongs to cable {users[0]!r} already; give the second "
+            "cable a tendon of its own, over the same sites if need be."
+        )
+
+
+def _branches(tendon: Any) -> tuple[TendonBranch, ...]:
+    """Return the branches of a spatial tendon."""
+    parts: list[tuple[float, list[tuple[str, str]]]] = [(1.0, [])]
+    pulleys = 0
+    for wrap in tendon.path:
+        if wrap.type == mujoco.mjtWrap.mjWRAP_PULLEY:
+            pulleys += 1
+            parts.append((float(wrap.divisor), []))
+        else:
+            kind = "site" if wrap.type == mujoco.mjtWrap.mjWRAP_SITE else "geom"
+            side = "" if kind == "site" or wrap.sidesite is None else wrap.sidesite.name
+            parts[-1][1].append((wrap.target.name, f"{kind} {side}"))
+    found = [(divisor, tuple(path)) for divisor, path in parts if path]
+    if not pulleys:
+        return (TendonBranch(tendon.name, 1.0, found[0][1]),)
+    return tuple(
+        TendonBranch(f"{tendon.name}_{i}", divisor, path)
+        for i, (divisor, path) in enumerate(found, start=1)
+    )
+
+
+def write_branches(spec: mujoco.MjSpec, burden: Burden) -> None:
+    """Write a tendon for every branch of a tendon with pulleys."""
+    if not burden.has_pulleys:
+        return
+    own = spec.tendon(burden.tendon)
+    for branch in burden.branches:
+        part = add_element(
+            spec, "tendon", name=branch.name, width=own.width, rgba=own.rgba,
+            group=own.group, material=own.material,
+        )  # fmt: skip
+        for target, how in branch.path:
+            kind, side = how.split(" ", 1)
+            if kind == "site":
+                part.wrap_site(target)
+            else:
+                part.wrap_geom(target, side)
+
+
+def slacken(spec: mujoco.MjSpec, tendon: str) -> None:
+    """Take from a tendon all that acts on it as a whole."""
+    own, plain = spec.tendon(tendon), pristine_fields("tendon")
+    for field in CARRIED:
+        setattr(own, field, plain[field])
+
+
+def can_push(original: mujoco.MjModel, burden: Burden) -> bool:
+    """Return whether an actuator of the tendon might lengthen it."""
+    return any(
+        original.actuator_gaintype[i] != _GAIN.mjGAIN_MUSCLE for i in burden.actuators
+    )
+
+
+def kind_of(model: mujoco.MjModel, actuator: int) -> str:
+    """Return the element of MJCF that an actuator was written as, or acts like."""
+    gain, bias = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
+    if model.actuator_plugin[actuator] >= 0:
+        return "plugin"
+    for kind, law in (
+        ("muscle", _GAIN.mjGAIN_MUSCLE),
+        ("dcmotor", _GAIN.mjGAIN_DCMOTOR),
+        ("pid", _GAIN.mjGAIN_PID),
+    ):
+        if gain == law:
+            return kind
+    if gain != _GAIN.mjGAIN_FIXED:
+        return "general"
+    if bias == _BIAS.mjBIAS_NONE:
+        plain = model.actuator_dyntype[actuator] == _DYN.mjDYN_NONE
+        return "motor" if plain else "general"
+    own, law = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator]
+    if bias == _BIAS.mjBIAS_AFFINE and law[0] == 0.0:
+        if law[1] == -own:
+            return "position"
+        if law[1] == 0.0 and law[2] == -own:
+            return "velocity"
+    return "general"

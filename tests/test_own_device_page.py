@@ -36,8 +36,7 @@ SECTIONS = {
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.M | re.S)
 NAMED = re.compile(r"# ([\w.]+)\n")
 ADDRESS = 'address = "127.0.0.1:5005"'
-DURATION = re.compile(r"(?<!--seeds 1 --)\b(duration[ =])(\d+(?:\.\d+)?)")
-"""Duration of an episode, but of a benchmark, whose episodes exceed a second."""
+DURATION = re.compile(r"\b(duration[ =])(\d+(?:\.\d+)?)")
 SHORTER = 5.0
 MOST_WORDS = 2000
 
@@ -59,7 +58,8 @@ def shortened(text: str) -> str:
     """
     text = DURATION.sub(lambda found: f"{found[1]}{float(found[2]) / SHORTER:g}", text)
     text = text.replace("predictive --duration", "pi --duration")
-    text = text.replace("--seeds 1 ", "--seeds 1 --workers 1 ")
+    benchmark = "--seeds 1 --duration "  # episodes that exceed a second
+    text = text.replace(f"{benchmark}0.4", f"--workers 1 {benchmark}1.1")
     return text.replace("knee_trials.py --out", "knee_trials.py --seconds 4 --out")
 
 

@@ -25,6 +25,7 @@ SCENES: dict[str, str] = {
     "exosuit": "exosuit.xml",
     "bilateral": "exosuit_bilateral.xml",
     "hand": "tendon_hand.xml",
+    "endoscope": "endoscope.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""
 

@@ -275,7 +275,7 @@ def test_list_shows_every_name_with_a_meaning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     from cc_mujoco.assets import SCENES as EVERY_SCENE
-    from cc_mujoco.control import CONTROLLERS
+    from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
     from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
@@ -285,7 +285,8 @@ def test_list_shows_every_name_with_a_meaning(
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
-    played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS}
+    laws = {*CONTROLLERS, *POSITION_CONTROLLERS}
+    played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *laws}
     rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
     assert played | rows | {*EFFECTS} == set(entries)
 

@@ -56,6 +56,13 @@ class Table:
             raise self.wrong(key, "a text in quotes")
         return value
 
+    def flag(self, key: str) -> bool | None:
+        """Return true or false, or None if it is absent."""
+        value = self.content.get(key)
+        if value is not None and not isinstance(value, bool):
+            raise self.wrong(key, "true or false")
+        return value
+
     def number(self, key: str, low: float = -math.inf) -> float | None:
         """Return a finite number not below `low`, or None if it is absent."""
         if key not in self.content:

@@ -23,6 +23,7 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.benchmark._structure import GENERIC_STRUCTURES, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
     TASKS,
     Hold,
@@ -50,8 +51,8 @@ def generic_conditions(scene: str) -> list[Condition]:
     """Return all conditions of a device.
 
     Raises:
-        CableError: There is no such device, or its description names no motion or task
-            that there is.
+        CableError: There is no such device, its description names no motion or task
+            that there is, or its task commands an angle.
     """
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
@@ -89,6 +90,11 @@ def plain_condition(
     description = model.description
     motion = joint_trajectory(description, axis_trajectories(model, None))
     tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
+    if any(one.commands_angle for one in tasks):
+        raise CableError(
+            f"the task of {scene} commands an angle, and this suite plays torques: "
+            "`--suite position` plays it."
+        )
     return Condition(scene, "", motion, tasks), tasks
 
 

@@ -108,6 +108,9 @@ class Suite:
         return self.maker(scene)
 
 
+POSITION_SCENES = ("endoscope",)
+"""Built-in devices whose task commands an angle."""
+
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 
 
@@ -132,7 +135,7 @@ SUITES = {
     ),
     "generic": Suite(
         "any device in up to 24 conditions that follow from its description",
-        tuple(SCENES),
+        tuple(name for name in SCENES if name not in POSITION_SCENES),
         generic_conditions,
         10,
     ),

@@ -27,7 +27,7 @@ class Listing:
     def run(self) -> None:
         """Print every name with its meaning."""
         from cc_mujoco.assets import SCENES
-        from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
         from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
@@ -43,6 +43,7 @@ class Listing:
             "trajectories": _summaries(TRAJECTORIES),
             "tasks": _summaries(TASKS),
             "controllers": _summaries(CONTROLLERS),
+            "controllers of the task position": _summaries(POSITION_CONTROLLERS),
             "experiments": EXPERIMENTS,
             "effects that a diagnosis can name": {
                 name: effect.title for name, effect in EFFECTS.items()

@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from cc_mujoco.cli._benchmark import Benchmark
+from cc_mujoco.cli._calibrate import Calibrate
 from cc_mujoco.cli._device import ShowDevice
 from cc_mujoco.cli._diagnose import Diagnose
 from cc_mujoco.cli._export import Export
@@ -29,6 +30,7 @@ COMMANDS = {
     "device": ShowDevice,
     "tendons": ShowTendons,
     "play": Play,
+    "calibrate": Calibrate,
     "reproduce": Reproduce,
     "diagnose": Diagnose,
     "whatif": WhatIf,
@@ -41,13 +43,14 @@ COMMANDS = {
     "list": Listing,
 }
 
-POSITIONAL = ("device", "tendons", "play", "diagnose", "view")
+POSITIONAL = ("device", "tendons", "play", "calibrate", "diagnose", "view")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
 Command = (
     Annotated[ShowDevice, tyro.conf.subcommand("device")]
     | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[WhatIf, tyro.conf.subcommand("whatif")]

@@ -24,7 +24,7 @@ from cc_mujoco.cli._options import (
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
-    from cc_mujoco.device import Device
+    from cc_mujoco.device import Description, Device
     from cc_mujoco.metrics import Metric
     from cc_mujoco.simulation import EpisodeLog
 
@@ -50,8 +50,9 @@ class Play:
     """Feel that the device should give the wearer: a name, NAME:NUMBER (hold:-12,
     spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
     depends on the scene."""
-    controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    controller: Name = None
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors; pi by
+    default or, where the task commands an angle, backlash_inverse or none."""
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0
@@ -109,8 +110,8 @@ class Play:
         env = self._env(names)
         inner: Any = env.unwrapped
         device, model, prefixes = inner.device, inner.model, inner.exo.device.prefixes
-        law = axes_controller(self.controller, inner.drives, prefixes)
-        self._warn(inner, names["task"])
+        law = axes_controller(names["controller"], inner.drives, prefixes)
+        self._warn(inner, names)
         env.close()
         del env, inner  # with them goes a script as long as the episode
 
@@ -144,8 +145,8 @@ class Play:
         for axis, rate in _limit_cycles(out / LOG_FILE, device):
             of = f" of axis {axis}" if axis else ""
             print(
-                f"warning: {self.controller} swings the motor{of} from limit to limit "
-                f"{rate:.0f} times a second; it is unstable on this device.",
+                f"warning: {names['controller']} swings the motor{of} from limit to "
+                f"limit {rate:.0f} times a second; it is unstable on this device.",
                 file=sys.stderr,
             )
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
@@ -165,7 +166,7 @@ class Play:
             if self.trajectory is None
             else self.trajectory,
             "task": task_label(device, self.task),
-            "controller": self.controller,
+            "controller": self.controller or _default_controller(device, self.task),
         }
 
     def _env(self, names: dict[str, str]) -> Any:
@@ -181,11 +182,11 @@ class Play:
             duration=self.duration,
         )
 
-    def _warn(self, env: Any, task: str) -> None:
+    def _warn(self, env: Any, names: Mapping[str, str]) -> None:
         """Warn of what the task demands beyond the motor; say which joints walk."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
-            print(f"warning: {task}: {beyond}", file=sys.stderr)
+            print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
         if note := env.exo.author.note:
             print(note)
         unknown = [
@@ -193,7 +194,7 @@ class Play:
             for axis in env.device.description.axes
             if math.isinf(axis.safe_torque)
         ]
-        if env.device.files and unknown and self.controller != "none":
+        if env.device.files and unknown and names["controller"] != "none":
             print(
                 f"warning: no safe torque is known of {', '.join(unknown)}, so no "
                 "controller lets a joint go that is pulled too far; write it as "
@@ -211,8 +212,8 @@ class Play:
 
         require_screen()
         env = self._env(names)
-        self._warn(env.unwrapped, names["task"])
-        live(env, self.controller, seed=self.seed)
+        self._warn(env.unwrapped, names)
+        live(env, names["controller"], seed=self.seed)
         env.close()
 
     def _show_log(self, log: Path) -> None:
@@ -233,6 +234,20 @@ class Play:
         for other in others:
             if getattr(self, other) != getattr(plain, other):
                 raise CableError(f"--{other} does not go with --{name}.")
+
+
+def _default_controller(device: Description, task: str | None) -> str:
+    """Return the controller that plays a task on a device unless one is named."""
+    from cc_mujoco.human import task as find_task
+
+    axes = device.axes
+    if (
+        len(axes) > 1
+        or not find_task(task or axes[0].task, (axes[0].limb,)).commands_angle
+    ):
+        return "pi"
+    fitted = device.hysteresis.get(axes[0].name, {})
+    return "backlash_inverse" if "backlash_inverse" in fitted else "none"
 
 
 def _limit_cycles(path: Path, device: Device) -> Iterator[tuple[str, float]]:

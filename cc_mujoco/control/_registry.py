@@ -15,11 +15,20 @@ from typing import Any
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._backlash_inverse import BacklashInverse
 from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._distal_feedback import DistalFeedback
 from cc_mujoco.control._disturbance import DisturbanceObserver
 from cc_mujoco.control._feed_forward import FeedForward
 from cc_mujoco.control._gaussian import LinearQuadraticGaussian
+from cc_mujoco.control._hysteresis_inverse import (
+    BacklashInverse,
+    BoucWenFeedForward,
+    CableInverse,
+    LinearFit,
+    PrandtlIshlinskiiInverse,
+)
 from cc_mujoco.control._model_based import ModelBased
 from cc_mujoco.control._policy import Policy
+from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
 from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control._stiction import StictionCompensation
@@ -27,7 +36,7 @@ from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
 from cc_mujoco.control._tuned_feedback import FrictionFeedForward, TunedFeedback
 from cc_mujoco.control._user_controller import from_callable
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.errors import look_up
+from cc_mujoco.errors import CableError, look_up
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -44,14 +53,26 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "predictive": PredictiveCompensation,
     "adaptive": AdaptiveModel,
 }
-"""Every controller with its default gains, to be called with a `Drive`."""
+"""Every controller of torque with its default gains, to be called with a `Drive`."""
+
+POSITION_CONTROLLERS: dict[str, type[Controller]] = {
+    "none": IdealRatio,
+    "linear": LinearFit,
+    "backlash_inverse": BacklashInverse,
+    "prandtl_ishlinskii": PrandtlIshlinskiiInverse,
+    "bouc_wen": BoucWenFeedForward,
+    "cable_inverse": CableInverse,
+    "distal_feedback": DistalFeedback,
+}
+"""Every controller of a joint angle, for a drive that commands one."""
 
 
 def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """Make a controller.
 
     Args:
-        name: A key of `CONTROLLERS`, `module:function` or a function itself (see
+        name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
+            commands an angle, `module:function` or a function itself (see
             `external`), or the file of a policy, `*.safetensors` (see `policy`).
         drive: The device to be driven; environments have it as `unwrapped.drive`.
 
@@ -60,6 +81,8 @@ def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
 
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
+            Or if it commands what the task does not ask for, or needs a sensor at the
+            joint that the device does not have.
     """
     if not isinstance(name, str):
         return from_callable(name, drive)
@@ -67,4 +90,23 @@ def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
         return Policy(drive, name)
     if is_user_controller(name):
         return from_callable(name, drive)
-    return look_up("controller", name, CONTROLLERS)(drive)
+    if drive.commands_angle:
+        if name in CONTROLLERS and name not in POSITION_CONTROLLERS:
+            raise CableError(
+                f"controller {name!r} follows a torque, and the task commands an "
+                f"angle; take one of {', '.join(POSITION_CONTROLLERS)}."
+            )
+        return look_up("controller", name, POSITION_CONTROLLERS)(drive)
+    if name in POSITION_CONTROLLERS and name not in CONTROLLERS:
+        raise CableError(
+            f"controller {name!r} follows an angle, and the task commands a torque; "
+            "take the task `position`."
+        )
+    kind = look_up("controller", name, CONTROLLERS)
+    if not drive.joint_sensor:
+        raise CableError(
+            f"controller {name!r} follows a torque that depends on the joint, and this "
+            "device measures nothing there; take the task `position`, or set "
+            "joint_sensor = true in [sensors]."
+        )
+    return kind(drive)

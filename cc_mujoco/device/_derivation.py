@@ -29,6 +29,7 @@ from cc_mujoco.device._derived_values import (
 )
 from cc_mujoco.device._derived_wearers import derive_movers
 from cc_mujoco.device._description import PERIOD, Axis, Description
+from cc_mujoco.device._hysteresis_file import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import MotorLimits
 from cc_mujoco.device._scene_checks import (
@@ -93,6 +94,7 @@ KEYS = (
     "sensors",
     "axis",
     "wearer",
+    "hysteresis",
 )
 
 
@@ -152,6 +154,13 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     ]
     rope = table.table("rope")
     rope.only("strength", "diameter")
+    hysteresis = hysteresis_of(table.table("hysteresis"))
+    names = [axis.name for axis in axes]
+    for name in hysteresis:
+        if name not in names:
+            raise CableError.unknown(
+                "axis in the hysteresis of the device", name, names
+            )
     for key in ("meaning", "trajectory"):
         read.note(key, GIVEN if key in table.content else ASSUMED)
     return Description(
@@ -165,6 +174,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         diameter=read.number(rope, "diameter", math.nan, ASSUMED, low=1e-6, high=0.1),
         period=_period(table, float(spec.option.timestep), scene, read),
         sources=read.sources,
+        hysteresis=hysteresis,
     )
 
 
@@ -595,7 +605,12 @@ def _sensing(table: Table, found: Sequence[_Found], read: DescriptionReader) -> 
             NOISE_SHARE * min(one.largest / one.arm for one in found)
         ),
     }
+    if "joint_sensor" in table.content:
+        values["joint_sensor"] = table.flag("joint_sensor")
+    read.note("sensors.joint_sensor", GIVEN if "joint_sensor" in values else ASSUMED)
     for name in names:
+        if name == "joint_sensor":
+            continue
         given = table.number(name, 0.0)
         read.note(f"sensors.{name}", ASSUMED if given is None else GIVEN)
         if given is not None:

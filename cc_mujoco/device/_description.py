@@ -23,6 +23,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._axis_columns import column_prefixes
@@ -132,6 +133,10 @@ class Description:
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Origin of each property by its key in the file: `given`, `scene` (derived from
     it) or `assumed`."""
+    hysteresis: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(
+        default_factory=dict
+    )
+    """Parameters of position controllers by axis and name, see `_hysteresis_file`."""
 
     def axis(self, name: str | None = None) -> Axis:
         """Return an axis by its name; the only one of a device by default.

@@ -25,6 +25,7 @@ from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.device._derivation import describe
 from cc_mujoco.device._description import ENDING, Description, read_table
+from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
 from cc_mujoco.errors import CableError
@@ -86,10 +87,15 @@ class Device(Nominal):
                     f"{table_path} is the description of {named}, not of {scene.name}; "
                     "correct its `scene`, or give it another name."
                 )
+        measured = hysteresis_path(scene)
+        if measured is not None:
+            known = read_table(measured)
+            table = Table(table.where, {"hysteresis": known.content, **table.content})
         self.files: tuple[Path, ...] = ()
         """Files of the user that define it: scene, description, what these include."""
         if name not in SCENES:
-            self.files = (*_files_of(scene), *([table_path] if table_path else ()))
+            beside = (one for one in (table_path, measured) if one is not None)
+            self.files = (*_files_of(scene), *beside)
         self._original: mujoco.MjSpec | None = None
         """Specification that it was made of, which its copies point into."""
         self.path: Path | None = scene
@@ -269,7 +275,8 @@ def load_device(source: str | Path, timestep: float | None = None) -> Device:
     name, scene, table = locate(source)
     files: Iterable[Path] = ()
     if name not in SCENES:
-        files = [*_files_of(scene), *([table] if table else ())]
+        beside = (one for one in (table, hysteresis_path(scene)) if one is not None)
+        files = [*_files_of(scene), *beside]
     stamps = tuple((str(f), f.stat().st_mtime_ns, f.stat().st_size) for f in files)
     return _load(name, timestep, stamps)
 
@@ -315,6 +322,12 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         return name, scene, path
     beside = path.with_suffix(ENDING)
     return name, path, beside if beside.is_file() else None
+
+
+def hysteresis_path(scene: Path) -> Path | None:
+    """Return the file of hysteresis parameters beside a scene, None without one."""
+    beside = scene.with_suffix(HYSTERESIS_ENDING)
+    return beside if beside.is_file() else None
 
 
 def _files_of(scene: Path) -> list[Path]:

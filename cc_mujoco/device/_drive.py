@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._observation import Observed
@@ -81,6 +83,17 @@ class Drive:
     """True if the cables pull a lever, whose arm changes with its angle; `distal` is
     that of the neutral pose. Then, too, controllers with a model need
     `device.WINDING_COLUMNS`."""
+    joint_sensor: bool = True
+    """False if a controller reads nothing of the joint."""
+    commands_angle: bool = False
+    """True if the task commands an angle of the joint, which controllers read as
+    `device.REFERENCE_COLUMN`; then `control.POSITION_CONTROLLERS` are the built-in
+    ones."""
+    joint_neutral: float = 0.0
+    """Angle of the joint in the neutral pose [rad]."""
+    hysteresis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Parameters of position controllers by their name, as `control.fit_hysteresis`
+    finds them."""
     observed: Observed | None = None
     """Observation of the device's environment; saved policies need it."""
 

@@ -6,6 +6,7 @@ both give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -238,6 +239,7 @@ class AxisModel:
             lever=self.winding is not None,
             safe_torque=self.axis.safe_torque,
             crossed=self.crossed,
+            joint_neutral=float(self.model.qpos0[self.places.joint_q]),
             observed=self.observed(device, period),
         )
 
@@ -375,9 +377,14 @@ class DeviceModel:
 
         That includes where their tension sensors are, and how good.
         """
-        name, sensing = self.description.scene, self.description.sensing
+        about = self.description
+        made = (axis.drive(self.cables, about.scene, period) for axis in self.axes)
         return tuple(
-            sensing.equip(axis.drive(self.cables, name, period)) for axis in self.axes
+            dataclasses.replace(
+                about.sensing.equip(drive),
+                hysteresis=about.hysteresis.get(axis.name, {}),
+            )
+            for axis, drive in zip(about.axes, made, strict=True)
         )
 
     def apply_plant(self, plant: Plant) -> None:

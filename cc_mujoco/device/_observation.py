@@ -49,7 +49,8 @@ class Observed:
 
     A *frame* is twist of motor against joint, velocity of the motor, angle and velocity
     of the joint, what is lacking of the desired torque, and that torque; then, where
-    the device knows it, sine and cosine of the phase of the gait. Motor angles are
+    the device knows it, sine and cosine of the phase of the gait, and the angle that
+    a task commands. Motor angles are
     taken at the joint, divided by the ratio. Each number is divided by its unit and cut
     at `OBSERVATION_LIMIT`.
     """
@@ -108,6 +109,14 @@ class Observed:
         size = self.frame + 2 * len(PLAY_HALF_WIDTHS) * self.memory
         size += self.history * (self.frame + 1)
         return Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (size,), dtype=np.float32)
+
+    def with_reference(self) -> Observed:
+        """Return the observation with the angle that a task commands, in last place."""
+        return dataclasses.replace(
+            self,
+            columns=(*self.columns, "reference_angle_rad"),
+            units=(*self.units, self.units[JOINT_ANGLE]),
+        )
 
     def of(self, columns: Mapping[str, Any]) -> Array:
         """Return the observation: (k,) for numbers, (n, k) for n environments.

@@ -54,6 +54,13 @@ cable's way say of its distal end, as if it were wound on a round pulley of the 
 arm, and the arm of the joint over that one.
 """
 
+REFERENCE_COLUMN = "reference_angle_rad"
+"""Further reading where `Drive.commands_angle`: the angle that the joint should have.
+"""
+
+JOINT_COLUMNS = (*MEASURED_COLUMNS[2:6], *WINDING_COLUMNS)
+"""Readings that need a sensor at the joint; the desired torque follows from it."""
+
 TENSION_COLUMN = "tension_sensors_n"
 """Further measurement where `Drive.sensors` says so: (..., cables, sensors) [N].
 """
@@ -149,6 +156,9 @@ class Sensing:
     """Cutoff of the low-pass of both velocities [Hz]; infinite for none."""
     delay: int = 1
     """Control steps by which measurements are late."""
+    joint_sensor: bool = True
+    """False if a controller reads nothing of the joint, neither angle nor torque, nor
+    along the cables."""
 
     def __post_init__(self) -> None:
         """Refuse sensors that cannot be."""
@@ -161,20 +171,34 @@ class Sensing:
             raise CableError(
                 f"Sensing.delay must be 0 to 1000 whole steps, not {self.delay!r}."
             )
+        if not isinstance(self.joint_sensor, bool):
+            raise CableError(
+                f"Sensing.joint_sensor must be True or False, not "
+                f"{self.joint_sensor!r}."
+            )
 
     def equip(self, drive: Drive) -> Drive:
         """Return a drive with these sensors.
 
         It has tension sensors at both ends and the middle of every cable, the delay of
-        the measurements and the noise of the torque sensor.
+        the measurements and the noise of the torque sensor; without a joint sensor the
+        delay alone.
         """
+        if not self.joint_sensor:
+            return dataclasses.replace(
+                drive, sensors=(), delay=self.delay, joint_sensor=False
+            )
         deviation = max(self.tension_noise, 1e-6)
         sensors = tuple(
             Sensors((0, _middle_node(cable), cable.segments), (deviation,) * 3)
             for cable in (cable_drive.cable for cable_drive in drive.cables)
         )
         return dataclasses.replace(
-            drive, sensors=sensors, delay=self.delay, torque_noise=self.torque_noise
+            drive,
+            sensors=sensors,
+            delay=self.delay,
+            torque_noise=self.torque_noise,
+            joint_sensor=True,
         )
 
     def to_json(self) -> dict[str, float | None]:
@@ -238,6 +262,7 @@ class Measuring:
                 where it is there, by default.
         """
         self._sensing, self._names = sensing, names
+        self._commands_angle = drive.commands_angle
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
         self._taps = [
             (f"tension_{name}_nodes_n", _node_index(s.nodes))
@@ -309,8 +334,9 @@ class Measuring:
                 read as before, but for those that begin. True is all of them.
 
         Returns: `MEASURED_COLUMNS`, `WINDING_COLUMNS` if it was there and, where there
-            are such sensors, `TENSION_COLUMN`; nothing in it is shared with the
-            columns.
+            are such sensors, `TENSION_COLUMN`; `REFERENCE_COLUMN` where the drive
+            commands an angle. Without a joint sensor nothing of `JOINT_COLUMNS`.
+            Nothing in it is shared with the columns.
         """
         fresh = self._fresh
         if fresh is None:
@@ -339,18 +365,23 @@ class Measuring:
                 if WINDING_COLUMNS[0] in columns
                 else MEASURED_COLUMNS
             )
+            if self._commands_angle:
+                names = (*names, REFERENCE_COLUMN)
+            if not sensing.joint_sensor:
+                names = tuple(name for name in names if name not in JOINT_COLUMNS)
         seen = {name: _copy_array(columns[name]) for name in names}
-        if self._errors is not None:
+        if self._errors is not None and sensing.joint_sensor:
             step = np.minimum(self._steps, len(self._errors) - 1)
             errors = self._errors[(step, self._row) if self._row.ndim else step]
             seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
         self._encode("motor", sensing.motor_steps, seen)
-        self._encode("joint", sensing.joint_steps, seen)
+        if "joint_angle_rad" in seen:
+            self._encode("joint", sensing.joint_steps, seen)
         if WINDING_COLUMNS[0] in seen:
             self._encode("winding", sensing.joint_steps, seen)
         if self._taps:
             # `np.stack` takes several times as long for small arrays.
-            told = np.empty((*np.shape(seen["joint_angle_rad"]), *self._shape))
+            told = np.empty((*np.shape(seen["motor_angle_rad"]), *self._shape))
             for place, (name, nodes) in enumerate(self._taps):
                 told[..., place, :] = columns[name][..., nodes]
             np.maximum(told, 0.0, out=told)

@@ -94,9 +94,15 @@ class Virtual:
         """Return the virtual environment of a name.
 
         Raises:
-            CableError: There is none, or it follows a gait, which no rig measures.
+            CableError: There is none, it follows a gait, which no rig measures, or an
+                angle, which no rig is given.
         """
         found = task(name)
+        if found.about_reference or found.commands_angle:
+            raise CableError(
+                f"task {name!r} follows an angle over time, and a rig follows torques; "
+                "take `spring` or `tunnel`, or give a course of torque as `csv`."
+            )
         if found.follows_gait:
             raise CableError(
                 f"task {name!r} follows the phase of a gait, which the rig does not "

@@ -5,6 +5,7 @@ from ._excitation import Sine as Sine
 from ._gait import GAIT_ANGLES as GAIT_ANGLES
 from ._gait import GAIT_PERIOD as GAIT_PERIOD
 from ._gait import assistance as assistance
+from ._loops import Loops as Loops
 from ._motion import Motion as Motion
 from ._motion import Scripted as Scripted
 from ._motion import Trajectory as Trajectory
@@ -25,6 +26,8 @@ from ._scaled_assistance import scale_task as scale_task
 from ._tasks import TASKS as TASKS
 from ._tasks import Assist as Assist
 from ._tasks import Hold as Hold
+from ._tasks import Impedance as Impedance
+from ._tasks import Position as Position
 from ._tasks import Spring as Spring
 from ._tasks import Swing as Swing
 from ._tasks import Task as Task

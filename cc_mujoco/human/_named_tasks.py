@@ -58,6 +58,16 @@ class UserTask(Task):
         """True if `phase` is the time since the start [s] for the user's task."""
         return self.own.of_time
 
+    @property
+    def about_reference(self) -> bool:
+        """True if `angle` is that beyond the reference for the user's task."""
+        return self.own.about_reference
+
+    @property
+    def commands_angle(self) -> bool:
+        """True if the joint is to follow the reference by the user's task."""
+        return self.own.commands_angle
+
 
 def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
     """Return the task that is meant.

@@ -38,6 +38,19 @@ class Task(ABC):
         return False
 
     @property
+    def about_reference(self) -> bool:
+        """True if `angle` is that beyond the motion's; a subclass may assign it."""
+        return False
+
+    @property
+    def commands_angle(self) -> bool:
+        """True if the joint is to follow the motion; a subclass may assign it.
+
+        Controllers then read the angle as `device.REFERENCE_COLUMN`.
+        """
+        return False
+
+    @property
     def follows_gait(self) -> bool:
         """True if the torque at rest at angle 0 changes with the phase of a gait."""
         phases = np.linspace(0.0, 1.0, 101)
@@ -49,7 +62,7 @@ class Task(ABC):
         """Return the torque that the device should put into the joint.
 
         Args:
-            angle: Joint angle [rad].
+            angle: Joint angle [rad], of a task `about_reference` beyond that.
             velocity: Joint velocity [rad/s].
             phase: Fraction of the gait cycle or of the trajectory's period [-]; time
                 [s] for a task `of_time`.
@@ -181,6 +194,42 @@ class Hold(Task):
         return 0.0 * angle + self.pull
 
 
+@dataclass(frozen=True)
+class Impedance(Task):
+    """A spring and a damper about the angle of the motion that is played.
+
+    torque = -stiffness (angle - reference) - damping velocity, an impedance as in N.
+    Hogan, "Impedance control: an approach to manipulation", J. Dynamic Systems,
+    Measurement, and Control 107, 1985, without its inertia.
+    """
+
+    about_reference = True
+    stiffness: float = 1.0
+    """Stiffness [N m/rad]."""
+    damping: float = 0.02
+    """Damping [N m s/rad]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
+        require_parameter(self, "damping", 0.0, 1e6, "N m s/rad")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return the torque of spring and damper [N m]; see `Task.torque`."""
+        return -self.stiffness * angle - self.damping * velocity
+
+
+@dataclass(frozen=True)
+class Position(Task):
+    """The angle of the motion that is played, whatever torque it takes."""
+
+    commands_angle = True
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Return zero torque [N m], as none is desired; see `Task.torque`."""
+        return 0.0 * angle + 0.0
+
+
 TASKS: dict[str, Task] = {
     "tunnel": Tunnel(),
     "spring": Spring(),
@@ -188,6 +237,8 @@ TASKS: dict[str, Task] = {
     "assist": Assist(),
     "swing": Swing(),
     "hold": Hold(),
+    "impedance": Impedance(),
+    "position": Position(),
 }
 """Every virtual environment with its default parameters."""
 

@@ -18,7 +18,12 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.control._axes import Law, by_axis, is_policy, sees_all_axes
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._sensors import MEASURED_COLUMNS, TENSION_COLUMN, WINDING_COLUMNS
+from cc_mujoco.device._sensors import (
+    MEASURED_COLUMNS,
+    REFERENCE_COLUMN,
+    TENSION_COLUMN,
+    WINDING_COLUMNS,
+)
 
 Array = NDArray[np.float64]
 
@@ -98,9 +103,8 @@ class BatchedController(Controller):
             for law in (joint, *one_each):
                 law.reset()
             for _ in range(PROBES):
-                seen = {
-                    name: rng.normal(size=len(one_each)) for name in MEASURED_COLUMNS
-                }
+                names = (*MEASURED_COLUMNS, REFERENCE_COLUMN)
+                seen = {name: rng.normal(size=len(one_each)) for name in names}
                 seen |= {
                     n: rng.uniform(0.5, 2.0, len(one_each)) for n in WINDING_COLUMNS
                 }
@@ -118,7 +122,7 @@ class BatchedController(Controller):
 def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
     names = [
         n
-        for n in (*MEASURED_COLUMNS, *WINDING_COLUMNS, TENSION_COLUMN)
+        for n in (*MEASURED_COLUMNS, *WINDING_COLUMNS, REFERENCE_COLUMN, TENSION_COLUMN)
         if n in observation
     ]
     return np.array(

@@ -139,6 +139,7 @@ class Author:
         self.note = "; ".join(walks) + "." if walks else ""
         """Sentence that says which joints of the device walk; empty by default."""
         self._of_time = tuple(task.of_time for task in tasks)
+        self._commanded = tuple(task.commands_angle for task in tasks)
         self._device = device
         self._sources = tuple(sources)
         self._steps = steps
@@ -200,8 +201,13 @@ class Author:
                 reach[joint] = low, max(high, float(part.angle.max()))
             if kept:
                 parts.append(self._part(movers, moved, own))
+        commanded = {
+            axis.axis.limb
+            for axis, own in zip(self._device.axes, self._commanded, strict=True)
+            if own
+        }
         for joint, ends in reach.items():
-            if joint in movers:
+            if joint in movers or joint in commanded:
                 _require_range(device.model, joint, *ends)
         for joint, mover in movers.items():
             if joint in reach:
@@ -214,6 +220,8 @@ class Author:
         """Return the first angle of each joint that the wearer moves [rad]."""
         angles = {  # a frame starts where its limb does
             axis.axis.joint: float(moved[axis.axis.limb].angle[0])
+            if axis.axis.limb in movers
+            else self._device.neutral(axis.axis.limb)
             for axis in self._device.axes
         }
         for joint in movers:
@@ -235,11 +243,13 @@ class Author:
         device = self._device
         moved: dict[str, Motion] = {}
         motions: list[Motion] = []
-        for axis, source in zip(device.axes, self._sources, strict=True):
+        for axis, source, commanded in zip(
+            device.axes, self._sources, self._commanded, strict=True
+        ):
             motion = sampled[id(source)]
             moved.update(motion.companions)
             joint = axis.axis.limb
-            if joint not in device.movers:  # the body moves by itself
+            if not (commanded or joint in device.movers):  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
             own = motion.companions.get(joint, motion)
             recorded = isinstance(unperturbed(source), Recorded)

@@ -135,7 +135,7 @@ def play(
     script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
     drives = [
-        [PERFECT_SENSING.equip(drive) for drive in device.drives(exo.period)]
+        [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(device)]
         for device in devices
     ]
     name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes

@@ -30,6 +30,7 @@ from cc_mujoco.device._ranges import Ranges
 from cc_mujoco.device._sensors import (
     BIAS,
     PERFECT_SENSING,
+    REFERENCE_COLUMN,
     AxesMeasuring,
     Measuring,
     Sensing,
@@ -132,16 +133,6 @@ class WornDevice:
         self.frame_skip = frame_skip
         self.sampling = frame_skip * float(self.device.model.opt.timestep)
         """Time between samples of the sensors [s]."""
-        self.observed = tuple(
-            dataclasses.replace(
-                axis.observed(description.scene, self.sampling),
-                hold=hold,
-                history=history,
-                memory=memory,
-            )
-            for axis in self.device.axes
-        )
-        """Observation of every axis."""
         self.hold = hold
         self.period = hold * self.sampling
         """Time between control steps [s]."""
@@ -157,8 +148,22 @@ class WornDevice:
             )
         )
         """Task of every axis."""
+        frames = tuple(
+            dataclasses.replace(
+                axis.observed(description.scene, self.sampling),
+                hold=hold,
+                history=history,
+                memory=memory,
+            )
+            for axis in self.device.axes
+        )
+        self.observed = tuple(
+            frame.with_reference() if one.commands_angle else frame
+            for frame, one in zip(frames, self.tasks, strict=True)
+        )
+        """Observation of every axis."""
         self.author = Author(self.device, sources, self.tasks, self.samples, frame_skip)
-        self.drives = self.device.drives(self.period)
+        self.drives = self.drives_of(self.device)
         """Knowledge that a controller may have of each axis as its scene has it."""
         nominal = Nominal(description, self.device.cables, self.device.wearers)
         self.plants = Ranges(randomise, nominal)
@@ -167,6 +172,17 @@ class WornDevice:
         limit = OBSERVATION_LIMIT
         self.observation_space = Box(-limit, limit, (size,), dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
+
+    def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
+        """Return what controllers may know of each axis of a device, this or a variant.
+
+        Args:
+            device: The device.
+        """
+        return tuple(
+            dataclasses.replace(drive, commands_angle=task.commands_angle)
+            for drive, task in zip(device.drives(self.period), self.tasks, strict=True)
+        )
 
     @property
     def drive(self) -> Drive:
@@ -376,14 +392,18 @@ class WornDevice:
             zip(device.axes, device.prefixes, self.tasks, strict=True)
         ):
             found = axis.read_motion(physics, windings[n] if windings else None)
-            _, phase, sine, cosine = rows[MARKS * n : MARKS * (n + 1)]
+            reference, phase, sine, cosine = rows[MARKS * n : MARKS * (n + 1)]
             demand = None if demands is None else demands[n]
             if demand is None:
                 angle, velocity = (
                     found["joint_angle_rad"],
                     found["joint_velocity_rad_s"],
                 )
+                if task.about_reference:
+                    angle = angle - reference
                 demand = task.torque(angle, velocity, phase)
+            if task.commands_angle:
+                found[REFERENCE_COLUMN] = reference
             found["desired_torque_nm"] = demand
             found["phase_sine"], found["phase_cosine"] = sine, cosine
             if prefix:
@@ -406,18 +426,20 @@ class WornDevice:
 
         Returns:
             Columns of an episode log; their reward per second for tracking the desired
-            torques, the mean over axes.
+            torques, or angles where a task commands them, the mean over axes.
         """
         columns = self.read(physics, marks, demands)
         costs = []
-        for axis, prefix in zip(
-            self.description.axes, self.device.prefixes, strict=True
+        for axis, task, prefix in zip(
+            self.description.axes, self.tasks, self.device.prefixes, strict=True
         ):
-            error = (
-                columns[f"{prefix}joint_torque_nm"]
-                - columns[f"{prefix}desired_torque_nm"]
+            kind, wanted, scale = (
+                ("joint_angle_rad", REFERENCE_COLUMN, axis.units["motor_angle_rad"])
+                if task.commands_angle
+                else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
             )
-            costs.append(np.minimum(np.abs(error) / axis.torque_scale, MAX_ERROR_COST))
+            error = columns[prefix + kind] - columns[prefix + wanted]
+            costs.append(np.minimum(np.abs(error) / scale, MAX_ERROR_COST))
         if len(costs) == 1:
             return columns, -costs[0]
         return columns, -sum(costs) / len(costs)
@@ -461,7 +483,8 @@ class WornDevice:
         ):
             reference, phase = script.mark(MARKS * n), script.mark(MARKS * n + 1)
             velocity = np.gradient(reference, self.sampling)
-            demand = task.torque(reference, velocity, phase)
+            deviation = 0.0 * reference if task.about_reference else reference
+            demand = task.torque(deviation, velocity, phase)
             least, most = drive.reach
             slack = BEYOND_SHARE * float(np.abs(demand).max())
             if least - slack <= demand.min() and demand.max() <= most + slack:

@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.control import Controller, axes_controller
+from cc_mujoco.control import (
+    CONTROLLERS,
+    POSITION_CONTROLLERS,
+    Controller,
+    axes_controller,
+)
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
@@ -58,7 +63,8 @@ def live(
     inner: Any = env.unwrapped
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
     cables = inner.exo.device.cables
-    knobs = Knobs(cables, name)
+    angles = all(drive.commands_angle for drive in inner.drives)
+    knobs = Knobs(cables, name, POSITION_CONTROLLERS if angles else CONTROLLERS)
     highest = round_up_tension(max(cable.pretension for cable in cables.values()))
     model = inner.model
     sliders = Sliders(knobs, inner.device.spec.copy())

@@ -11,7 +11,7 @@ Controllers are not informed of either: they know the device as the scene has it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from cc_mujoco.cable import Cable
@@ -52,16 +52,23 @@ class Knobs:
     Keys are pressed in the thread of the window and read in that of the simulation.
     """
 
-    def __init__(self, cables: Mapping[str, Cable], controller: str = "") -> None:
+    def __init__(
+        self,
+        cables: Mapping[str, Cable],
+        controller: str = "",
+        names: Iterable[str] = CONTROLLERS,
+    ) -> None:
         """Begin with the scene as it is.
 
         Args:
             cables: Those of the scene, by name.
             controller: Name of the one to begin with; any. None drives by default.
+            names: Controllers to choose from.
         """
         self._cables = cables
-        own = () if controller in CONTROLLERS else (controller,)
-        self._laws: tuple[str, ...] = (*own, *CONTROLLERS) if controller else ()
+        known = tuple(names)
+        own = () if controller in known else (controller,)
+        self._laws: tuple[str, ...] = (*own, *known) if controller else ()
         self._law = self._laws.index(controller) if controller else 0
         self._friction = self._pretension = 0.0
         self.paused = False

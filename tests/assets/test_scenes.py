@@ -91,7 +91,7 @@ def test_a_scene_is_found_by_name() -> None:
         assert scene_path(scene).is_absolute()
     with pytest.raises(
         CableError,
-        match=r"'wirst'.*'wrist'.*Available: ankle, bench, bilateral, exosuit, finger",
+        match=r"'wirst'.*'wrist'.*Available: ankle, bench, bilateral, endoscope",
     ):
         scene_path("wirst")
 

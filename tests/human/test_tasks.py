@@ -66,6 +66,9 @@ def test_spring_transparent_assist() -> None:
     assert TASKS["spring"].torque(0.3, 1.0, 0.0) == -0.3
     assert Spring(stiffness=2.5).torque(-0.2, 0.0, 0.0) == 0.5
     assert TASKS["transparent"].torque(-0.3, 5.0, 0.5) == 0.0
+    assert task("impedance:2,damping=0.5").torque(0.3, 1.0, 0.0) == pytest.approx(-1.1)
+    assert TASKS["impedance"].about_reference and TASKS["position"].commands_angle
+    assert TASKS["position"].torque(-0.3, 5.0, 0.5) == 0.0
     phase = np.linspace(0, 1, 1001)
     torque = Assist(peak=40.0).torque(np.zeros(1001), np.zeros(1001), phase)
     assert torque.min() == pytest.approx(-40.0, rel=1e-4)
@@ -94,7 +97,8 @@ def test_scalars_and_arrays_give_the_same_bits(
 
 
 def test_registry_and_errors() -> None:
-    assert list(TASKS) == ["tunnel", "spring", "transparent", "assist", "swing", "hold"]
+    torques = ["tunnel", "spring", "transparent", "assist", "swing", "hold"]
+    assert list(TASKS) == [*torques, "impedance", "position"]
     assert task("assist") is TASKS["assist"]
     with pytest.raises(CableError, match="unknown task 'tunel': did you mean 'tunnel'"):
         task("tunel")

@@ -178,7 +178,8 @@ def test_what_python_alone_knows_is_left_to_it() -> None:
 
     assert task_of(Steeper()) is None
     assert task_of(Spring(2.0)) is not None
-    assert all(task_of(task) is not None for task in TASKS.values())
+    by_python = {name for name, task in TASKS.items() if task_of(task) is None}
+    assert by_python == {"impedance", "position"}
     assert law_of(Other.__new__(Other)) is None
 
 

@@ -1,0 +1,79 @@
+"""`cc-mujoco calibrate`: hysteresis parameters of position controllers from a trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.cli._options import Name, Names, option_help
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Fit hysteresis to a trial; write the parameters of position controllers.
+
+    The commands read the file beside the scene. It is never overwritten.
+    """
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
+    trial: Annotated[Path | None, option_help("FILE")] = None
+    """Measured trial: a table with columns motor_angle_rad and joint_angle_rad, slow,
+    from rest; one on the simulated device unless given."""
+    controllers: Names = ()
+    """Controllers whose parameters are fitted; all unless given."""
+    axis: Name = None
+    """Axis of a device with several."""
+    out: Annotated[Path | None, option_help("FILE")] = None
+    """File to write; SCENE.hysteresis.toml beside your scene by default."""
+
+    def run(self) -> None:
+        """Play or read the trial, fit and write."""
+        from cc_mujoco.device import DeviceModel, Plant, find_device
+        from cc_mujoco.device._device import is_device_file
+        from cc_mujoco.device._hysteresis_file import (
+            HYSTERESIS_ENDING,
+            write_hysteresis,
+        )
+
+        device = find_device(self.scene)
+        out = self.out
+        if out is None and is_device_file(self.scene) and device.path is not None:
+            out = device.path.with_suffix(HYSTERESIS_ENDING)
+        if out is None:
+            raise CableError(
+                f"the parameters of the built-in device {self.scene!r} are not "
+                "overwritten; name a file by --out."
+            )
+        if out.exists():
+            raise CableError(
+                f"{out} is there and is not overwritten; remove it, or name another "
+                "file by --out."
+            )
+        axis = device.description.axis(self.axis)
+
+        from cc_mujoco.control import FITTED, HysteresisTrial, fit_hysteresis
+        from cc_mujoco.simulation import calibration_trials
+
+        place = device.description.axes.index(axis)
+        plant = Plant(device)
+        model = DeviceModel(device.description, plant.model())
+        drive = model.drives(device.description.period)[place]
+        if self.trial is None:
+            trial = calibration_trials([plant])[0]
+        else:
+            from cc_mujoco._utils.tables import read_columns
+
+            motor, joint = "motor_angle_rad", "joint_angle_rad"
+            columns = read_columns(self.trial, (motor, joint))
+            trial = HysteresisTrial.of(columns[motor], columns[joint], drive.ratio)
+        found = fit_hysteresis(trial, drive, self.controllers or FITTED)
+        write_hysteresis(out, axis.name, found)
+        print(f"fitted {', '.join(found)} to {trial.joint_angle.size} samples")
+        print(f"wrote {out}: commands read it as SCENE{HYSTERESIS_ENDING}.")

@@ -1,0 +1,168 @@
+r"""Position control: a motor angle for the desired joint angle, and a servo.
+
+    law = controller("none", drive)               # of a drive that commands an angle
+    law.torque({"reference_angle_rad": 0.2, "motor_angle_rad": 0.0,
+                "motor_velocity_rad_s": 0.0})     # N m
+
+A law maps the desired course of the joint to a course of the motor; that map is where
+friction and stretch of the cable are compensated, or not. The servo sees the encoder of
+the motor alone, as that of an endoscope does.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._validation import require_number
+from cc_mujoco.control._controller import Controller
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import REFERENCE_COLUMN
+from cc_mujoco.errors import CableError
+
+Array = NDArray[np.float64]
+
+BANDWIDTH = 150.0
+"""Bandwidth of the servo without delay [rad/s]."""
+PHASE_PER_DELAY = 0.4
+"""Most that the bandwidth times the delay of the loop may be [rad]."""
+INTEGRAL_SHARE = 0.2
+"""Rate of the servo's integral over its bandwidth."""
+ACCELERATION_SHARE = 0.25
+"""Share of the motor's torque with which it follows a change of rate."""
+LEAST_INERTIA = 1e-9
+"""Inertia below which a servo cannot be tuned [kg m^2]."""
+
+
+class PositionController(Controller):
+    r"""A motor angle for each desired joint angle, held by a servo.
+
+    \[ \tau_m = J \omega^2 \Bigl( e + \tfrac{\omega}{5} \int e \, dt \Bigr)
+       + 2 J \omega \, \dot e, \qquad e = \theta^* - \theta_m \]
+
+    with the motor's inertia J, the bandwidth \(\omega\), lower where measurements are
+    late, and the motor angle \(\theta^*\) of the law, both from where the motor was at
+    the start. A law leaps where the joint turns round; what of it asks for more than a
+    quarter of the motor's torque is gone through as the servo settles, so that the
+    motor does not overshoot. The integral stops where the motor is at its limit. Where
+    the joint was at the start is measured or, without a sensor there, its neutral
+    angle.
+    """
+
+    def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven; its inertia must be known.
+            bandwidth: Of the servo, without delay [rad/s].
+
+        Raises:
+            CableError: The bandwidth is out of range, or the inertia is not known.
+        """
+        super().__init__(drive)
+        require_number("bandwidth", bandwidth, 1.0, 1e4, "rad/s")
+        if not drive.inertia > LEAST_INERTIA:
+            raise CableError(
+                "a position controller needs the inertia of the motor; Drive.inertia "
+                f"is {drive.inertia:g} kg m^2."
+            )
+        late = (1.5 + drive.delay) * drive.period + drive.motor_lag
+        self.bandwidth = min(bandwidth, PHASE_PER_DELAY / late)
+        most = min(abs(drive.low) or math.inf, abs(drive.high) or math.inf)
+        self._acceleration = ACCELERATION_SHARE * most / drive.inertia
+        self._rows = 0
+        self.reset()
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start anew at the next observation; see `Controller.reset`."""
+        if where is None:
+            self._rows = 0
+        elif self._rows:
+            self._fresh |= where
+
+    @abstractmethod
+    def begin(self, rows: NDArray[np.intp], count: int) -> None:
+        """Begin an episode of some environments, at rest.
+
+        Args:
+            rows: Which.
+            count: Number of all of them, n.
+        """
+
+    @abstractmethod
+    def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
+        """Return the angle of the motor from its start (n,) [rad].
+
+        Args:
+            joint: Desired joint angle from its start (n,) [rad].
+            observation: Measurements of this instant, arrays or numbers.
+        """
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
+        reference = np.atleast_1d(np.asarray(observation[REFERENCE_COLUMN], float))
+        angle = np.atleast_1d(np.asarray(observation["motor_angle_rad"], float))
+        velocity = np.atleast_1d(np.asarray(observation["motor_velocity_rad_s"], float))
+        count = reference.size
+        if self._rows != count:
+            self._rows, self._fresh = count, np.ones(count, dtype=np.bool_)
+            self._start, self._memory = np.zeros(count), np.zeros((5, count))
+            self.joint_start = np.full(count, self.drive.joint_neutral)
+        fresh = self._fresh
+        if fresh.any():
+            self._start[fresh] = angle[fresh]
+            self._memory[:, fresh] = 0.0
+            if self.drive.joint_sensor:
+                joint = np.atleast_1d(np.asarray(observation["joint_angle_rad"], float))
+                self.joint_start[fresh] = joint[fresh]
+            self.begin(np.flatnonzero(fresh), count)
+        wanted = self.motor_angle(reference - self.joint_start, observation)
+        self._fresh = np.zeros(count, dtype=np.bool_)
+        given = self._servo(wanted, angle - self._start, velocity)
+        return float(given[0]) if np.ndim(observation[REFERENCE_COLUMN]) == 0 else given
+
+    def _servo(self, wanted: Array, angle: Array, velocity: Array) -> Array:
+        """Return the torques of the motor (n,) [N m].
+
+        Args:
+            wanted: Angles of the law (n,) [rad].
+            angle: Measured angles from the start (n,) [rad].
+            velocity: Measured velocities (n,) [rad/s].
+        """
+        period, omega, inertia = self.drive.period, self.bandwidth, self.drive.inertia
+        before, rate, left, leaving, total = self._memory
+        asked_rate = (wanted - before) / period
+        most = self._acceleration * period
+        rate = np.clip(asked_rate, rate - most, rate + most)
+        # What is too quick is left, and dies away without overshoot.
+        left = left + (asked_rate - rate) * period
+        kept, turn = math.exp(-omega * period), omega * period
+        left, leaving = (
+            kept * ((1.0 + turn) * left + period * leaving),
+            kept * ((1.0 - turn) * leaving - turn * omega * left),
+        )
+        speeding = omega * omega * left + 2.0 * omega * leaving
+        error, missing = wanted - left - angle, rate - leaving - velocity
+        slow = total + INTEGRAL_SHARE * omega * period * error
+        asked = omega * omega * (error + slow) + 2.0 * omega * missing + speeding
+        asked = inertia * asked + self.drive.damping * (rate - leaving)
+        given = np.clip(asked, self.drive.low, self.drive.high)
+        total = np.where(given == asked, slow, total)
+        self._memory = np.stack([wanted, rate, left, leaving, total])
+        return np.asarray(given)
+
+
+class IdealRatio(PositionController):
+    """No compensation: the motor turns as if the cable neither rubbed nor stretched."""
+
+    def begin(self, rows: NDArray[np.intp], count: int) -> None:
+        """Do nothing; see `PositionController.begin`."""
+
+    def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
+        """Return ratio times joint angle [rad]."""
+        return self.drive.ratio * joint

@@ -1,0 +1,82 @@
+"""Calibration of hysteresis on a simulated device, as it is done on a bench.
+
+    trial = calibration_trials(["endoscope"])[0]
+    found = fit_hysteresis(trial, drive)
+
+On a bench the joint is measured, for example by a camera, although the device has no
+sensor there; so it is here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from cc_mujoco.control import DistalFeedback, HysteresisTrial
+from cc_mujoco.device import Device, DeviceModel, Drive, Plant
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Loops, Position
+from cc_mujoco.simulation._reference_motion import joint_range
+from cc_mujoco.simulation._simulate import simulate
+
+DURATION = 12.0
+"""Length of a trial [s]."""
+BEYOND_REACH = 1.15
+"""Largest swing over the reach of the device, as far as the stops leave room."""
+CALIBRATING = 30.0
+"""Gain of the feedback that leads the joint through the trial [1/s]."""
+STOP_SHARE = 0.95
+"""Most of the way to a stop that is gone."""
+
+
+def calibration_trials(
+    plants: Sequence[str | Path | Device | Plant],
+    duration: float = DURATION,
+    threads: int = 0,
+) -> list[HysteresisTrial]:
+    """Play a slow course of the joint in loops of many sizes.
+
+    Args:
+        plants: Of one device with one axis, see `simulate`.
+        duration: Length of the trial [s].
+        threads: Threads that simulate; 0 means one per processor.
+
+    Returns:
+        The trial of each plant.
+
+    Raises:
+        CableError: The device has several axes, somebody else moves the joint, or a
+            plant cannot be simulated.
+    """
+    made = [one if isinstance(one, Plant) else Plant(one) for one in plants]
+    description = made[0].description
+    axis = description.axis()
+    if axis.limb in description.movers:
+        raise CableError(
+            f"a wearer moves joint {axis.limb!r} of {description.scene!r}; hysteresis "
+            "is calibrated where cables and springs alone move the joint."
+        )
+    model = DeviceModel(description, made[0].model())
+    low, high = joint_range(model.model, axis.joint)
+    room = STOP_SHARE * min(high - axis.centre, axis.centre - low)
+    course = Loops(min(BEYOND_REACH * axis.reach, room), axis.centre)
+    logs = simulate(
+        made,
+        _uncalibrated,
+        motion=course,
+        task=Position(),
+        duration=duration,
+        sensing=dataclasses.replace(description.sensing, joint_sensor=True),
+        threads=threads,
+    )
+    ratio = model.axes[0].ratio
+    return [
+        HysteresisTrial.of(log["motor_angle_rad"], log["joint_angle_rad"], ratio)
+        for log in logs
+    ]
+
+
+def _uncalibrated(drive: Drive) -> DistalFeedback:
+    """Return a controller that knows nothing of an earlier trial."""
+    return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=CALIBRATING)

@@ -126,7 +126,7 @@ class LinearFit(HysteresisInverse):
     model_name = "linear"
 
 
-class BacklashInverse(HysteresisInverse):
+class SmoothBacklashInverse(HysteresisInverse):
     """Inverse of a smooth backlash (Tao and Kokotović 1993), fitted to a trial."""
 
     model_name = "backlash_inverse"

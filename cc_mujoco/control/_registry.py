@@ -20,11 +20,11 @@ from cc_mujoco.control._disturbance import DisturbanceObserver
 from cc_mujoco.control._feed_forward import FeedForward
 from cc_mujoco.control._gaussian import LinearQuadraticGaussian
 from cc_mujoco.control._hysteresis_inverse import (
-    BacklashInverse,
     BoucWenFeedForward,
     CableInverse,
     LinearFit,
     PrandtlIshlinskiiInverse,
+    SmoothBacklashInverse,
 )
 from cc_mujoco.control._model_based import ModelBased
 from cc_mujoco.control._policy import Policy
@@ -58,7 +58,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
 POSITION_CONTROLLERS: dict[str, type[Controller]] = {
     "none": IdealRatio,
     "linear": LinearFit,
-    "backlash_inverse": BacklashInverse,
+    "backlash_inverse": SmoothBacklashInverse,
     "prandtl_ishlinskii": PrandtlIshlinskiiInverse,
     "bouc_wen": BoucWenFeedForward,
     "cable_inverse": CableInverse,

@@ -144,6 +144,7 @@ class AttachedCables:
         rest = _lengths_in_qpos0(self._model)[actuators]
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
+        self._proximal = actuators[:, 0]
         self._segments = wp.array([c.segments for c in self._cables], **ints)
         self._actuators = wp.array(actuators, **ints)
         self._followed = wp.array(held.astype(np.int32), **ints)
@@ -288,14 +289,25 @@ class AttachedCables:
             CableError: an unknown cable or parameter, a value out of its range, or a
                 term that is off in the kernel.
         """
-        cable = self._index(name)
+        index = self._index(name)
         values = self.values.numpy().copy()
         for key, given in parameters.items():
             if key not in _INDEX:
                 raise CableError.unknown("parameter", key, list(_INDEX))
             wanted = np.broadcast_to(np.asarray(given, float), self._worlds)
-            self._require_allowed(name, key, wanted)
-            values[cable, :, _INDEX[key]] = wanted
+            if key in TERMS and key not in self._terms and np.any(wanted != 0.0):
+                raise CableError(
+                    f"cable {name!r}: {key} was off when the kernel was compiled; "
+                    f"attach with terms=({key!r},) to vary it"
+                )
+            values[index, :, _INDEX[key]] = wanted
+        for row in np.unique(values[index], axis=0):
+            own = dict(zip(_INDEX, row.astype(float).tolist(), strict=True))
+            try:
+                wanted_cable = self._cables[index].replace(**own)
+            except CableError as error:
+                raise CableError(f"cable {name!r}: {error}") from None
+            self._require_allowed(index, wanted_cable)
         self.values.assign(values)
         self.repack()
 
@@ -309,20 +321,15 @@ class AttachedCables:
             device=self._prm.device,
         )
 
-    def _require_allowed(self, name: str, key: str, wanted: Floats) -> None:
-        parameter = PARAMETERS[_INDEX[key]]
-        above = (
-            wanted > parameter.low if parameter.low_open else wanted >= parameter.low
-        )
-        bad = wanted[~(above & (wanted <= parameter.high))]
-        if bad.size:
+    def _require_allowed(self, index: int, cable: Cable) -> None:
+        """Refuse a pulley whose axis lies outside of it, as the plugin does."""
+        swing = cable.eccentricity + cable.ovality
+        radius = abs(float(self._model.actuator_gear[self._proximal[index], 0]))
+        if swing >= radius:
             raise CableError(
-                f"cable {name!r}: {key} is {bad[0]:g}; it must be {parameter.allowed}"
-            )
-        if key in TERMS and key not in self._terms and np.any(wanted != 0.0):
-            raise CableError(
-                f"cable {name!r}: {key} was off when the kernel was compiled; attach "
-                f"with terms=({key!r},) to vary it"
+                f"cable {self.names[index]!r}: eccentricity and ovality are "
+                f"{swing:g} m together; they must be less than the radius of the "
+                f"pulley, {radius:g} m"
             )
 
     def read(self, name: str) -> CableReading:

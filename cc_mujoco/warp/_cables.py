@@ -97,9 +97,11 @@ class AttachedCables:
         self._rest_in_pose = bool(rest_in_pose)
         actuators = _end_actuators(self._model, self.names)
         _require_plain(m, self._model, actuators)
-        self._implicit = self._are_implicit(m, actuators)
+        looks = self._looking_ahead(m, actuators)
+        self._implicit = any(looks)
         self._kernels = kernels(self._terms, self._implicit)
         self._allocate(d, actuators)
+        self._looks = wp.array(looks, dtype=int, device=d.time.device)
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
         m.callback.act_bias = self._act
 
@@ -107,17 +109,18 @@ class AttachedCables:
     def _shape(self) -> tuple[int, int]:
         return len(self._cables), self._worlds
 
-    def _are_implicit(self, m: mjw.Model, actuators: NDArray[np.int32]) -> bool:
-        """Return whether the step is long for an end that may look ahead."""
+    def _looking_ahead(self, m: mjw.Model, actuators: NDArray[np.int32]) -> list[bool]:
+        """Return of each cable whether the step is long for an end that may yield."""
         if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_DISCRETE:
-            return False
+            return [False for _ in self._cables]
         step = float(m.opt.timestep.numpy().max())
-        return any(
+        return [
             cable.ends == ENDS[0]
-            and step**2 * _end_rate(self._model, cable, own[end], end) > _IMPLICIT_LIMIT
+            and max(_end_rate(self._model, cable, own[e], e) for e in range(2))
+            * step**2
+            > _IMPLICIT_LIMIT
             for cable, own in zip(self._cables, actuators, strict=True)
-            for end in range(2)
-        )
+        ]
 
     def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
         count, worlds = self._shape
@@ -157,7 +160,7 @@ class AttachedCables:
         self._place = wp.zeros((2, rows, 2), **reals)
         nv = int(self._model.nv)
         self._slope = wp.zeros((2, 2 * rows, nv if held.any() else 0), **reals)
-        self._aim = wp.zeros((rows, 5), **reals)
+        self._aim = wp.zeros((rows, 9), **reals)
         self._stamp = wp.full(rows, np.inf, **reals)
         self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
         self._flags = wp.ones(worlds, dtype=bool, device=device)
@@ -201,8 +204,8 @@ class AttachedCables:
             self._kernels.evaluate,
             dim=self._shape,
             inputs=[
-                self._worlds, m.opt.timestep, self._segments, self._actuators,
-                self._aim, self._now, self._prm,
+                self._worlds, self._looks, m.opt.timestep, self._segments,
+                self._actuators, self._aim, self._now, self._prm,
             ],
             outputs=[self._state, self._work, self.tensions, d.actuator_force],
             device=d.time.device,
@@ -250,8 +253,9 @@ class AttachedCables:
             self._kernels.look_ahead,
             dim=self._shape,
             inputs=[
-                self._worlds, m.opt.timestep, self._segments, self._actuators,
-                *moments, self._answers, self._found, d.actuator_velocity, self._prm,
+                self._worlds, self._looks, m.opt.timestep, self._segments,
+                self._actuators, *moments, self._answers, self._found,
+                d.actuator_velocity, self._prm,
             ],
             outputs=[self._aim],
             device=d.time.device,
@@ -421,7 +425,10 @@ def _end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> f
     """Return the square of the frequency of an end that friction holds [1/s^2]."""
     target = model.actuator_trnid[actuator, 0]
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-        mobility = model.dof_invweight0[model.jnt_dofadr[target]]
+        dof = model.jnt_dofadr[target]
+        mobility = model.dof_invweight0[dof]
+        if model.dof_armature[dof] > 0.0:
+            mobility = min(mobility, 1.0 / model.dof_armature[dof])
     else:
         mobility = model.tendon_invweight0[target]
     stiffness = kernel.end_stiffness(packed_parameters(cable), cable.segments, end == 1)

@@ -40,6 +40,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
     own = functions(wp.float32, terms, implicit)
     step, initialize, pack_mesh = own.step, own.initialize, own.pack_mesh
     end_stiffness, expect_yielding = own.end_stiffness, own.expect_yielding
+    node_stiffness = own.node_stiffness
     wound_length, lever_ratio = own.wound_length, own.lever_ratio
     has_pulley = not _PULLEY_TERMS.isdisjoint(terms)
 
@@ -126,6 +127,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def evaluate(
         worlds: int,
+        looks: wp.array(dtype=int),
         timestep: wp.array(dtype=float),
         segments: wp.array(dtype=int),
         actuators: wp.array2d(dtype=int),
@@ -143,12 +145,60 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         n = segments[cable]
         pending = state[1 - now[row], row]
         own_prm = prm[row]
-        if wp.static(implicit):
-            expect_yielding(own_prm, aim[row, 2], aim[row, 3])
-        status = step(
-            own_prm, n, state[now[row], row], 0, aim[row, 0], 0, aim[row, 1],
-            timestep[world % timestep.shape[0]], pending, work[row % work.shape[0]],
-        )  # fmt: skip
+        committed = state[now[row], row]
+        u, v = float(aim[row, 0]), float(aim[row, 1])
+        yields = wp.vec2(aim[row, 2], aim[row, 3])
+        ahead, passes, doubt = wp.vec2(0.0), wp.vec2(0.0), wp.vec2(0.0)
+        status, is_last = int(0), bool(False)
+        for stage in range(wp.static(3 if implicit else 1)):
+            if wp.static(implicit):
+                expect_yielding(own_prm, yields[0], yields[1])
+            status = step(
+                own_prm, n, committed, 0, u, 0, v,
+                timestep[world % timestep.shape[0]], pending,
+                work[row % work.shape[0]],
+            )  # fmt: skip
+            if wp.static(implicit):
+                # Does an end become taut or slack? See `plugin/_slack_passage.py`.
+                if status != 0 or is_last or looks[cable] == 0:
+                    break
+                for end in range(2):
+                    before = committed[_TENSIONS + end * n]
+                    after = pending[_TENSIONS + end * n]
+                    if stage == 0:
+                        sense = 1.0 - 2.0 * float(end)
+                        gained = wp.max(after, 0.0) - wp.max(before, 0.0)
+                        ahead[end] = (
+                            aim[row, 5 + end] + sense * aim[row, 7 + end] * gained
+                        )
+                        relaxes = sense * (ahead[end] - pending[end])
+                        if after <= 0.0:
+                            if before <= 0.0 and relaxes < 0.0:
+                                doubt[end] = 1.0
+                        elif before <= 0.0:
+                            passes[end] = 1.0
+                        elif relaxes * node_stiffness(own_prm, n)[end * n] > after:
+                            doubt[end] = -1.0
+                    elif doubt[end] != 0.0:
+                        passes[end] = 0.0
+                        if (after > 0.0) == (doubt[end] > 0.0):
+                            passes[end] = 1.0
+                doubtful = doubt[0] != 0.0 or doubt[1] != 0.0
+                if stage == 0 and doubtful:
+                    u, v = float(ahead[0]), float(ahead[1])
+                    yields = wp.vec2(0.0)
+                else:
+                    if stage == 0 and passes[0] == 0.0 and passes[1] == 0.0:
+                        break
+                    is_last = True
+                    u, v = float(aim[row, 0]), float(aim[row, 1])
+                    yields = wp.vec2(aim[row, 2], aim[row, 3])
+                    if passes[0] != 0.0:
+                        u = aim[row, 5]
+                        yields[0] = aim[row, 7]
+                    if passes[1] != 0.0:
+                        v = aim[row, 6]
+                        yields[1] = aim[row, 8]
         for end in range(2):
             tension = wp.max(pending[_TENSIONS + end * n], 0.0)
             if status != 0:
@@ -174,6 +224,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def look_ahead(
         worlds: int,
+        looks: wp.array(dtype=int),
         timestep: wp.array(dtype=float),
         segments: wp.array(dtype=int),
         actuators: wp.array2d(dtype=int),
@@ -187,8 +238,13 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         prm: wp.array2d(dtype=float),
         aim: wp.array2d(dtype=float),
     ):
-        """Move the ends to where the step takes their tensions, and let them yield."""
+        """Move the ends to where the step takes their tensions, and let them yield.
+
+        Columns 5 to 8 of `aim` are where the step leads, and how that yields.
+        """
         cable, world = wp.tid()
+        if looks[cable] == 0:
+            return
         row = cable * worlds + world
         h = timestep[world % timestep.shape[0]]
         for end in range(2):
@@ -220,10 +276,11 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
             if square > _STABILITY_LIMIT:
                 share = 1.0 - _STABILITY_LIMIT / square
             beta = share * h * h / _STABILITY_LIMIT
-            aim[row, end] += (
-                _VELOCITY_GAIN * share * share * h * lever * velocities[world, actuator]
-                + beta * ahead
-            )
+            speed = lever * velocities[world, actuator]
+            aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
+            aim[row, 7 + end] = h * h * mobility
+            gain = _VELOCITY_GAIN * share * share * h
+            aim[row, end] += gain * speed + beta * ahead
             aim[row, 2 + end] = beta * mobility
 
     return SimpleNamespace(

@@ -12,9 +12,11 @@ import pytest
 
 from cc_mujoco.diagnosis import (
     EFFECTS,
+    Options,
     fit_baseline,
     plant_of,
     prepare,
+    run_inference,
 )
 from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._inference.effect_check import check_effects
@@ -98,3 +100,30 @@ def test_rare_effects_pass_the_check_of_users_effects() -> None:
 
 def test_rare_effects_are_not_among_the_usual_ones() -> None:
     assert RARE and not set(RARE) & set(usual_effects())
+
+
+@pytest.mark.parametrize(
+    ("effect", "form", "values"),
+    [
+        pytest.param(
+            "stribeck_friction",
+            "Gaussian",
+            {
+                "stribeck_friction": 0.08,
+                "stribeck_speed": 0.02,
+                "stribeck_slip": 2e-4,
+                "stribeck_friction_form": 1.0,
+            },
+            marks=pytest.mark.study,
+        ),
+        ("backlash", "soft", {"backlash": 0.02, "backlash_form": 1.0}),
+        ("backlash", "hard", {"backlash": 0.02}),
+    ],
+)
+def test_an_effect_of_the_library_is_fitted_in_its_best_form(
+    effect: str, form: str, values: dict[str, float]
+) -> None:
+    found = run_inference(dataset({effect: values}, 2.5), BENCH, Options((effect,)))
+    (named,) = found.diagnosis.effects
+    assert (named.id, named.form) == (effect, form)
+    assert named.parameters[effect].value == pytest.approx(values[effect], rel=0.1)

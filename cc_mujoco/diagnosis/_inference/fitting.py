@@ -136,8 +136,7 @@ class Problem:
 
     def form(self, name: str) -> str:
         """Return the form in which an effect is in the model, "" of only one."""
-        forms = self.plant.library.effects[name].forms
-        return forms[round(self.forms[form_key(name)])] if forms else ""
+        return self.plant.library.effects[name].form(self.forms)
 
     @property
     def sensed(self) -> tuple[FloatArray, ...]:

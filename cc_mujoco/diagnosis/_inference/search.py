@@ -396,7 +396,7 @@ def _refit_forms(
     key = form_key(signature.id)
     forms = range(len(now.problem.plant.library.effects[signature.id].forms))
     for form in forms:
-        if best.reason or form == signature.start[key]:
+        if best.reason or form == signature.start.get(key, 0.0):
             continue
         other = signature._replace(start={**signature.start, key: float(form)})
         candidate = _refit(now, division, other, thresholds)

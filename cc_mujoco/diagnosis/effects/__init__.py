@@ -21,12 +21,12 @@ from cc_mujoco.diagnosis.effects._effect import (
     Signals,
     TrialConditions,
     Values,
+    form_key,
 )
 from cc_mujoco.diagnosis.effects._effect_class import (
     Shape,
     Size,
     effect_of_class,
-    form_key,
 )
 from cc_mujoco.diagnosis.effects._library import (
     EFFECTS,

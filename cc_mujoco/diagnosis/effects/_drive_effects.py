@@ -16,6 +16,8 @@ from cc_mujoco.diagnosis.effects._effect import (
     RigGeometry,
     Signals,
     Values,
+    clamp_to_bounds,
+    form_key,
 )
 
 BACKLASH_BOUNDS = (0.0, 0.15)
@@ -44,6 +46,26 @@ def _eccentric(
             ovality_phase=_rotate_phase(second, 2.0 * side * rig.exit_angle),
         )
         for side, cable in enumerate(given)
+    )
+
+
+def _soft_play(
+    given: tuple[Cable, ...], values: Values, rig: RigGeometry
+) -> tuple[Cable, ...]:
+    # In the soft form the pretension presses each cable's part of the edges in by a
+    # quarter of the play.
+    play = values["backlash"]
+    if play == 0.0 or round(values.get(form_key("backlash"), 0.0)) == 0:
+        return given
+    edge = 0.25 * play * rig.joint_radius
+    return tuple(
+        cable.replace(
+            end_compliance=clamp_to_bounds(
+                "end_compliance",
+                cable.end_compliance + edge / max(cable.pretension, 1e-9),
+            )
+        )
+        for cable in given
     )
 
 
@@ -101,6 +123,8 @@ DRIVE_EFFECTS = (
         mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
         "with two limits",
         source="Nordin and Gutman, Automatica 38, 2002",
+        cables=_soft_play,
+        forms=("hard", "soft"),
     ),
     Effect(
         id="pulley_eccentricity",

@@ -224,8 +224,8 @@ class Effect:
         by_trial: True if the cables depend on the trial's conditions.
         rare: True if it is searched on request, and where the other effects leave the
             error unexplained.
-        forms: names of the forms in which it is offered; of several, the value
-            `<id>_form` is the index of the one that is simulated.
+        forms: names of the forms in which it is offered; the value `form_key(id)` is
+            the index of the one that is simulated, 0 where there is none.
     """
 
     id: str
@@ -253,9 +253,20 @@ class Effect:
     rare: bool = False
     forms: tuple[str, ...] = ()
 
+    def form(self, values: Values) -> str:
+        """Return the form that values select, "" of an effect with only one."""
+        return (
+            self.forms[round(values.get(form_key(self.id), 0.0))] if self.forms else ""
+        )
+
     def confused(self, other: Effect) -> bool:
         """Return whether either is easily confused with the other."""
         return other.id in self.confounded_with or self.id in other.confounded_with
+
+
+def form_key(effect: str) -> str:
+    """Return the name of the value that selects the form of an effect."""
+    return f"{effect}_form"
 
 
 def on_all_cables(*names: str) -> Callable[..., tuple[Cable, ...]]:

@@ -42,6 +42,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     RigGeometry,
     Signals,
     Values,
+    form_key,
 )
 from cc_mujoco.errors import CableError
 
@@ -236,11 +237,6 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         forms=forms,
         generalises=tuple(getattr(made, "generalises", ())),
     )
-
-
-def form_key(effect: str) -> str:
-    """Return the name of the value that selects the form of an effect."""
-    return f"{effect}_form"
 
 
 def _parameters(made: Any) -> tuple[tuple[EffectParameter, ...], tuple[Values, ...]]:

@@ -11,12 +11,15 @@ from cc_mujoco.diagnosis.effects._effect import (
     RigGeometry,
     Values,
     clamp_to_bounds,
+    form_key,
     of_cable,
     on_all_cables,
 )
 
 _ASYMMETRY_BOUNDS = (-0.5, 0.5)
 """Difference of friction between two directions, over its mean."""
+_STRIBECK_EXPONENTS = (1.0, 2.0)
+"""Exponents of the forms of Stribeck friction."""
 _END_FRICTION_SHARE = 0.015
 """Friction of uneven bends and ends over the pretension."""
 
@@ -25,10 +28,12 @@ def _stribeck(
     given: tuple[Cable, ...], values: Values, _: RigGeometry
 ) -> tuple[Cable, ...]:
     # A contact has one slip that renews it: where it ages, that which ageing tells.
+    form = round(values.get(form_key("stribeck_friction"), 0.0))
     return tuple(
         cable.replace(
             stribeck_friction=values["stribeck_friction"],
             stribeck_speed=values["stribeck_speed"],
+            stribeck_exponent=_STRIBECK_EXPONENTS[form],
             critical_slip_distance=cable.critical_slip_distance
             if cable.ageing_friction > 0.0
             else values["stribeck_slip"],
@@ -107,7 +112,7 @@ FRICTION_EFFECTS = (
     Effect(
         id="stribeck_friction",
         title="Stribeck friction: more friction at low speed",
-        equation="mu += mu_b exp(-|v|/v_b)",
+        equation="mu += mu_b exp(-(|v|/v_b)^p), p 1 or 2",
         where="conduit",
         parameters=(
             EffectParameter(of_cable("stribeck_friction", 0.0, 2.0), 0.05),
@@ -141,6 +146,7 @@ FRICTION_EFFECTS = (
         mujoco=PLUGIN_KEYS,
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         cables=_stribeck,
+        forms=("exponential", "Gaussian"),
     ),
     Effect(
         id="presliding",

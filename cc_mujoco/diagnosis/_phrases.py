@@ -93,6 +93,8 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     if diagnosis.verdict == "tie":
         rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
         return f"Missing: {list_words([*map(names, named), *rivals])}{remains}"
+    if diagnosis.verdict == "unknown" and diagnosis.interrupted:
+        return "Something is missing, but the search was stopped before all was tried"
     if diagnosis.verdict == "unknown" and diagnosis.question:
         return "Something is missing, or one trial was recorded otherwise"
     if diagnosis.verdict == "unknown" and diagnosis.effects:

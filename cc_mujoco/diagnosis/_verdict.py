@@ -252,6 +252,8 @@ class Diagnosis:
     """Effects that tuning would hide."""
     remaining: float = math.nan
     """RMS error of the repaired model on held-out data, over the noise floor."""
+    interrupted: bool = False
+    """True if the search was stopped before all effects were tried."""
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:

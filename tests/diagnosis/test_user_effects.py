@@ -122,6 +122,18 @@ def test_an_interrupted_search_ends_with_what_it_found() -> None:
     assert found.diagnosis.statement.startswith("Stopped before all effects were tried")
 
 
+def test_a_search_that_is_interrupted_at_once_says_that_nothing_was_added() -> None:
+    def interrupt(share: float, doing: str) -> None:
+        if doing.startswith("refitting"):
+            raise KeyboardInterrupt
+
+    hidden = {"joint_stiffness": {"joint_stiffness": 3.0, "joint_stiffness_moment": 0}}
+    data = dataset(hidden, 1.5)
+    found = run_inference(data, BENCH, Options(tuple(hidden)), interrupt)
+    assert found.diagnosis.verdict == "unknown" and not found.diagnosis.effects
+    assert "no effect had been added" in found.diagnosis.statement
+
+
 def test_the_best_form_is_fitted_and_the_family_is_named() -> None:
     def signals(self: Any, given: Signals, values: dict[str, float]) -> Signals:
         law = (np.sin, np.cos)[round(values["pull_form"])]

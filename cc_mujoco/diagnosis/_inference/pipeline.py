@@ -212,6 +212,12 @@ def _conclude(
     outcome = Judgement(effects, ties, model.held.gap, beyond)
     kind, statement = judge(found, outcome, limits)
     if found.interrupted:
+        if not effects:
+            kind = "unknown"
+            statement = (
+                f"the tuned scene is {format_number(found.before.misfit)} times the "
+                "noise floor off, and no effect had been added."
+            )
         statement = f"Stopped before all effects were tried: {statement}"
     # What is added where nothing explains the error only stands in for it.
     arguments = (
@@ -252,6 +258,7 @@ def _conclude(
         strayed=beyond,
         confounded=hidden,
         remaining=floor_ratios(model.held.gap)[1],
+        interrupted=found.interrupted,
     )
     return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit)
 

@@ -196,7 +196,8 @@ def _describe_implausible(found: Search) -> str:
     """Name the effects that would do if they could be so large, in words."""
     statements = [
         f"{EFFECTS[candidate.id].title} {candidate.reason}"
-        for candidate in found.rounds[-1].candidates
+        for step in found.rounds[-1:]
+        for candidate in step.candidates
         if candidate.reason.startswith(IMPLAUSIBLE_PREFIX)
     ]
     return f"; {list_words(statements)}" if statements else ""

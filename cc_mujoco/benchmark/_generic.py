@@ -92,8 +92,8 @@ def plain_condition(
     tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
     if any(one.commands_angle for one in tasks):
         raise CableError(
-            f"the task of {scene} commands an angle, and this suite plays torques: "
-            "`--suite position` plays it."
+            f"the task of {scene} commands an angle, and suites play torques; "
+            "scripts/benchmarks/check_position.py plays angles."
         )
     return Condition(scene, "", motion, tasks), tasks
 

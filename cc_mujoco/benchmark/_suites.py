@@ -109,7 +109,7 @@ class Suite:
 
 
 POSITION_SCENES = ("endoscope",)
-"""Built-in devices whose task commands an angle."""
+"""Built-in devices whose task commands an angle, which no suite plays."""
 
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 

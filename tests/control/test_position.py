@@ -237,3 +237,11 @@ def test_a_short_trial_on_the_device_finds_its_friction_and_spring() -> None:
     found = fit_cable(trial, drive)
     assert found.friction == pytest.approx(1.0, abs=0.1)
     assert found.joint_stiffness == pytest.approx(0.03, rel=0.1)
+
+
+def test_a_suite_of_torques_refuses_a_device_that_follows_an_angle() -> None:
+    from cc_mujoco.benchmark._suites import SUITES
+
+    assert "endoscope" not in SUITES["generic"].scenes
+    with pytest.raises(CableError, match="commands an angle, and suites play torques"):
+        SUITES["generic"].conditions("endoscope")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import tomllib
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import Cable, Section
+from cc_mujoco.cli import main
 from cc_mujoco.control import (
     CONTROLLERS,
     FITTED,
@@ -245,3 +248,30 @@ def test_a_suite_of_torques_refuses_a_device_that_follows_an_angle() -> None:
     assert "endoscope" not in SUITES["generic"].scenes
     with pytest.raises(CableError, match="commands an angle, and suites play torques"):
         SUITES["generic"].conditions("endoscope")
+
+
+def test_an_impedance_is_about_the_motion_and_an_angle_is_observed() -> None:
+    log = simulate("wrist", "pi", task="impedance:2,damping=0.1", duration=0.2)
+    away = log["joint_angle_rad"] - log["reference_angle_rad"]
+    desired = -2.0 * away - 0.1 * log["joint_velocity_rad_s"]
+    assert np.array_equal(desired, log["desired_torque_nm"])
+    env: Any = gymnasium.make("cc_mujoco/Device-v1", device="endoscope", duration=0.1)
+    env.reset(seed=0)
+    assert env.unwrapped.exo.observed[0].columns[-1] == "reference_angle_rad"
+    *_, info = env.step(np.ones(1, dtype=np.float32))
+    error = abs(info["joint_angle_rad"] - info["reference_angle_rad"])
+    assert info["reward_tracking"] == pytest.approx(-1e-3 * error / 0.05)
+
+
+def test_a_measured_trial_is_fitted_on_the_command_line(tmp_path: Path) -> None:
+    joint = loops()
+    motor = 0.8 * (1.5 * joint + 0.1 * np.sign(np.gradient(joint)))
+    rows = np.stack([motor, joint], axis=1)
+    file, out = tmp_path / "trial.csv", tmp_path / "found.hysteresis.toml"
+    np.savetxt(
+        file, rows, delimiter=",", header="motor_angle_rad,joint_angle_rad", comments=""
+    )
+    words = ["calibrate", "endoscope", "--trial", str(file), "--out", str(out)]
+    assert main([*words, "--controllers", "linear"]) == 0
+    assert 1.3 < tomllib.loads(out.read_text())["bend"]["linear"]["slope"] < 1.7
+    assert main(words) == 2

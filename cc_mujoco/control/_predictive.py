@@ -91,7 +91,7 @@ class PredictiveCompensation(Controller):
     interfaces", IEEE Trans. Robotics and Automation 18, 2002). The account is only as
     good as the torque sensor.
 
-    A second model, whose friction builds up over a small motion (bristles),
+    With `bristles` a second model, whose friction builds up over a small motion,
     follows the same measurements. Where it predicts the torque of the next step with a
     quarter of the squared error, 1 to 6 plan with it: with friction at once a plan
     would cross a backlash that is not there, and swing. The choice between models by
@@ -121,7 +121,7 @@ class PredictiveCompensation(Controller):
         damper: float | None = None,
         yielding: float = 2e-3,
         tolerance: float | None = None,
-        bristles: float = 0.05,
+        bristles: float = 0.0,
     ) -> None:
         """Prepare for the first episode.
 
@@ -163,6 +163,8 @@ class PredictiveCompensation(Controller):
             bristles: Motion of the joint over which friction builds up in a second
                 model [rad], with which is planned where it predicts the torque better;
                 0 is no such model. A model that has bristles itself has no second one.
+                On a plant whose friction does not build up, a plan with bristles may
+                never let go of the cable, so give it only where friction does.
 
         Raises:
             CableError: If cables or inertia are not known, a number is out of range, or

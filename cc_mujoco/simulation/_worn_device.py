@@ -133,6 +133,7 @@ class WornDevice:
         self.frame_skip = frame_skip
         self.sampling = frame_skip * float(self.device.model.opt.timestep)
         """Time between samples of the sensors [s]."""
+        require_number("hold", hold, 1, 1000, "samples")
         self.hold = hold
         self.period = hold * self.sampling
         """Time between control steps [s]."""

@@ -28,8 +28,15 @@ from typing import Any
 
 import mujoco
 
-from cc_mujoco.cable._parameters import KEYS, MAX_SEGMENTS, Cable, Section
-from cc_mujoco.errors import CableError, CableWarning
+from cc_mujoco.cable._parameters import (
+    KEYS,
+    MAX_LENGTH,
+    MAX_SEGMENTS,
+    ROLLER,
+    Cable,
+    Section,
+)
+from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._open_path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import route_wrap
@@ -161,7 +168,7 @@ def add_friction(
     given: dict[str, Any] = {
         "friction": friction,
         "path": "open",
-        "guides": tuple((guides or {}).items()),
+        "guides": _checked_guides({} if guides is None else guides, burden),
         **parameters,
     }
     if segments is not None:
@@ -331,7 +338,6 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
     """Return the cables of branches, as long and as bent as their paths in `qpos0`."""
     model = compile_spec(spec.copy())
     laid = []
-    every = {target for end in ends for target, _ in end.branch.path}
     for end in ends:
         name = end.branch.name
         length = float(model.tendon_length0[model.tendon(name).id])
@@ -344,12 +350,8 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
             "route": name,
         }
         own |= given
-        if len(ends) > 1:
-            # The engine refuses a name that no branch passes, at the first.
-            own_names = {target for target, _ in end.branch.path}
-            if end is ends[0]:
-                own_names |= set(dict(given["guides"])) - every
-            own["guides"] = tuple(g for g in given["guides"] if g[0] in own_names)
+        inner = {target for target, _ in end.branch.path[1:-1]}
+        own["guides"] = tuple(g for g in given["guides"] if g[0] in inner)
         laid.append((end, Cable(**own)))
     tried = spec.copy()
     _write_cables(tried, laid)
@@ -364,6 +366,38 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
             bent = (Section(cable.length, cable.length / wrap),)
             laid[i] = end, dataclasses.replace(cable, conduit=bent)
     return laid
+
+
+def _checked_guides(given: Any, burden: Burden) -> tuple[tuple[str, Any], ...]:
+    """Return the guides of a tendon, by name.
+
+    Raises:
+        CableError: One is not between the ends of a branch, or is neither a roller nor
+            a site with a radius.
+    """
+    if not isinstance(given, Mapping):
+        raise CableError(
+            f"guides is {given!r}; it must be a dict such as {{'tip': 0.01, 'palm': "
+            f"{ROLLER!r}}}."
+        )
+    inner = {
+        target: how for branch in burden.branches for target, how in branch.path[1:-1]
+    }
+    for name, value in given.items():
+        kind = f"guide of tendon {burden.tendon!r} between its ends"
+        look_up(kind, name, inner)
+        radius = float(value) if isinstance(value, Real) else math.nan
+        if value != ROLLER and not inner[name].startswith("site"):
+            raise CableError(
+                f"guide {name!r} is {value!r}; a geom has its own radius, so it must "
+                f"be {ROLLER!r} or left out."
+            )
+        if value != ROLLER and not 0.0 < radius <= MAX_LENGTH:
+            raise CableError(
+                f"guide {name!r} is {value!r}; it must be a radius above 0 and at most "
+                f"{MAX_LENGTH:g} m, or {ROLLER!r}."
+            )
+    return tuple(given.items())
 
 
 def _write_cables(spec: mujoco.MjSpec, laid: _Laid) -> None:

@@ -268,10 +268,17 @@ class AttachedCables:
 
         Args:
             worlds: flags (worlds,); all if omitted.
+
+        Raises:
+            CableError: they are no flags of all worlds.
         """
-        if worlds is None:
-            worlds = np.ones(self._worlds, bool)
-        self._flags.assign(np.asarray(worlds, bool))
+        flags = np.ones(self._worlds, bool) if worlds is None else np.asarray(worlds)
+        if flags.dtype != bool or flags.shape != (self._worlds,):
+            raise CableError(
+                f"worlds is {worlds!r}; it must be true or false for each of the "
+                f"{self._worlds} worlds."
+            )
+        self._flags.assign(flags)
         wp.launch(
             forget,
             dim=self._shape,
@@ -298,7 +305,12 @@ class AttachedCables:
         for key, given in parameters.items():
             if key not in _INDEX:
                 raise CableError.unknown("parameter", key, list(_INDEX))
-            wanted = np.broadcast_to(np.asarray(given, float), self._worlds)
+            wanted = np.asarray(given, float)
+            if wanted.shape not in ((), (1,), (self._worlds,)):
+                raise CableError(
+                    f"cable {name!r}: {key} has the shape {wanted.shape}; it must be a "
+                    f"number, or one for each of the {self._worlds} worlds."
+                )
             if key in TERMS and key not in self._terms and np.any(wanted != 0.0):
                 raise CableError(
                     f"cable {name!r}: {key} was off when the kernel was compiled; "

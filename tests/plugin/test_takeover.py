@@ -156,8 +156,10 @@ def test_branches_behind_a_pulley_pull_by_their_share(divisor: float) -> None:
     first, second = (read(model, data, name).tension for name in report.cables)
     assert first == pytest.approx(10.0, rel=0.02)
     assert second == pytest.approx(10.0 / divisor, rel=0.02)
-    with pytest.raises(CableError, match=r"'t_1': key `guides` is 'nowhere:roller'"):
+    with pytest.raises(CableError, match=r"unknown guide of tendon 't' .*'nowhere'"):
         taken(xml, guides={"nowhere": "roller"})
+    with pytest.raises(CableError, match=r"guides is \['a'\]; it must be a dict"):
+        taken(xml, guides=["a"])
 
 
 def test_an_equality_holds_the_length_that_is_paid_out() -> None:

@@ -58,6 +58,11 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     try:
         for each in given:
             if isinstance(each, str) and ":" not in each:
+                if each.endswith(".py"):
+                    raise CableError(
+                        f"effect {each!r} names a file; write {each}:CLASS, with the "
+                        "class of the effect in it."
+                    )
                 if each not in EFFECTS:
                     raise CableError.unknown("effect", each, EFFECTS)
                 asked.append(each)

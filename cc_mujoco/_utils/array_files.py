@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.parser_errors import one_sentence
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
@@ -112,7 +113,7 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
     """Arrays of numbers in a file, by their paths."""
     from scipy.io.matlab import matfile_version
 
-    try:
+    with one_sentence(path):
         path.open("rb").close()  # the system's reason, where there is one
         if (
             path.suffix.lower() != MATLAB_ENDING
@@ -122,16 +123,6 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
                 yield _hdf5_arrays(file, path.suffix.lower() == MATLAB_ENDING)
         else:
             yield _matlab_arrays(path)
-    except CableError:
-        raise
-    except Exception as error:  # whatever the parser of a broken file stumbles over
-        reason = getattr(error, "strerror", None)
-        if reason:
-            raise CableError(f"cannot read {path}: {reason}.") from None
-        message = " ".join(str(error).split())[:160].rstrip(".")
-        raise CableError(
-            f"{path} is not a whole {path.suffix[1:]} file: {message}."
-        ) from None
 
 
 def _h5py(path: Path) -> Any:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.parser_errors import one_sentence
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
@@ -63,20 +64,9 @@ def _table(path: Path) -> dict[str, FloatArray]:
     Raises:
         CableError: The file cannot be read, holds no number, or needs a library.
     """
-    try:
+    with one_sentence(path, "`mcap recover` keeps what is whole"):
         seen = path.stat()
         return _read_table(path, seen.st_mtime_ns, seen.st_size)
-    except CableError:
-        raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read {path}: {reason}.") from None
-    except Exception as error:  # whatever the parser of a broken file stumbles over
-        message = " ".join(str(error).split())[:160].rstrip(".")
-        raise CableError(
-            f"{path} is not a whole mcap file: {message or type(error).__name__}; "
-            "`mcap recover` keeps what is whole."
-        ) from None
 
 
 @lru_cache(maxsize=4)

@@ -17,21 +17,14 @@ from cc_mujoco.control._cable_model import joint_stiffness
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.control._tuned_feedback import (
+    STATE_INPUTS,
     loop_gains,
     require_known_motor,
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
 
-_INPUTS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-)
-_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(_INPUTS))
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(STATE_INPUTS))
 _DELAY_SHARE = 0.2
 """Bandwidth of the motor's position, times the delay."""
 _MAX_BANDWIDTH = 200.0
@@ -105,14 +98,14 @@ class BacklashInverse(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
-        seen = readings(as_round_pulley(observation, self.drive), _INPUTS)
+        seen = readings(as_round_pulley(observation, self.drive), STATE_INPUTS)
         rows = len(seen)
         if len(self._memory) != rows:
             self._memory = np.zeros((rows, _SIZE))
         found = np.empty(rows)
         cables = np.resize(self._cables, (rows, *self._cables.shape[1:]))
         _torques(self._gains, cables, self._memory, seen, found)
-        numbers = np.ndim(observation[_INPUTS[0]]) == 0
+        numbers = np.ndim(observation[STATE_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
 

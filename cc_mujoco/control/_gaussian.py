@@ -16,21 +16,14 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_stiffness
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._tuned_feedback import (
+    STATE_INPUTS,
     loop_gains,
     require_known_motor,
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
 
-_INPUTS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-)
-_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(_INPUTS))
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(STATE_INPUTS))
 _STATES = 4
 _STRETCH, _SPEED, _LOAD, _LACK = range(_STATES)
 """Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
@@ -126,7 +119,7 @@ class LinearQuadraticGaussian(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
-        seen = readings(as_round_pulley(observation, self.drive), _INPUTS)
+        seen = readings(as_round_pulley(observation, self.drive), STATE_INPUTS)
         if len(self._memory) != len(seen):
             self._memory = np.zeros((len(seen), self._size))
         found = np.empty(len(seen))
@@ -141,7 +134,7 @@ class LinearQuadraticGaussian(Controller):
             np.empty(_STATES),
             found,
         )
-        numbers = np.ndim(observation[_INPUTS[0]]) == 0
+        numbers = np.ndim(observation[STATE_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
 

@@ -98,6 +98,7 @@ class HysteresisTrial:
         return weights
 
 
+@dataclass(frozen=True)
 class HysteresisModel(ABC):
     """A model of hysteresis that can be inverted; subclasses are frozen dataclasses."""
 
@@ -134,7 +135,7 @@ class HysteresisModel(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters as numbers and lists of numbers."""
-        fields = dataclasses.asdict(self)  # type: ignore[call-overload]
+        fields = dataclasses.asdict(self)
         return {n: list(v) if isinstance(v, tuple) else v for n, v in fields.items()}
 
     @classmethod
@@ -148,7 +149,7 @@ class HysteresisModel(ABC):
         Raises:
             CableError: A parameter is missing, unknown or impossible.
         """
-        kinds = {f.name: f.type for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        kinds = {f.name: f.type for f in dataclasses.fields(cls)}
         for key in given:
             if key not in kinds:
                 raise CableError.unknown(f"parameter of {name!r}", key, kinds)

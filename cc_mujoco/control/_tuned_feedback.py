@@ -27,6 +27,15 @@ from cc_mujoco.control._proportional_integral import ProportionalIntegral
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
+STATE_INPUTS = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+"""Columns that controllers of the motion of both ends read."""
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""

@@ -68,7 +68,7 @@ def diagnose(
             folder with the scene, with the diagnosis of other data or with other files
             that would be replaced.
     """
-    with effects_in_use(effects) as asked:
+    with effects_in_use(effects) as requested:
         bench = Bench.of(Path(scene), axis)
         given = _paths(data)
         require_ours(Path(out), bench.path, given)
@@ -78,7 +78,7 @@ def diagnose(
             bench,
             dataset_toml=dataset_toml,
             seed=seed,
-            effects=asked,
+            effects=requested,
             progress=progress,
         )
         names = [name for name in effects if isinstance(name, str)]
@@ -108,8 +108,8 @@ def infer(
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
             scene that cannot be repaired.
     """
-    with effects_in_use(effects) as asked:
-        return _infer(_paths(data), bench, dataset_toml, seed, asked, progress)
+    with effects_in_use(effects) as requested:
+        return _infer(_paths(data), bench, dataset_toml, seed, requested, progress)
 
 
 def _infer(
@@ -117,7 +117,7 @@ def _infer(
     bench: Bench,
     dataset_toml: str | os.PathLike[str] | None,
     seed: int,
-    asked: Sequence[str],
+    requested: Sequence[str],
     progress: Progress,
 ) -> tuple[DiagnosisResult, Dataset]:
     """Return what `infer` does, with effects that are in the library."""
@@ -148,7 +148,7 @@ def _infer(
         return unanswered_diagnosis(diagnosis, bench), dataset
     with single_threaded_blas():
         result = run_inference(
-            dataset, bench, Options(seed=seed, asked=asked), progress
+            dataset, bench, Options(seed=seed, requested=requested), progress
         )
     return _noted(result, findings), dataset
 

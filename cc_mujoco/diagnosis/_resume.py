@@ -23,7 +23,7 @@ class Earlier(NamedTuple):
         scene: MJCF file of the rig.
         dataset: the file with the meaning of the columns, or None.
         axis: of a device with several; None of one with a single one.
-        effects: that were asked for, as they were named.
+        effects: that were requested, as they were named.
     """
 
     data: tuple[Path, ...]

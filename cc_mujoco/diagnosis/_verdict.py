@@ -38,7 +38,7 @@ class FoundEffect:
     in the model, but not called missing."""
     agreement: float = 1.0
     """Share of the parts of the data that name it as well, where the model stays off
-    and they were asked."""
+    and they were requested."""
     disputed: bool = False
     """True if these are too few to call it missing."""
     ordinary: bool = False

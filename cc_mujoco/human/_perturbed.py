@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ class Disturbed(Trajectory):
     joint: str = ""
     """Joint that is disturbed, where the trajectory has companions."""
 
+    @abstractmethod
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
         """Return the angle, velocity and acceleration that are added, (3, n).
 
@@ -35,7 +37,6 @@ class Disturbed(Trajectory):
             duration: Length of the episode [s].
             rng: Source of what is random.
         """
-        raise NotImplementedError
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         step = float(time[1] - time[0])

@@ -72,21 +72,25 @@ def changing(change: Callable[[Signals, Any], Any]) -> type:
 def checked(given: Any) -> tuple[str, ...]:
     """Check an effect on a short recording."""
     records, _ = prepare(dataset(duration=1.5, chosen=(0,)), BENCH)
-    with effects_in_use([given]) as asked:
-        return check_effects(SimulatedRig(BENCH, records, 4), {}, asked)
+    with effects_in_use([given]) as requested:
+        return check_effects(SimulatedRig(BENCH, records, 4), {}, requested)
 
 
 def test_the_example_of_the_page_is_named_and_in_the_scene(tmp_path: Path) -> None:
-    with effects_in_use([page_example(tmp_path)]) as asked:
-        ids = (*asked, "joint_inertia")
-        found = run_inference(dataset(DRAG, 2.0), BENCH, Options(ids, asked=asked))
+    with effects_in_use([page_example(tmp_path)]) as requested:
+        ids = (*requested, "joint_inertia")
+        found = run_inference(
+            dataset(DRAG, 2.0), BENCH, Options(ids, requested=requested)
+        )
         (named,) = found.diagnosis.effects
         assert (named.id, found.diagnosis.verdict) == ("joint_drag", "named")
         assert "viscous drag on the joint" in found.diagnosis.statement
         assert named.parameters["joint_drag"].holds(0.3)
         scene = tmp_path / "scene.xml"
-        (told,) = write_and_compare_scene(found, scene)
-        difference = re.search(r"by ([\d.e-]+) N m RMS, with torques of ([\d.]+)", told)
+        (expected,) = write_and_compare_scene(found, scene)
+        difference = re.search(
+            r"by ([\d.e-]+) N m RMS, with torques of ([\d.]+)", expected
+        )
         assert difference is not None
         assert float(difference[1]) < 1e-3 * float(difference[2])
     assert "joint_drag" not in EFFECTS
@@ -140,9 +144,9 @@ def test_the_best_form_is_fitted_and_the_family_is_named() -> None:
         return given.added(joint=values["pull"] * law(3.0 * given.joint_angle))
 
     family = with_parts(forms=("sine", "cosine"), signals=signals)
-    with effects_in_use([family]) as asked:
+    with effects_in_use([family]) as requested:
         data = dataset({"pull": {"pull": 0.4, "pull_form": 1.0}}, 2.0)
-        found = run_inference(data, BENCH, Options(asked, asked=asked))
+        found = run_inference(data, BENCH, Options(requested, requested=requested))
     (named,) = found.diagnosis.effects
     assert (named.id, named.form) == ("pull", "cosine")
     assert named.parameters["pull"].holds(0.4)
@@ -158,9 +162,9 @@ def test_a_shape_may_be_negative() -> None:
             joint=values["pull"] * np.maximum(values["place"] - given.joint_angle, 0.0)
         ),
     )
-    with effects_in_use([stop]) as asked:
+    with effects_in_use([stop]) as requested:
         data = dataset({"pull": {"pull": 8.0, "place": -0.2}}, 3.0)
-        found = run_inference(data, BENCH, Options(asked, asked=asked))
+        found = run_inference(data, BENCH, Options(requested, requested=requested))
     (named,) = found.diagnosis.effects
     assert named.parameters["place"].value == pytest.approx(-0.2, abs=0.01)
 
@@ -217,7 +221,7 @@ def test_an_effect_that_changes_nothing_is_reported_with_what_it_needs() -> None
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "expected"),
     [
         ("nowhere.py:Pull", "there is no file 'nowhere.py'"),
         (f"{__file__}:Push", "has no class 'Push'"),
@@ -268,10 +272,10 @@ def test_an_effect_that_changes_nothing_is_reported_with_what_it_needs() -> None
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_is_wrong_is_said_in_one_sentence(given: Any, told: str) -> None:
+def test_what_is_wrong_is_said_in_one_sentence(given: Any, expected: str) -> None:
     with (
         np.errstate(all="ignore"),
-        pytest.raises(CableError, match=re.escape(told)) as caught,
+        pytest.raises(CableError, match=re.escape(expected)) as caught,
     ):
         checked(given)
     assert "\n" not in str(caught.value)
@@ -279,7 +283,7 @@ def test_what_is_wrong_is_said_in_one_sentence(given: Any, told: str) -> None:
 
 def test_an_error_in_the_file_is_blamed_on_its_line(tmp_path: Path) -> None:
     path = tmp_path / "my.py"
-    for code, told in (
+    for code, expected in (
         (
             "import numpy\nnumpy.zeros(-1)\n",
             "raised ValueError in .*my.py, line 2: neg",
@@ -287,7 +291,10 @@ def test_an_error_in_the_file_is_blamed_on_its_line(tmp_path: Path) -> None:
         ("def f(:\n", "raised SyntaxError in .*my.py, line 1"),
     ):
         path.write_text(code, encoding="utf-8")
-        with pytest.raises(CableError, match=told), effects_in_use([f"{path}:Pull"]):
+        with (
+            pytest.raises(CableError, match=expected),
+            effects_in_use([f"{path}:Pull"]),
+        ):
             pass
 
 

@@ -1,4 +1,4 @@
-"""Checks of effects that the user asked for, before anything is fitted to them."""
+"""Checks of effects that the user requested, before anything is fitted to them."""
 
 from __future__ import annotations
 

@@ -119,13 +119,13 @@ def run_inference(
     if wrong := unit_or_sign_error(replace(plant, bench=given), plant, start.values):
         return _empty_diagnosis(bench, wrong)
     progress(0.01, "checking the effects")
-    notes = check_effects(plant, start.values, settings.asked)
+    notes = check_effects(plant, start.values, settings.requested)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)
     if baseline_fit.change > MAX_NUMERICAL_ERROR:
         return _numerics_diagnosis(bench, baseline_fit)
     able = baseline_fit.problem.plant.library.effects
-    wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.asked])
+    wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
     names = tuple(name for name in wanted if name in able)
     rare = () if settings.ids else tuple(name for name in able if name not in names)
 

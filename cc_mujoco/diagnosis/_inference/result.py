@@ -19,10 +19,10 @@ class Options:
     """Choices that a diagnosis is made with, besides data and scene."""
 
     ids: Sequence[str] | None = None
-    """Effects to consider; by default all but the rare ones that are not `asked` for,
+    """Effects to consider; by default all but the rare ones that are not `requested`,
     which are considered where the others leave the error unexplained."""
-    asked: Sequence[str] = ()
-    """Effects that the user asked for, rare ones included."""
+    requested: Sequence[str] = ()
+    """Effects that the user requested, rare ones included."""
     thresholds: Thresholds = Thresholds()  # noqa: RUF009
     """Thresholds of the decisions."""
     seed: int = 0

@@ -127,7 +127,7 @@ class Signals:
         motor_radius: radius of the motor's pulley.
         joint_radius: radius of the joint's pulley.
         conditions: conditions of the trial.
-        columns: columns of the file that the effect asked for (samples,), by name, as
+        columns: columns of the file that the effect requested (samples,), by name, as
             they are recorded; with `temperature_c`.
     """
 

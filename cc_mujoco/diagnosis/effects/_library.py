@@ -1,6 +1,6 @@
 """Table of the effects that a diagnosis can name, and effects of the user in it.
 
-with effects_in_use(["my.py:JointDrag", "joint_stops"]) as asked:
+with effects_in_use(["my.py:JointDrag", "joint_stops"]) as requested:
 ...                     # EFFECTS has `joint_drag`; both are searched
 """
 
@@ -53,7 +53,7 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     """
     if isinstance(given, str) or inspect.isclass(given):
         given = [given]
-    asked: list[str] = []
+    requested: list[str] = []
     added: list[str] = []
     try:
         for each in given:
@@ -65,14 +65,14 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
                     )
                 if each not in EFFECTS:
                     raise CableError.unknown("effect", each, EFFECTS)
-                asked.append(each)
+                requested.append(each)
                 continue
             effect = _loaded(each)
             _require_new(effect)
             EFFECTS[effect.id] = effect
             added.append(effect.id)
-            asked.append(effect.id)
-        yield tuple(dict.fromkeys(asked))
+            requested.append(effect.id)
+        yield tuple(dict.fromkeys(requested))
     finally:
         for name in added:
             del EFFECTS[name]

@@ -59,13 +59,13 @@ def test_a_trial_with_other_cables_is_asked_about(
     odd: int, changes: dict[str, float], told: str
 ) -> None:
     found = baseline_fit(recorded(odd, changes))
-    asked = find_outlier_trial(found.problem, found.whole.x)
-    assert asked is not None
-    assert asked.trials == (f"run_{odd}",)
-    assert asked.misfit > 5.0 * asked.rest
-    assert asked.rest < 2.0
-    assert f"Trial run_{odd} is off by" in asked.question
-    assert re.search(told, asked.question), asked.question
+    requested = find_outlier_trial(found.problem, found.whole.x)
+    assert requested is not None
+    assert requested.trials == (f"run_{odd}",)
+    assert requested.misfit > 5.0 * requested.rest
+    assert requested.rest < 2.0
+    assert f"Trial run_{odd} is off by" in requested.question
+    assert re.search(told, requested.question), requested.question
 
 
 def test_a_trial_that_no_constant_mends_is_not_asked_about() -> None:
@@ -100,11 +100,11 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
     wider = found.problem.with_effect("joint_gravity", size)
     every = [record.counts for record in wider.plant.records]
     x = fit(wider, wider.placed(found.whole.x, size), every).x
-    asked = find_outlier_trial(wider, x, misfits(found.problem, found.whole.x))
-    assert asked is not None and asked.trials == ("run_2", "run_3")
-    assert "turned by \u22121.50 rad" in asked.question
-    assert "Correct sign and size of `tilt`" in asked.question
-    told = re.search(r"had been turned by (1\.\d+) rad", asked.question)
+    requested = find_outlier_trial(wider, x, misfits(found.problem, found.whole.x))
+    assert requested is not None and requested.trials == ("run_2", "run_3")
+    assert "turned by \u22121.50 rad" in requested.question
+    assert "Correct sign and size of `tilt`" in requested.question
+    told = re.search(r"had been turned by (1\.\d+) rad", requested.question)
     assert told and float(told[1]) == pytest.approx(1.5, abs=0.1)
 
 
@@ -115,9 +115,9 @@ def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:
         for k, trial in enumerate(data.trials)
     )
     found = baseline_fit(replace(data, trials=turned))
-    asked = find_outlier_trial(found.problem, found.whole.x)
-    assert asked is not None and asked.trials == ("run_2",)
-    assert "its pretension were" in asked.question
+    requested = find_outlier_trial(found.problem, found.whole.x)
+    assert requested is not None and requested.trials == ("run_2",)
+    assert "its pretension were" in requested.question
 
 
 def test_what_a_large_effect_leaves_is_no_contradiction() -> None:

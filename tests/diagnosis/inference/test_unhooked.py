@@ -68,8 +68,8 @@ def test_cables_that_were_taken_off_pull_nothing(data: Dataset) -> None:
         assert np.std(left[1] + np.broadcast_to(size, off.time.shape)[off.counts]) < (
             0.02
         )
-    asked = find_outlier_trial(found.problem, found.whole.x)
-    assert asked is None or "off" not in asked.trials
+    requested = find_outlier_trial(found.problem, found.whole.x)
+    assert requested is None or "off" not in requested.trials
 
 
 def test_no_check_expects_cables_that_were_taken_off(data: Dataset) -> None:

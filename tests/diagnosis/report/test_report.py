@@ -162,8 +162,8 @@ def test_a_question_is_asked_once_before_all_sections(
     tmp_path: Path, verdict: str
 ) -> None:
     told = "Do load cells and torque sensor read the same pulley?"
-    asked = replace(DIAGNOSES[verdict], question=told)
-    page = written(tmp_path, asked, NOTHING)
+    requested = replace(DIAGNOSES[verdict], question=told)
+    page = written(tmp_path, requested, NOTHING)
     assert page.text.count(told) == 1
     assert page.text.index(told) < page.text.index(page.headings[1])
 

@@ -56,7 +56,7 @@ PAGES = {
     "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
-    "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
+    "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",
 }
 """Page of every block."""
 ENTRIES = ("pi", "model", "stiction", "predictive", "adaptive")

@@ -54,7 +54,7 @@ BOOTSTRAP_DRAWS = 400
 class Thresholds:
     """Thresholds for naming an effect; calibrated on rigs without any.
 
-    How often the verdicts are right then: `README.md` of `cc_mujoco.diagnosis`.
+    How often the verdicts are right then: `validation.md` of `cc_mujoco.diagnosis`.
 
     Attributes:
         reduction: least relative reduction of the held-out squared error.

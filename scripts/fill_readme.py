@@ -1,9 +1,9 @@
-r"""Put parameters, materials, metrics, claims and both benchmarks into their pages.
+r"""Put tables of the package, claims and both benchmarks into their pages.
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [parameters] [materials] [metrics] [claims] \
-        [benchmark] [diagnosis]
+    python scripts/fill_readme.py [parameters] [materials] [metrics] [effects] \
+        [dataset] [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
 marks of each block, on its page and, in short, on the front page. The benchmark is
@@ -13,8 +13,10 @@ marks of each block, on its page and, in short, on the front page. The benchmark
 from __future__ import annotations
 
 import argparse
+import inspect
 import re
 import sys
+import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,8 +40,11 @@ from cc_mujoco.benchmark import (
     times_table,
 )
 from cc_mujoco.cable import PARAMETERS, as_table
+from cc_mujoco.datasets import _dataset_file
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
+from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.diagnosis.effects import _library as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce, table
@@ -54,6 +59,8 @@ PAGES = {
     "parameters": ROOT / "cc_mujoco" / "cable" / "README.md",
     "materials": ROOT / "cc_mujoco" / "design" / "README.md",
     "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
+    "effects": ROOT / "cc_mujoco" / "diagnosis" / "concepts.md",
+    "dataset": ROOT / "cc_mujoco" / "diagnosis" / "reference.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",
@@ -108,11 +115,18 @@ def played(folder: Path, seeds: int) -> Results:
 
 
 def studies(folder: Path) -> str:
-    """Return the Markdown of what `diagnose_benchmark.py` measured last."""
+    """Return the Markdown of the last study, without what it folds."""
     path = folder / f"{LAST}.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
-    return path.read_text(encoding="utf-8").strip()
+    return path.read_text(encoding="utf-8").partition("<details>")[0].strip()
+
+
+def dataset_example() -> str:
+    """Return the example of a `dataset.toml` with every key, as Markdown."""
+    lines = inspect.cleandoc(_dataset_file.__doc__ or "").splitlines()
+    kept = [line for line in lines if line.startswith("    ") or not line]
+    return f"```toml\n{textwrap.dedent(chr(10).join(kept)).strip()}\n```"
 
 
 def between(page: str, name: str) -> str:
@@ -167,6 +181,10 @@ def main() -> None:
         write("materials", of_materials.as_table(MATERIALS.values()))
     if "metrics" in options.blocks:
         write("metrics", of_metrics.as_table(METRICS.values()))
+    if "effects" in options.blocks:
+        write("effects", of_effects.as_table(EFFECTS.values()))
+    if "dataset" in options.blocks:
+        write("dataset", dataset_example())
     if "claims" in options.blocks:
         records = reproduce([], options.results)
         write("claims", block({record.name: record.claims for record in records}))

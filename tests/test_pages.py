@@ -15,8 +15,12 @@ from PIL import Image
 
 import cc_mujoco
 from cc_mujoco.cable import PARAMETERS, as_table
+from cc_mujoco.datasets._dataset_file import RIG_CONSTANTS, Source
+from cc_mujoco.datasets._trials import Facts
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as materials
+from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.diagnosis.effects import _library as effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as metrics
 from cc_mujoco.plugin import CableReading
@@ -159,6 +163,16 @@ def test_table_of_metrics_is_that_of_the_package() -> None:
     written = fill_readme.between(page, "metrics")
     table = metrics.as_table(METRICS.values())
     assert written == table, "run scripts/fill_readme.py metrics"
+
+
+def test_effects_and_keys_of_the_diagnosis_are_those_of_the_package() -> None:
+    example = fill_readme.dataset_example()
+    blocks = {"effects": effects.as_table(EFFECTS.values()), "dataset": example}
+    for name, block in blocks.items():
+        page = fill_readme.PAGES[name].read_text("utf-8")
+        assert fill_readme.between(page, name) == block, f"run fill_readme.py {name}"
+    for key in (*Source.__dataclass_fields__, *RIG_CONSTANTS, *Facts.__annotations__):
+        assert re.search(rf"^{key} =", example, re.M) or f" {key} = " in example, key
 
 
 def test_every_field_of_a_reading_is_on_the_page_of_the_engine() -> None:

@@ -17,7 +17,7 @@ All of it is optional. An example with every key:
     resolution = 1                  # quantisation step of the readings, raw
 
     [columns.joint_torque_nm]
-    measured = false                # of a torque that no instrument tells
+    measured = false                # a torque that no instrument measures
 
     [files."run_*"]                 # a trial in several files, each with its times;
     motor = "motor/run_*.csv"       # `*` stands for the same in all of them
@@ -25,15 +25,21 @@ All of it is optional. An example with every key:
 
     [rig]                           # uncertainty: one standard deviation
     motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
-    joint_radius = 0.104
+    joint_radius = 0.104            # these five replace values of the scene
+    pretension = { value = 50, uncertainty = 2 }
+    axial_stiffness = 80e3          # EA [N]
+    friction = 0.12
     exit_angle = { value = 180, unit = "deg" }  # between the tangents of the rope
-    torque_constant = 0.07          # N m/A, where `motor_current_a` is recorded; with
-    gear_ratio = 5                  # turns of the motor per turn of its pulley, and
-    gear_efficiency = 0.9           # 1 unless it is given
-    rotor_inertia = 3e-4            # kg m^2, where the motor's torque is what it makes
-    load_stiffness = 2.5            # N m/rad: where the joint's torque is not measured,
-    load_rest_angle = 0             # what the joint turns, see `RIG_CONSTANTS`
+    torque_constant = 0.07          # N m/A, where `motor_current_a` is recorded
+    gear_ratio = 5                  # turns of the motor per turn of its pulley
+    gear_efficiency = 0.9           # 1 by default
+    rotor_inertia = 3e-4            # kg m^2, where the torque is commanded
+    load_stiffness = 2.5            # N m/rad: the load that the joint turns, where
+    load_rest_angle = 0             # its torque is not measured
     load_inertia = { value = 0.004, uncertainty = 0.0002 }
+    load_damping = 0.01             # N m s/rad
+    load_weight = 0.8               # N m: mass times gravity times lever
+    load_hanging_angle = -1.57      # joint angle at which the load hangs straight down
 
     [trials."run_*"]                # file name with or without ending, or a pattern;
     pretension = 12.0               # later tables win over earlier ones
@@ -45,7 +51,7 @@ All of it is optional. An example with every key:
     locked = "joint"                # the side that was held fast: motor or joint
     tilt = 1.57                     # rad by which the rig was turned about the joint's
                                     # axis, for gravity; positive as the joint is
-    valid = [[0.5, 12.0]]           # stretches of time that count, from and to in s
+    valid = [[0.5, 12.0]]           # stretches of time that count, from and to [s]
     notes = "operator sneezed at the end"
 
 The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,

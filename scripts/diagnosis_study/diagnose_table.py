@@ -72,7 +72,11 @@ def went(record: dict[str, Any]) -> str:
 
 
 def summary(records: list[dict[str, Any]]) -> str:
-    """Return Markdown of rates by kind, make and strength, confusion, all cases."""
+    """Return Markdown of a study; what stands before the first fold is for the page.
+
+    Rates by kind and figures come first; rates by make and strength, confusion and all
+    cases are folded.
+    """
     columns = {
         "right": "right", "in a tie": "tie", "one of two": "half",
         "silent": "silent", "wrong": "wrong",
@@ -96,13 +100,16 @@ def summary(records: list[dict[str, Any]]) -> str:
     head: Sequence[str] = ("cases", *columns)
     parts = [
         table(("hidden", *head), whole),
-        table(("hidden", "rigs", "R", *head), rates),
         *_figures(records),
     ]
     if any("naive" in r for r in records):
         parts.append(comparison(records, went))
-    head = ("hidden", "what was said first, and how often")
-    parts.append(table(head, confusion(records).items()))
+    parts += [
+        "<details><summary>By rigs and strength</summary>",
+        table(("hidden", "rigs", "R", *head), rates),
+        table(("hidden", "first name or verdict"), confusion(records).items()),
+        "</details>",
+    ]
     cases = []
     for r in sorted(records, key=lambda record: record["seed"]):
         hidden = ", ".join(r["hidden"]) or "none"

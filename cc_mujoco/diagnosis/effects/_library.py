@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
 from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
 from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS
 from cc_mujoco.errors import CableError
+from cc_mujoco.report import _markdown as markdown
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
@@ -32,6 +33,21 @@ EFFECTS: dict[str, Effect] = {
     )
 }
 """Every effect of the library by its id."""
+
+
+def as_table(effects: Iterable[Effect]) -> str:
+    """Return effects as a Markdown table; rare ones have a star."""
+    return markdown.table(
+        ("effect", "term", "required excitation"),
+        [
+            (
+                f"`{each.id}`" + ("*" if each.rare else ""),
+                each.equation,
+                each.required_excitation,
+            )
+            for each in effects
+        ],
+    )
 
 
 def usual_effects() -> tuple[str, ...]:

@@ -103,10 +103,10 @@ def test_rates_and_confusion_count_the_cases_below_them(
         record | {"seed": seed, "make": f"make {seed % 2}"}
         for seed, record in enumerate(told)
     ]
-    above, _, below = summary(records).partition("<details>")
+    above, between, below = summary(records).split("<details>")
     listed = [row for row in rows(below) if row[0] != "hidden"]
     assert len(listed) == len(records)
-    rates = {tuple(row[:3]): row[3:5] for row in rows(above) if len(row) == 9}
+    rates = {tuple(row[:3]): row[3:5] for row in rows(between) if len(row) == 9}
     for kind, names in KINDS.items():
         of_kind = [case for case in listed if case[0] in names]
         for make, size in {
@@ -128,7 +128,7 @@ def test_rates_and_confusion_count_the_cases_below_them(
     assert sum(settled for _, settled in ties) == len(well)
     counts = [
         int(part.rsplit(" ", 1)[1])
-        for row in rows(above)
+        for row in rows(between)
         if len(row) == 2 and row[0] != "hidden"
         for part in row[1].split(", ")
     ]

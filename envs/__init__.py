@@ -7,7 +7,8 @@
     many = gymnasium.make_vec("cc_mujoco/AnkleExo-v1", num_envs=256)
     mine = gymnasium.make("cc_mujoco/Device-v1", device="knee.xml")
 
-`make_vec` simulates on a thread pool and equals a `SyncVectorEnv` of the single
+`make_vec` simulates on a thread pool, or with `backend="warp"` in mujoco_warp, on a
+GPU if there is one; on a thread pool it equals a `SyncVectorEnv` of the single
 environments: bit for bit where the scene states its inertias, else to rounding.
 `DeviceEnv` states what is observed and rewarded, `IDS` the ids.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from ._video import RecordVideo
 
 __all__ = [
+    "BACKENDS",
     "IDS",
     "DeviceEnv",
     "DeviceVectorEnv",
@@ -42,6 +44,9 @@ IDS = {
     "cc_mujoco/HipKneeExosuit-v2": "exosuit",
 }
 """Ids of the built-in devices; `cc_mujoco/Device-v1` takes any."""
+
+BACKENDS = ("mujoco", "warp")
+"""Engines of vector environments: that of MuJoCo in batches, and mujoco_warp."""
 
 _MODULES = {
     "DeviceEnv": "_scalar",

@@ -1,4 +1,4 @@
-"""Many devices as one Gymnasium vector environment, simulated on a thread pool."""
+"""Many devices as one Gymnasium vector environment, in MuJoCo or mujoco_warp."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import VARIED_FIELDS, Array, load
+from cc_mujoco.device._model import Array, load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
-from cc_mujoco.simulation._batch import Simulations
+from cc_mujoco.simulation._batch import Simulations, Worlds
 from cc_mujoco.simulation._reference_motion import Scripts
 from cc_mujoco.simulation._worn_device import (
     REWARD_TERMS,
@@ -29,6 +29,7 @@ from cc_mujoco.simulation._worn_device import (
     refuse_unknown,
 )
 
+from . import BACKENDS
 from ._render import Camera, Film, check_mode
 
 Singles = NDArray[np.float32]
@@ -41,6 +42,10 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
     single environments with the same arguments: seeds count up from the first, and what
     becomes of an environment whose episode is over is Gymnasium's `AutoresetMode`. By
     default the next step resets it and ignores its action (`NEXT_STEP`).
+
+    With `backend="warp"` mujoco_warp takes the physics steps, in single precision;
+    plants, motions, sensors, rewards and infos are worked out as before.
+    `simulations.data` and `simulations.cables` have the arrays on Warp's device.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012, as in Gymnasium
@@ -66,6 +71,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         memory: bool = False,
         randomise: Mapping[str, Any] | None = None,
         smoothness: float = 0.0,
+        backend: str = "mujoco",
         **unknown: Any,
     ) -> None:
         """Load the scene.
@@ -90,6 +96,8 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             memory: See there.
             randomise: See there.
             smoothness: See there.
+            backend: "mujoco", or "warp" on the device that Warp uses,
+                `warp.set_device`; needs `pip install 'cc_mujoco[warp]'`.
             unknown: Nothing; what else is given is refused.
 
         Raises:
@@ -99,7 +107,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         how = render_mode, max_episode_steps, threads, autoreset_mode
-        EzPickle.__init__(self, device, num_envs, *given, *how, *more)
+        EzPickle.__init__(self, device, num_envs, *given, *how, *more, backend)
         try:
             self.mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -112,6 +120,13 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
                 raise CableError(
                     f"{name} must be an integer >= {least}, not {value!r}."
                 )
+        if backend not in BACKENDS:
+            raise CableError.unknown("backend", str(backend), BACKENDS)
+        if threads and backend != BACKENDS[0]:
+            raise CableError(
+                f"threads are of backend={BACKENDS[0]!r}; leave them out with "
+                f"backend={backend!r}."
+            )
         check_mode(render_mode, self.metadata["render_modes"])
         found = find_device(device)
         model = load(found, drawn=render_mode is not None)
@@ -129,7 +144,13 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.model: mujoco.MjModel = self.exo.device.model
-        self.simulations = Simulations(exo, num_envs, threads=threads)
+        self.simulations: Worlds
+        if backend == BACKENDS[0]:
+            self.simulations = Simulations(exo, num_envs, threads=threads)
+        else:
+            from cc_mujoco.simulation._warp_worlds import WarpWorlds
+
+            self.simulations = WarpWorlds(exo, num_envs, found)
         self.plants = [exo.plants.nominal] * num_envs
         """Plant that every environment is played on."""
         self._current_plant = exo.plants.nominal
@@ -354,7 +375,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
         """Start an episode in some environments."""
         exo, simulations = self.exo, self.simulations
-        simulations.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        simulations.clear(rows)
         for row in rows:
             rng = self._random[row]
             if rng is None:
@@ -384,8 +405,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             self.exo.device.apply_plant(plant)
             self._current_plant = plant
         if plant is not nominal or self.plants[row] is not nominal:
-            for name in VARIED_FIELDS:
-                self.simulations.batch.expand(name)[row] = getattr(self.model, name)
+            self.simulations.vary(row, plant)
         self.plants[row] = plant
 
     def _info(

@@ -31,7 +31,7 @@ import numpy as np
 
 from cc_mujoco.cable import PATHS
 from cc_mujoco.device import Device, DeviceModel, Plant, find_device
-from cc_mujoco.envs import DeviceVectorEnv
+from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
 
@@ -210,7 +210,8 @@ def make(options: argparse.Namespace) -> list[DeviceVectorEnv]:
             trajectory,
             task,
             duration=options.seconds,
-            threads=1,
+            threads=1 if options.backend == "mujoco" else 0,
+            backend=options.backend,
             autoreset_mode="SameStep",
             smoothness=options.smoothness,
             randomise=fixed if options.fixed else randomised(device),
@@ -301,6 +302,7 @@ def main() -> None:
     parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo")
     parser.add_argument("--steps", type=int, default=250_000)
     parser.add_argument("--envs", type=int, help="by default as many as suit it")
+    parser.add_argument("--backend", choices=BACKENDS, default=BACKENDS[0])
     parser.add_argument("--seconds", type=float, default=3.0, help="of an episode")
     parser.add_argument("--smoothness", type=float, default=0.0)
     parser.add_argument("--first", type=int, default=0, help="first seed")

@@ -73,6 +73,11 @@ class Ranges:
         """True if anything is drawn."""
         return bool(self._ranges)
 
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of what is drawn, `CABLE.NAME` where it is of a cable."""
+        return tuple(self._ranges)
+
     def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
         """Return the plant of an episode.
 

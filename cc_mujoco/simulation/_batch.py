@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from cc_mujoco.device._model import DeviceModel, Physics, physics_of
+from cc_mujoco.device import Plant
+from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation._loop import Columns, missing_torque_error, unstable
@@ -28,8 +29,34 @@ Mask = NDArray[np.bool_]
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
+class Worlds(Protocol):
+    """Simulations of n devices of one layout, as an environment advances them.
+
+    `Simulations` has them in MuJoCo, `_warp_worlds.WarpWorlds` in mujoco_warp.
+    """
+
+    physics: Physics
+    """Positions, velocities and the results of the last physics step, (n, ...)."""
+
+    @property
+    def warned(self) -> Mask:
+        """Mask of the simulations whose episode ended with a warning, (n,)."""
+
+    def clear(self, rows: NDArray[np.intp]) -> None:
+        """Forget the past of some simulations, which `start` follows."""
+
+    def vary(self, row: int, plant: Plant) -> None:
+        """Give a simulation a plant, that of its device's model now."""
+
+    def start(self, row: int, device: DeviceModel, script: Script) -> None:
+        """Bring a simulation to the start of an episode."""
+
+    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
+        """Advance some simulations by a sample; the others keep their `physics`."""
+
+
 class Simulations:
-    """Simulations of n devices of one layout, advanced together."""
+    """Simulations of n devices of one layout, advanced together by MuJoCo."""
 
     def __init__(
         self,
@@ -59,6 +86,15 @@ class Simulations:
         """Positions, velocities and the results of the last physics step, (n, ...)."""
         self._control = np.zeros((count, exo.frame_skip, device.model.nu))
         self._data = mujoco.MjData(device.model)
+
+    def clear(self, rows: NDArray[np.intp]) -> None:
+        """Forget the past of some simulations; see `Worlds`."""
+        self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+
+    def vary(self, row: int, plant: Plant) -> None:
+        """Give a simulation the values of the device's model; see `Worlds`."""
+        for name in VARIED_FIELDS:
+            self.batch.expand(name)[row] = getattr(self._device.model, name)
 
     def start(
         self,

@@ -20,7 +20,14 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import CableReading, Reader, from_mjcf
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import compile_spec
-from cc_mujoco.warp._kernels import add_forces, forget, kernels, moment_row
+from cc_mujoco.warp._kernels import (
+    STABILITY_LIMIT,
+    add_forces,
+    forget,
+    kernels,
+    moment_row,
+    write_rows,
+)
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +71,7 @@ class AttachedCables:
 
     Attributes:
         names: of the cables, in the order of the model.
+        terms: parameters of `Cable` whose terms are in the kernels.
         tensions: `wp.array` (worlds, cables, 2), tension at the proximal and the distal
             end at the last evaluation [N].
         values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
@@ -93,15 +101,22 @@ class AttachedCables:
         self._model = source if is_model else compile_spec(source)
         self.names = tuple(cables)
         self._cables, self._worlds = tuple(cables.values()), int(d.nworld)
-        self._terms = _terms_in_use(self._cables, terms)
+        self.terms = _terms_in_use(self._cables, terms)
         self._rest_in_pose = bool(rest_in_pose)
         actuators = _end_actuators(self._model, self.names)
         _require_plain(m, self._model, actuators)
-        looks = self._looking_ahead(m, actuators)
-        self._implicit = any(looks)
-        self._kernels = kernels(self._terms, self._implicit)
+        self._actuators_of = actuators
+        self._step: float | None = None
+        if int(m.opt.integrator) != mujoco.mjtIntegrator.mjINT_DISCRETE:
+            self._step = float(m.opt.timestep.numpy().max())
+        self._look = [
+            self._stiffness(cable, index) > _IMPLICIT_LIMIT
+            for index, cable in enumerate(self._cables)
+        ]
+        self._implicit = any(self._look)
+        self._kernels = kernels(self.terms, self._implicit)
         self._allocate(d, actuators)
-        self._looks = wp.array(looks, dtype=int, device=d.time.device)
+        self._looks = wp.array(self._look, dtype=int, device=d.time.device)
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
         m.callback.act_bias = self._act
 
@@ -109,18 +124,15 @@ class AttachedCables:
     def _shape(self) -> tuple[int, int]:
         return len(self._cables), self._worlds
 
-    def _looking_ahead(self, m: mjw.Model, actuators: NDArray[np.int32]) -> list[bool]:
-        """Return of each cable whether the step is long for an end that may yield."""
-        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_DISCRETE:
-            return [False for _ in self._cables]
-        step = float(m.opt.timestep.numpy().max())
-        return [
-            cable.ends == ENDS[0]
-            and max(_end_rate(self._model, cable, own[e], e) for e in range(2))
-            * step**2
-            > _IMPLICIT_LIMIT
-            for cable, own in zip(self._cables, actuators, strict=True)
-        ]
+    def _stiffness(self, cable: Cable, index: int) -> float:
+        """Return the square of step times frequency of the ends; 0 if explicit."""
+        if cable.ends != ENDS[0] or self._step is None:
+            return 0.0
+        rates = (
+            _end_rate(self._model, cable, actuator, end)
+            for end, actuator in enumerate(self._actuators_of[index])
+        )
+        return max(rates) * self._step**2
 
     def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
         count, worlds = self._shape
@@ -311,11 +323,8 @@ class AttachedCables:
                     f"cable {name!r}: {key} has the shape {wanted.shape}; it must be a "
                     f"number, or one for each of the {self._worlds} worlds."
                 )
-            if key in TERMS and key not in self._terms and np.any(wanted != 0.0):
-                raise CableError(
-                    f"cable {name!r}: {key} was off when the kernel was compiled; "
-                    f"attach with terms=({key!r},) to vary it"
-                )
+            if key in TERMS and np.any(wanted != 0.0):
+                self._require_compiled(name, key)
             values[index, :, _INDEX[key]] = wanted
         for row in np.unique(values[index], axis=0):
             own = dict(zip(_INDEX, row.astype(float).tolist(), strict=True))
@@ -327,6 +336,53 @@ class AttachedCables:
         self.values.assign(values)
         self.repack()
 
+    def assign(self, name: str, cables: Mapping[int, Cable]) -> None:
+        """Give some worlds cables of their own, conduits too; nothing is compiled.
+
+        The others are not touched. The pretension is that of the next reset.
+
+        Args:
+            name: the cable.
+            cables: by world; of as many segments and as attached.
+
+        Raises:
+            CableError: an unknown cable, a term that is off in the kernel, another
+                kind of cable, or one so stiff that its ends would have to look ahead.
+        """
+        index = self._index(name)
+        own = self._cables[index]
+        given = np.zeros((len(cables), self._prm.shape[1]), np.float32)
+        for row, cable in zip(given, cables.values(), strict=True):
+            kinds = ("segments", "bend", "path", "route", "mouth", "ends")
+            for key in kinds:
+                if getattr(cable, key) != getattr(own, key):
+                    raise CableError(
+                        f"cable {name!r}: {key} must stay {getattr(own, key)!r}, as it "
+                        f"was attached, not {getattr(cable, key)!r}"
+                    )
+            for term in cable.terms:
+                self._require_compiled(name, term)
+            self._require_allowed(index, cable)
+            self._require_followed(index, cable)
+            packed = packed_parameters(cable)
+            row[: packed.size] = packed
+        worlds = np.fromiter(cables, np.int32, len(cables))
+        parts = (
+            (self._prm, index * self._worlds + worlds, given),
+            (self.values[index], worlds, given[:, : at.SCALARS]),
+        )
+        for target, rows, wanted in parts:
+            wp.launch(
+                write_rows,
+                dim=wanted.shape,
+                inputs=[
+                    wp.array(rows, dtype=int, device=target.device),
+                    wp.array(wanted, dtype=float, device=target.device),
+                ],
+                outputs=[target],
+                device=target.device,
+            )
+
     def repack(self) -> None:
         """Take over `values`, unchecked; can be captured in a graph."""
         wp.launch(
@@ -335,6 +391,23 @@ class AttachedCables:
             inputs=[self._segments, self.values],
             outputs=[self._prm],
             device=self._prm.device,
+        )
+
+    def _require_compiled(self, name: str, term: str) -> None:
+        if term not in self.terms:
+            raise CableError(
+                f"cable {name!r}: {term} was off when the kernel was compiled; "
+                f"attach with terms=({term!r},) to vary it"
+            )
+
+    def _require_followed(self, index: int, cable: Cable) -> None:
+        """Refuse ends that look ahead in the plugin where those attached do not."""
+        if self._look[index] or self._stiffness(cable, index) <= STABILITY_LIMIT:
+            return
+        raise CableError(
+            f"cable {self.names[index]!r}: an axial_stiffness of "
+            f"{cable.axial_stiffness:g} N is too much for ends that do not look ahead; "
+            "attach the cable that is stiffest, or shorten the time step"
         )
 
     def _require_allowed(self, index: int, cable: Cable) -> None:
@@ -356,15 +429,21 @@ class AttachedCables:
         Raises:
             CableError: there is no cable of that name.
         """
-        index, reader = self._index(name), Reader(self._model, name)
-        rows = slice(index * self._worlds, (index + 1) * self._worlds)
-        now = self._now.numpy()[rows]
-        size = kernel.state_size(self._cables[index].segments)
-        both = self._state.numpy()[:, rows, :size].astype(float)
-        state = np.zeros((self._worlds, self._model.npluginstate))
-        pending = both[1 - now, np.arange(self._worlds)]
-        state[:, reader.start : reader.start + size] = pending
-        return reader.read(state)
+        self._index(name)
+        return Reader(self._model, name).read(self.plugin_state())
+
+    def plugin_state(self) -> Floats:
+        """Return the states as the plugin has them, a copy (worlds, npluginstate)."""
+        found = np.zeros((self._worlds, self._model.npluginstate))
+        now, states = self._now.numpy(), self._state.numpy()
+        for index, (name, cable) in enumerate(
+            zip(self.names, self._cables, strict=True)
+        ):
+            start = int(self._model.plugin_stateadr[instances(self._model)[name]])
+            size = kernel.state_size(cable.segments)
+            rows = index * self._worlds + np.arange(self._worlds)
+            found[:, start : start + size] = states[1 - now[rows], rows, :size]
+        return found
 
     def _index(self, name: str) -> int:
         if name not in self.names:

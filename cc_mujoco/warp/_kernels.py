@@ -24,7 +24,9 @@ _TENSIONS = at.STATE_HEADER
 
 OPTIONS: Any = {"fuse_fp": False, "max_unroll": 1}
 """Options of all kernels: rounding as written, and loops that stay loops."""
-_STABILITY_LIMIT, _VELOCITY_GAIN = 2.5, 0.25
+STABILITY_LIMIT = 2.5
+"""Square of step times frequency up to which looking ahead changes nothing."""
+_VELOCITY_GAIN = 0.25
 _DRAW = 0.01
 """Share of the error of a followed end that a step takes away."""
 
@@ -273,9 +275,9 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
                 h * h * mobility * end_stiffness(prm[row], segments[cable], end == 1)
             )
             share = float(0.0)
-            if square > _STABILITY_LIMIT:
-                share = 1.0 - _STABILITY_LIMIT / square
-            beta = share * h * h / _STABILITY_LIMIT
+            if square > STABILITY_LIMIT:
+                share = 1.0 - STABILITY_LIMIT / square
+            beta = share * h * h / STABILITY_LIMIT
             speed = lever * velocities[world, actuator]
             aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
             aim[row, 7 + end] = h * h * mobility
@@ -366,3 +368,14 @@ def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
     cable, world = wp.tid()
     if mask[world]:
         stamp[cable * mask.shape[0] + world] = wp.inf
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def write_rows(
+    rows: wp.array(dtype=int),
+    given: wp.array2d(dtype=float),
+    target: wp.array2d(dtype=float),
+):
+    """Write given rows in place of some rows of an array."""
+    row, column = wp.tid()
+    target[rows[row], column] = given[row, column]

@@ -1,0 +1,247 @@
+"""Many devices at once in mujoco_warp, on a GPU or a processor.
+
+Numbers are of single precision. An episode starts from the state that MuJoCo gives,
+rounded; plants, scripts and sensors are those of `_batch.Simulations`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from cc_mujoco.cable._parameters import BREAK_AWAY, TERMS
+from cc_mujoco.device import Device, Plant
+from cc_mujoco.device._device import bare_model
+from cc_mujoco.device._model import Array, DeviceModel, Physics, physics_of
+from cc_mujoco.device._variables import split
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.simulation._batch import Mask
+from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._worn_device import WornDevice
+from cc_mujoco.warp import attach, without_plugin
+from cc_mujoco.warp._kernels import write_rows
+
+_STARTED = ("qpos", "qvel", "act", "qacc_warmstart")
+"""Fields that an episode starts with; others follow from them or are 0."""
+
+_ACTUATORS = ("actuator_gainprm", "actuator_biasprm")
+"""Fields of a model that say how a wearer moves a joint."""
+
+
+class WarpWorlds:
+    """Simulations of n devices of one layout, advanced together by mujoco_warp.
+
+    See `_batch.Worlds`. A simulation that is left out of an `advance` has to be started
+    before it goes on.
+
+    Attributes:
+        model: `mujoco_warp.Model`.
+        data: `mujoco_warp.Data`; its arrays are on the device of Warp.
+        cables: `cc_mujoco.warp.AttachedCables`, with the tensions of all worlds.
+    """
+
+    def __init__(self, exo: WornDevice, count: int, device: Device) -> None:
+        """Make the worlds; `start` every one before it is advanced.
+
+        Args:
+            exo: Device, motion and task.
+            count: Number of simulations, n.
+            device: Its scene.
+
+        Raises:
+            CableError: The scene has something that mujoco_warp or its cables lack.
+        """
+        spec, self._device = bare_model(device), exo.device
+        model = self._device.model
+        try:
+            plain = without_plugin(spec).compile()
+            cabled = self._cabled = _cable_actuators(spec)
+            for name in _ACTUATORS:
+                getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
+            self.model = mjw.put_model(plain)
+            self.data = mjw.make_data(plain, nworld=count)
+            self.cables = attach(
+                self.model, self.data, spec, terms=_terms(exo), rest_in_pose=True
+            )
+        except (CableError, NotImplementedError) as error:
+            raise CableError(
+                f"device {device.name!r} cannot be simulated with backend='warp': "
+                f"{str(error).rstrip('.')}."
+            ) from None
+        self._skip, self._count = exo.frame_skip, count
+        self._control = np.zeros((self._skip, count, model.nu), np.float32)
+        self._controls = wp.zeros(self._control.shape, dtype=float)
+        self._impedances = {
+            name: np.repeat(getattr(plain, name)[None], count, axis=0)
+            for name in _ACTUATORS
+        }
+        for name, value in self._impedances.items():
+            field = getattr(self.model, name)
+            setattr(self.model, name, wp.array(value, dtype=field.dtype))
+        self._plants: dict[int, Plant] = {}
+        """Plants that the worlds have not been given yet."""
+        self._mj_data = mujoco.MjData(model)
+        neutral = mujoco.MjData(model)
+        mujoco.mj_forward(model, neutral)
+        self._neutral = physics_of(neutral)
+        self.physics = Physics(
+            *(np.zeros((count, *field.shape)) for field in self._neutral)
+        )
+        """Positions, velocities and the results of the last physics step, (n, ...)."""
+        self._begun = {
+            name: np.zeros((count, *getattr(neutral, name).shape), np.float32)
+            for name in _STARTED
+        }
+        self._fresh = np.zeros(count, dtype=np.bool_)
+        self._warned = np.zeros(count, dtype=np.bool_)
+        self._take_sample()  # compiles
+        self._require_order(neutral)
+        self._graph = None
+        if wp.get_device().is_cuda:
+            with wp.ScopedCapture() as capture:
+                self._take_sample()
+            self._graph = capture.graph
+
+    @property
+    def warned(self) -> Mask:
+        """Mask of the simulations that diverged, by MuJoCo's own limit, (n,)."""
+        return self._warned.copy()
+
+    def clear(self, rows: NDArray[np.intp]) -> None:
+        """Forget the past of some simulations; see `Worlds`."""
+        self._warned[rows] = False
+
+    def vary(self, row: int, plant: Plant) -> None:
+        """Give a simulation a plant; see `Worlds`.
+
+        Raises:
+            CableError: The plant has a term of friction that was not compiled.
+        """
+        for name, cable in plant.cables.items():
+            for term in cable.terms.keys() - self.cables.terms:
+                raise CableError(
+                    f"cable {name!r}: {term} is off in the kernels of backend='warp'; "
+                    f"name it in `randomise`, for example {term!r}: (0, 1)."
+                )
+        self._plants[int(row)] = plant
+        for name, value in self._impedances.items():
+            own = getattr(self._device.model, name)
+            value[row, ~self._cabled] = own[~self._cabled]
+
+    def start(self, row: int, device: DeviceModel, script: Script) -> None:
+        """Bring a simulation to the start of an episode; see `Worlds`."""
+        data = self._mj_data
+        device.start(data, script.angles, script.part(0).commands[0])
+        for name, value in self._begun.items():
+            value[row] = getattr(data, name)
+        self._fresh[row] = True
+        now = physics_of(data)
+        for field, own in zip(self.physics, now, strict=True):
+            field[row] = own
+
+    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
+        """Advance some simulations by a sample; see `Worlds`."""
+        if self._plants:
+            self._give_plants()
+        if self._fresh.any():
+            self._reset(self._fresh)
+            rows = np.flatnonzero(self._fresh)
+            for name, value in self._begun.items():
+                _write_rows(getattr(self.data, name), rows, value[rows])
+            self._fresh[:] = False
+        control, device = self._control, self._device
+        control[:, :, device.motor_controls] = share * scale
+        control[:, :, device.script_controls] = np.swapaxes(commands, 0, 1)
+        self._controls.assign(control)
+        if self._graph is None:
+            self._take_sample()
+        else:
+            wp.capture_launch(self._graph)
+        for name, field in zip(Physics._fields, self.physics, strict=True):
+            now = self._read(name)
+            if going.all():
+                field[...] = now
+            else:
+                field[going] = now[going]
+        self._notice(going)
+
+    def _take_sample(self) -> None:
+        """Take the physics steps of a sample."""
+        for step in range(self._skip):
+            wp.copy(self.data.ctrl, self._controls[step])
+            mjw.step(self.model, self.data)
+
+    def _read(self, name: str) -> Any:
+        if name == "plugin_state":
+            return self.cables.plugin_state()
+        return getattr(self.data, name).numpy()
+
+    def _give_plants(self) -> None:
+        """Write cables and impedances of the plants that are new."""
+        for name in self.cables.names:
+            own = {row: plant.cables[name] for row, plant in self._plants.items()}
+            self.cables.assign(name, own)
+        for name, value in self._impedances.items():
+            getattr(self.model, name).assign(value)
+        self._plants.clear()
+
+    def _reset(self, mask: Mask) -> None:
+        """Let all of some worlds be as at first; the others keep their bits."""
+        mjw.reset_data(self.model, self.data, wp.array(mask, dtype=bool))
+        self.cables.reset(mask)
+
+    def _notice(self, going: Mask) -> None:
+        """Note what diverged; leave it in the pose `qpos0`, as MuJoCo does."""
+        largest = [
+            np.abs(getattr(self.data, name).numpy()).max(axis=1, initial=0.0)
+            for name in ("qpos", "qvel", "qacc")
+        ]
+        diverged = going & ~np.all(np.less_equal(largest, mujoco.mjMAXVAL), axis=0)
+        if not diverged.any():
+            return
+        self._warned |= diverged
+        for field, own in zip(self.physics, self._neutral, strict=True):
+            field[diverged] = own
+        self._reset(diverged)
+
+    def _require_order(self, data: mujoco.MjData) -> None:
+        """Refuse a scene whose moments mujoco_warp orders otherwise than MuJoCo."""
+        for name in ("moment_rownnz", "moment_rowadr", "moment_colind"):
+            found = getattr(self.data, name).numpy()[0]
+            if not np.array_equal(found, getattr(data, name)):
+                raise CableError(
+                    f"the scene {self._device.description.scene!r} cannot be simulated "
+                    "with backend='warp': mujoco_warp orders the moments of its "
+                    "actuators otherwise than MuJoCo."
+                )
+
+
+def _write_rows(target: Any, rows: NDArray[np.intp], given: Array) -> None:
+    """Write rows of an array (n, k) on the device; the others keep their bits."""
+    if given.size:
+        wp.launch(
+            write_rows,
+            dim=given.shape,
+            inputs=[wp.array(rows, dtype=int), wp.array(given, dtype=float)],
+            outputs=[target],
+        )
+
+
+def _cable_actuators(spec: mujoco.MjSpec) -> Mask:
+    """Return the mask of the actuators that are ends of cables."""
+    names = [actuator.plugin.plugin_name for actuator in spec.actuators]
+    return np.array([name == PLUGIN for name in names], dtype=np.bool_)
+
+
+def _terms(exo: WornDevice) -> tuple[str, ...]:
+    """Return the terms of cables that an episode may switch on."""
+    names = {split(name)[1] for name in exo.plants.varied}
+    if "break_away" in names:
+        names.add(BREAK_AWAY.name)
+    return tuple(name for name in TERMS if name in names)

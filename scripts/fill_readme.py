@@ -6,13 +6,15 @@ r"""Put tables of the package, claims and both benchmarks into their pages.
         [dataset] [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
-marks of each block, on its page and, in short, on the front page. The benchmark is
+marks of each block, on its page and, in short, on the front page; claims and the
+benchmark's errors by condition also go into CSV files. The benchmark is
 `cc-mujoco benchmark --suite v1 --controllers pi model stiction`.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import inspect
 import re
 import sys
@@ -32,7 +34,6 @@ from cc_mujoco.benchmark import (
     conditions_table,
     definitions,
     overview_table,
-    plants_table,
     ranks_table,
     rms_errors,
     run,
@@ -47,7 +48,7 @@ from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis.effects import _library as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
-from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce, table
+from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -73,36 +74,69 @@ SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
-    """Return Markdown of all claims by experiment, after a count of the verdicts."""
-    count = Counter(claim.verdict for found in claims.values() for claim in found)
+    """Return Markdown: a count of the verdicts, and the same by experiment."""
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
-    told = ", ".join(f"{count[verdict]} {verdict}" for verdict in order)
-    parts = [f"{sum(count.values())} claims: {told}.", "<details><summary>All of them"]
-    parts[-1] += ": as printed, ours, and why</summary>"
+    rows = [f"| experiment | {' | '.join(order)} |", "|---" * (len(order) + 1) + "|"]
+    whole: Counter[str] = Counter()
     for name, found in claims.items():
-        parts.append(f"**{name}**: {EXPERIMENTS[name]}\n\n{table(found)}")
-    parts.append("</details>")
-    return "\n\n".join(parts)
+        own = Counter[str](claim.verdict for claim in found)
+        whole.update(own)
+        numbers = " | ".join(str(own[verdict] or "") for verdict in order)
+        rows.append(f"| `{name}`: {EXPERIMENTS[name]} | {numbers} |")
+    told = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
+    return f"{whole.total()} claims: {told}.\n\n" + "\n".join(rows)
+
+
+def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
+    """Return every claim as a row of text, below the heads of the columns."""
+    rows = [["experiment", "where", "printed", "ours", "verdict", "why"]]
+    for name, found in claims.items():
+        rows += [[name, c.where, c.printed, c.ours, c.verdict, c.why] for c in found]
+    return rows
 
 
 def tables(results: Results) -> str:
-    """Return the Markdown of a benchmark: the overview, and the folded rest."""
+    """Return the Markdown of a benchmark: overview, ranks, times and definitions."""
     parts = [OVERVIEW_HEADING, overview_table(results)]
-    parts.append("<details><summary>Ranks, conditions, all scores</summary>")
     for scene, own in rms_errors(results).items():
-        parts += [
-            f"**{scene}**, ranks:",
-            ranks_table(own, DEFAULT_BASELINE),
-            f"**{scene}**, normalised error by condition:",
-            conditions_table(results, scene),
-            f"**{scene}**, mean over conditions and seeds:",
-            scores_table(results, scene),
-            f"**{scene}**, what was drawn in the ordinary condition (and believed):",
-            plants_table(results, scene),
-        ]
+        parts += [f"**{scene}**, ranks:", ranks_table(own, DEFAULT_BASELINE)]
     parts += ["Computing time of a step of one device:", times_table(results)]
-    parts += ["</details>", definitions()]
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, definitions()])
+
+
+def cells(table: str) -> list[list[str]]:
+    """Return the entries of a Markdown table, without code and emphasis marks."""
+    return [
+        [entry.strip().strip("`*") for entry in line.strip("| ").split(" | ")]
+        for line in table.splitlines()
+        if not line.startswith("|---")
+    ]
+
+
+def write_results(results: Results) -> None:
+    """Write the errors by condition and all scores as CSV beside the page."""
+    conditions: list[list[str]] = []
+    scores = [["scene", "controller", "score", "mean"]]
+    for scene in rms_errors(results):
+        head, *rows = cells(conditions_table(results, scene))
+        if not conditions:
+            conditions.append(["scene", "condition", "none_nm", *head[2:]])
+        for name, unit, *errors in rows:
+            conditions.append([scene, name, unit.removesuffix(" N m"), *errors])
+        head, *rows = cells(scores_table(results, scene))
+        for name, *means in rows:
+            scores += [
+                [scene, name, score, mean]
+                for score, mean in zip(head[1:], means, strict=True)
+            ]
+    for stem, lines in (("v1-conditions", conditions), ("v1-scores", scores)):
+        write_csv(PAGES["benchmark"].with_name(f"{stem}.csv"), lines)
+
+
+def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
+    """Write rows of text."""
+    with replacing(path) as place, place.open("w", newline="", encoding="utf-8") as to:
+        csv.writer(to, lineterminator="\n").writerows(rows)
 
 
 def played(folder: Path, seeds: int) -> Results:
@@ -187,9 +221,13 @@ def main() -> None:
         write("dataset", dataset_example())
     if "claims" in options.blocks:
         records = reproduce([], options.results)
-        write("claims", block({record.name: record.claims for record in records}))
+        claims = {record.name: record.claims for record in records}
+        write("claims", block(claims))
+        write_csv(PAGES["claims"].with_name("claims.csv"), claim_rows(claims))
     if "benchmark" in options.blocks:
-        write("benchmark", tables(played(options.benchmark, options.seeds)))
+        results = played(options.benchmark, options.seeds)
+        write("benchmark", tables(results))
+        write_results(results)
     if "diagnosis" in options.blocks:
         write("diagnosis", studies(options.sealed))
 

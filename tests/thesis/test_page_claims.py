@@ -2,39 +2,44 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from fill_readme import block
+from fill_readme import between, block, claim_rows
 
-from cc_mujoco.thesis import EXPERIMENTS, Claim, run, table
+from cc_mujoco.thesis import EXPERIMENTS, Claim, run
 
-PAGE = (Path(__file__).parents[2] / "cc_mujoco" / "thesis" / "README.md").read_text(
-    encoding="utf-8"
-)
+FOLDER = Path(__file__).parents[2] / "cc_mujoco" / "thesis"
 FAST = ("pretension", "loops", "follower", "kalman")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
-def printed(name: str, page: str = PAGE) -> list[str]:
-    """Return the rows of one experiment's table on a page."""
-    start = page.index(f"**{name}**: {EXPERIMENTS[name]}")
-    rows = page[start:].partition("|---|---|---|---|---|\n")[2]
-    return rows.partition("\n\n")[0].splitlines()
+def printed(name: str) -> list[list[str]]:
+    """Return the rows of one experiment in the file of all claims."""
+    with (FOLDER / "claims.csv").open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.reader(file) if row[0] == name]
 
 
-def same(row: str, claim: Claim) -> bool:
+def stated(row: list[str]) -> Claim:
+    """Return the claim that a row states."""
+    _, where, text, ours, verdict, why = row
+    return Claim(where, text, ours, cast("Any", verdict), why)
+
+
+def same(row: list[str], name: str, claim: Claim) -> bool:
     """Return whether a row states a claim: equal words, numbers within 5 %."""
-    now = table([claim]).splitlines()[-1]
-    if NUMBER.sub("#", row) != NUMBER.sub("#", now):
+    written, now = " | ".join(row), " | ".join(claim_rows({name: [claim]})[1])
+    if NUMBER.sub("#", written) != NUMBER.sub("#", now):
         return False
-    old, new = (np.array(NUMBER.findall(text), dtype=float) for text in (row, now))
+    old, new = (np.array(NUMBER.findall(text), dtype=float) for text in (written, now))
     return claim.timed or np.allclose(old, new, rtol=0.05, atol=0.02)
 
 
-def test_every_claim_gets_its_row_under_its_experiment_and_is_counted() -> None:
+def test_every_claim_is_a_row_and_is_counted_under_its_experiment() -> None:
     claims = {
         name: [
             Claim(f"Fig. {k}", name, f"{k} N m", "agrees" if k else "misprint", "so")
@@ -42,14 +47,23 @@ def test_every_claim_gets_its_row_under_its_experiment_and_is_counted() -> None:
         ]
         for place, name in enumerate(EXPERIMENTS)
     }
-    text = block(claims)
-    for name, made in claims.items():
-        assert printed(name, text) == table(made).splitlines()[-len(made) :]
+    rows = claim_rows(claims)[1:]
+    assert [row[0] for row in rows] == [n for n, made in claims.items() for _ in made]
     whole = sum(map(len, claims.values()))
     agree = whole - len(EXPERIMENTS)
-    first = text.splitlines()[0]
+    first, _, *lines = block(claims).splitlines()
     assert first.startswith(f"{whole} claims: {agree} agrees, 0 better, ")
     assert f"{len(EXPERIMENTS)} misprint" in first
+    for (name, made), line in zip(claims.items(), lines[2:], strict=True):
+        assert line.startswith(
+            f"| `{name}`: {EXPERIMENTS[name]} | {len(made) - 1 or ''}"
+        )
+
+
+def test_the_page_counts_the_claims_of_the_file() -> None:
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    claims = {name: [stated(row) for row in printed(name)] for name in EXPERIMENTS}
+    assert between(page, "claims") == block(claims)
 
 
 @pytest.mark.parametrize("name", FAST)
@@ -58,12 +72,14 @@ def test_claims_are_those_of_a_run(name: str) -> None:
     rows = printed(name)
     assert len(rows) == len(claims)
     for row, claim in zip(rows, claims, strict=True):
-        assert same(row, claim), f"run scripts/fill_readme.py: {row}\nnow {claim.ours}"
+        told = f"run scripts/fill_readme.py claims: {row}\nnow {claim.ours}"
+        assert same(row, name, claim), told
 
 
 def test_a_changed_number_or_verdict_is_noticed() -> None:
     claim = Claim("Fig. 0", "two", "2.0 N m", "agrees", "so")
-    row = table([claim]).splitlines()[-1]
-    assert same(row, claim)
-    assert not same(row.replace("2.0", "2.3"), claim)
-    assert not same(row.replace("agrees", "disagrees"), claim)
+    row = claim_rows({"loops": [claim]})[1]
+    assert same(row, "loops", claim)
+    assert not same([cell.replace("2.0", "2.3") for cell in row], "loops", claim)
+    changed = [cell.replace("agrees", "disagrees") for cell in row]
+    assert not same(changed, "loops", claim)

@@ -25,7 +25,8 @@ class Diagnose:
         tuple[Path, ...], tyro.conf.Positional, option_help("[SCENE] [DATA ...]")
     ]
     """Scene of the rig: an MJCF file, a description or a built-in name; then trials:
-    files (CSV, Parquet, MATLAB, HDF5) or folders, none with --plan."""
+    files (CSV, Parquet, MATLAB, HDF5) or folders, none with --plan. Several folders
+    are several occasions of one rig, the last one last."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
     axis: Annotated[str | None, option_help("NAME")] = None
@@ -107,6 +108,8 @@ class Diagnose:
         if found.verdict in ("fix-data", "fix-numerics"):
             raise CableError(f"{found.verdict}: {found.statement} See {report}.")
         print(f"{found.verdict}: {found.statement}")
+        if found.occasions:
+            print(f"  {found.occasions.statement}")
         if found.question:
             print(f"  {found.question}")
         if found.verdict == "unknown":

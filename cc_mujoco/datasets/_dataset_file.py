@@ -51,6 +51,7 @@ All of it is optional. An example with every key:
     locked = "joint"                # the side that was held fast: motor or joint
     tilt = 1.57                     # rad by which the rig was turned about the joint's
                                     # axis, for gravity; positive as the joint is
+    occasion = "March"              # where the rig was recorded on several
     valid = [[0.5, 12.0]]           # stretches of time that count, from and to [s]
     notes = "operator sneezed at the end"
 
@@ -472,6 +473,7 @@ def _facts(table: Table) -> dict[str, Any]:
         "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
         "tilt": _tilt(table),
+        "occasion": table.text("occasion"),
         "valid": _time_stretches(table),
         "notes": table.text("notes"),
     }

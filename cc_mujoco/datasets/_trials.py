@@ -63,6 +63,8 @@ class Facts:
         locked: the side that was held fast, so that its angle is constant.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
             joint is [rad].
+        occasion: name of the day or session; trials of one occasion share friction,
+            pretension, offsets and clocks. "" where there is one occasion.
         valid: stretches of time that count (from, to) [s]; None is all.
         notes: for a human reader.
     """
@@ -73,6 +75,7 @@ class Facts:
     temperature: float | None = None
     locked: Locked | None = None
     tilt: float | None = None
+    occasion: str = ""
     valid: tuple[tuple[float, float], ...] | None = None
     notes: str = ""
 

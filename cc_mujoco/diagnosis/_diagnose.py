@@ -51,7 +51,9 @@ def diagnose(
 
     Args:
         data: trial files (see `_utils.tables.ENDINGS`) or folders of them; a
-            single one need not be in a list.
+            single one need not be in a list. Several folders are several occasions of
+            one rig, in order: effects are shared, friction, pretension, stiffness,
+            offsets and clocks are fitted to each.
         scene: MJCF file of the rig, or name of a built-in scene.
         out: folder for what is found; written whole or not at all.
         axis: the axis that was recorded, of a device with several.

@@ -18,7 +18,7 @@ import numpy as np
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import SampledTrack, find_segments
-from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._decimation import decimate
 from cc_mujoco.datasets._folders import (
@@ -28,6 +28,12 @@ from cc_mujoco.datasets._folders import (
     trial_names,
 )
 from cc_mujoco.datasets._multi_file import TrialFile, group_files
+from cc_mujoco.datasets._occasions import (
+    check_occasions,
+    join_occasions,
+    occasion_folders,
+    occasion_of,
+)
 from cc_mujoco.datasets._reading import Recording, read, read_parts
 from cc_mujoco.datasets._run_log import is_log, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
@@ -55,7 +61,7 @@ def load(
 
     Args:
         paths: files (see `_utils.tables.ENDINGS`) or folders; their order
-            is kept, folders are sorted by name.
+            is kept, folders are sorted by name. Several folders are occasions.
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.
         bench: of the scene, by which load cells become torques.
@@ -68,9 +74,11 @@ def load(
     Raises:
         CableError: there are no data files, or the `dataset.toml` is wrong.
     """
-    if isinstance(paths, str | os.PathLike):
-        paths = [paths]
+    paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     files = data_files(paths)
+    folders = occasion_folders(paths)
+    if dataset_toml is None and len(_own_files(folders)) > 1:
+        return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
     toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)
@@ -103,6 +111,8 @@ def load(
             findings.append(warning(message, name))
             continue
         facts = file.facts_of(path, names)
+        if not facts.occasion:
+            facts = replace(facts, occasion=occasion_of(path, folders))
         ordered, found = sort_rows(recording)
         findings += found
         if ordered is None:
@@ -146,8 +156,33 @@ def load(
         own = noise[channels.JOINT_TORQUE]
         noise[channels.JOINT_TORQUE] = other_axes.noise(own, passed)
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
-    findings += wrong_repeats(dataset.trials)
+    findings += wrong_repeats(dataset.trials) + check_occasions(dataset.trials)
     return replace(dataset, noise=noise), findings
+
+
+def _own_files(folders: Mapping[str, Path]) -> list[Path]:
+    """Return the `dataset.toml` files of the folders of occasions."""
+    own = [find_dataset_file(data_files([folder])) for folder in folders.values()]
+    return [path for path in own if path is not None]
+
+
+def _load_each(
+    folders: Mapping[str, Path], bench: Bench | None, columns: Collection[str]
+) -> tuple[Dataset, list[DataFinding]]:
+    """Load every occasion by its own `dataset.toml`."""
+    parts, findings = {}, []
+    for name, folder in folders.items():
+        part, found = load(folder, None, bench, columns)
+        facts = [
+            replace(t.facts, occasion=t.facts.occasion or name) for t in part.trials
+        ]
+        trials = zip(part.trials, facts, strict=True)
+        own = tuple(replace(trial, facts=fact) for trial, fact in trials)
+        parts[name] = replace(part, trials=own)
+        findings += found
+    if errors(findings):
+        return next(iter(parts.values())), findings
+    return join_occasions(parts), findings
 
 
 def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> None:

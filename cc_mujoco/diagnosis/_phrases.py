@@ -68,7 +68,9 @@ class Names:
 
 def plain_name(name: str) -> str:
     """Return the name of a parameter or a key with spaces for underscores."""
-    return name.replace("_", " ")
+    base, _, occasion = name.partition("@")
+    text = base.replace("_", " ")
+    return f"{text} on {occasion}, relative to the last occasion" if occasion else text
 
 
 def channel_name(name: str) -> str:

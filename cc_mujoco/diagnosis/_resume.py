@@ -49,6 +49,7 @@ class Earlier(NamedTuple):
             }
             scene, dataset = provenance["scene"], provenance["dataset"]
             several = provenance["several_files"]
+            occasions = provenance.get("occasions", ())
             base = os.path.join(os.path.realpath(folder), provenance["folder"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
             raise CableError(
@@ -58,6 +59,12 @@ class Earlier(NamedTuple):
             raise CableError(
                 f"{folder} is of trials in several files each ({several[0]}); diagnose "
                 "the folder of all data anew."
+            )
+        if occasions:
+            raise CableError(
+                f"{folder} is of several occasions ({', '.join(occasions)}); diagnose "
+                "their folders anew, with the new trials in the folder of their "
+                "occasion."
             )
         data[scene["path"]] = scene["sha256"]
         if dataset["path"]:

@@ -160,6 +160,63 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class OccasionChange:
+    """Change of a parameter of the baseline between two occasions.
+
+    Attributes:
+        parameter: of the baseline.
+        since: the earlier occasion.
+        until: the later occasion.
+        change: share of the earlier value where `relative`, else in its unit.
+        relative: whether it is a share of the earlier value.
+        statement: in words with its 95 % interval.
+    """
+
+    parameter: str
+    since: str
+    until: str
+    change: Estimate
+    relative: bool
+    statement: str
+
+
+@dataclass(frozen=True)
+class OccasionSize:
+    """Size of an effect on every occasion, while all else of it is shared.
+
+    Attributes:
+        effect: id.
+        parameter: size of the effect.
+        sizes: fitted size by occasion.
+        agree: whether every occasion that could show the shared size shows it.
+        statement: in words.
+    """
+
+    effect: str
+    parameter: str
+    sizes: Mapping[str, Estimate]
+    agree: bool
+    statement: str
+
+
+@dataclass(frozen=True)
+class Occasions:
+    """Comparison of the occasions on which one rig was recorded.
+
+    Attributes:
+        names: in order; the baseline and the repaired scene are those of the last.
+        changes: of the baseline, from every earlier occasion to the last.
+        sizes: of the effects in the model.
+        statement: what changed from the last but one to the last.
+    """
+
+    names: tuple[str, ...]
+    changes: tuple[OccasionChange, ...]
+    sizes: tuple[OccasionSize, ...]
+    statement: str
+
+
+@dataclass(frozen=True)
 class TrialError:
     """Error of one trial, before and after; by channel, weighted as in `Gap` [N m].
 
@@ -252,6 +309,8 @@ class Diagnosis:
     """Effects that tuning would hide."""
     remaining: float = math.nan
     """RMS error of the repaired model on held-out data, over the noise floor."""
+    occasions: Occasions | None = None
+    """Comparison of occasions, None where there is one."""
     interrupted: bool = False
     """True if the search was stopped before all effects were tried."""
 

@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis._inference.load_trials import (
     load_values,
 )
 from cc_mujoco.diagnosis._inference.lowpass import low_pass
+from cc_mujoco.diagnosis._inference.occasions import change_parameters, values_on
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.replays import Setting, cached_replay, shift_signal
 from cc_mujoco.diagnosis.effects import (
@@ -199,6 +200,7 @@ def baseline_parameters(
         found += _motor_parameters(records, constants, rms[0])
     if instruments.joint == "known load":
         found += load_parameters(constants)
+    found += change_parameters(found, records, lambda own: _angle_offset(bench, own))
     return tuple(found)
 
 
@@ -288,20 +290,21 @@ class SimulatedRig:
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
         by_trial = any(EFFECTS[name].by_trial for name in effects)
+        here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
 
-        def circumstances(record: Record) -> tuple[float | None, TrialConditions]:
+        def circumstances(record: Record) -> tuple[float | None, TrialConditions, str]:
             own = record.conditions if by_trial else USUAL_CONDITIONS
-            return record.pretension, own
+            return record.pretension, own, record.occasion
 
         settings = {
-            (pretension, conditions): self.setting(
-                values, effects, pretension, conditions
+            (pretension, conditions, occasion): self.setting(
+                here[occasion], effects, pretension, conditions
             )
-            for pretension, conditions in set(map(circumstances, chosen))
+            for pretension, conditions, occasion in set(map(circumstances, chosen))
         }
         return in_threads(
             lambda record: self._shown(
-                record, settings[circumstances(record)], values, effects
+                record, settings[circumstances(record)], here[record.occasion], effects
             ),
             chosen,
         )

@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
 )
 from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.jacobian import jacobian
+from cc_mujoco.diagnosis._inference.occasions import base_name, is_change
 from cc_mujoco.diagnosis._inference.plausibility import plausible_size
 from cc_mujoco.diagnosis._inference.screening import (
     Changes,
@@ -245,7 +246,7 @@ def _confounded_effect(
 def _remedy(parameter: str, effect: Effect) -> str:
     """Return the advice that distinguishes an effect from a model parameter."""
     # Parameters of effects that are in the model have none of their own.
-    return REMEDIES.get(parameter, f"record {effect.required_excitation}")
+    return REMEDIES.get(base_name(parameter), f"record {effect.required_excitation}")
 
 
 def deviating_parameters(
@@ -273,6 +274,8 @@ def deviating_parameters(
             known = ZERO_ANGLE_DEVIATION / parameter.scale
             home = -parameter.start / parameter.scale
         if name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS) or not math.isfinite(known):
+            continue
+        if is_change(name):  # reported as such
             continue
         deviation = abs(place - home) / known
         given = parameter.value(home)

@@ -9,7 +9,7 @@ needs no simulation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis._inference.occasions import base_name, values_on
 from cc_mujoco.diagnosis._inference.records import Record
+from cc_mujoco.diagnosis._inference.replays import Setting
+from cc_mujoco.diagnosis.effects import TrialConditions
 from cc_mujoco.estimation._least_squares import FACTOR_STEP, Tuned, differences
 
 if TYPE_CHECKING:
@@ -240,18 +243,22 @@ def _needs_replay(problem: Problem, x: FloatArray, index: int, step: float) -> b
     """Return whether a parameter change takes a replay, or only its readout."""
     moved = x.copy()
     moved[index] += step
-    conditions = {record.conditions for record in problem.plant.records}
+    records = problem.plant.records
+    here, there = problem.values(x), problem.values(moved)
+
+    def setting(values: Mapping[str, float], own: TrialConditions, day: str) -> Setting:
+        return problem.plant.setting(values_on(values, day), problem.effects, None, own)
+
     return any(
-        problem.plant.setting(problem.values(x), problem.effects, None, own)
-        != problem.plant.setting(problem.values(moved), problem.effects, None, own)
-        for own in conditions
+        setting(here, own, day) != setting(there, own, day)
+        for own, day in {(r.conditions, r.occasion) for r in records}
     )
 
 
 def _step(parameter: Tuned, place: float) -> float:
     """Change of a parameter over which torques are differenced, within its bounds."""
     step = _PARAMETER_STEPS.get(
-        parameter.name, FACTOR_STEP if parameter.factor else _DEFAULT_STEP
+        base_name(parameter.name), FACTOR_STEP if parameter.factor else _DEFAULT_STEP
     )
     return -step if place + step > parameter.high else step
 

@@ -59,6 +59,11 @@ from cc_mujoco.diagnosis._inference.location import (
     trial_ordinates,
 )
 from cc_mujoco.diagnosis._inference.numerics import MAX_NUMERICAL_ERROR
+from cc_mujoco.diagnosis._inference.occasion_report import (
+    agreement_shares,
+    compare_occasions,
+)
+from cc_mujoco.diagnosis._inference.occasions import occasions_of
 from cc_mujoco.diagnosis._inference.outlier_trials import (
     find_outlier_trial,
     misfits,
@@ -176,9 +181,11 @@ def _conclude(
     temperatures: Mapping[str, float],
 ) -> DiagnosisResult:
     limits, seed = settings.thresholds, settings.seed
+    # Occasions are better parts than halves, see `compare_occasions`.
+    several = len(occasions_of(baseline_fit.problem.plant.records)) > 1
     agreed = (
         Agreement({}, {})
-        if found.interrupted
+        if found.interrupted or several
         else check_agreement(
             baseline_fit,
             found,
@@ -193,6 +200,8 @@ def _conclude(
     drawn = error_maps(shown, seed)
     evidence = Evidence(shown, drawn, effect_isolability(found.signatures))
     estimated = estimates(problem, x, model.spread)
+    compared = compare_occasions(problem, x, estimated)
+    shares = agreement_shares(compared) if compared else agreed.shares
     found = final_search(found, baseline_fit, model)
     added = [step.added for step in found.rounds if step.added]
     groups = {
@@ -201,7 +210,7 @@ def _conclude(
         for rivals in [_extend_tie(step.tied(problem.effects, added), agreed.rivals)]
         if len(rivals) > 1
     }
-    effects = _found_effects(found, problem, x, estimated, agreed.shares, groups)
+    effects = _found_effects(found, problem, x, estimated, shares, groups)
     missing = [effect.id for effect in effects if effect.missing]
     ties = tuple(rivals for name, rivals in groups.items() if name in missing)
     beside = {*problem.effects, *chain.from_iterable(groups.values())}
@@ -258,6 +267,7 @@ def _conclude(
         strayed=beyond,
         confounded=hidden,
         remaining=floor_ratios(model.held.gap)[1],
+        occasions=compared,
         interrupted=found.interrupted,
     )
     return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit)

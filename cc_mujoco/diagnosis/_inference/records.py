@@ -101,6 +101,8 @@ class Record:
     division."""
     tilt: float = 0.0
     """Angle by which the rig was turned about the joint's axis [rad]."""
+    occasion: str = ""
+    """Name of the day or session, see `occasions`."""
     path: RecordedPath | None = None
     """Paths of the cables along the recording, where other joints move them, too."""
     conditions: TrialConditions = USUAL_CONDITIONS
@@ -245,6 +247,7 @@ def _record(
         split=trial.facts.split,
         group=trial.facts.repeat_of or trial.name,
         tilt=tilt,
+        occasion=trial.facts.occasion,
         path=bench.recorded_path(smooth[1], smooth[2:], RAMP_SAMPLES),
         columns={name: values[part][::thin] for name, values in trial.columns.items()},
     )

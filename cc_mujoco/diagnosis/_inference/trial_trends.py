@@ -13,7 +13,7 @@ Student's t (Hartung and Knapp 2001).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from cc_mujoco.diagnosis._inference.fitting import (
     independence_weight,
 )
 from cc_mujoco.diagnosis._inference.jacobian import residual_changes, residual_slopes
+from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.estimation._least_squares import Tuned
 
 VARIED_PARAMETERS = (
@@ -46,6 +47,7 @@ MIN_TREND_SHARE = 0.3
 _MAX_FITTED = 2
 """Parameters that are fitted by simulation, the best to first order."""
 _MAX_STEPS = 4
+_MAX_HALVINGS = 4
 _MAX_LOG_STEP = math.log(2.0)
 
 
@@ -59,6 +61,8 @@ class TrialConstants(NamedTuple):
             else in its unit.
         error: (trials,) standard errors of these.
         share: of the squared error beyond the floor that these values take.
+        value: (trials,) in the unit of the parameter, of one that is no logarithm.
+        value_error: (trials,) standard errors of these.
     """
 
     parameter: Tuned
@@ -66,6 +70,8 @@ class TrialConstants(NamedTuple):
     change: FloatArray
     error: FloatArray
     share: float
+    value: FloatArray
+    value_error: FloatArray
 
 
 class Trend(NamedTuple):
@@ -104,6 +110,20 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
     first = sorted(able, key=lambda index: -fit.foreseen(index))[:_MAX_FITTED]
     found = [fit.fitted(index) for index in first]
     return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def constants_by_occasion(
+    problem: Problem, x: FloatArray, indices: Sequence[int]
+) -> tuple[TrialConstants, ...]:
+    """Return parameters with a value of their own on every occasion.
+
+    Args:
+        problem: the model.
+        x: where it was fitted to all trials.
+        indices: of the parameters; one that an occasion does not inform is left out.
+    """
+    fit = _ByTrial(problem, x, lambda record: record.occasion)
+    return tuple(fit.fitted(k) for k in indices if fit.affects_every_trial(k))
 
 
 def trial_trends(
@@ -153,15 +173,24 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 
 
 class _ByTrial:
-    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit."""
+    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
 
-    def __init__(self, problem: Problem, x: FloatArray) -> None:
+    `group` names what counts as a trial, for example the occasion of a record.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        x: FloatArray,
+        group: Callable[[Record], str] = lambda record: record.trial,
+    ) -> None:
         records = problem.plant.records
         self._problem, self._x = problem, x
         self._masks = [record.counts for record in records]
         self._seen = [k for k, mask in enumerate(self._masks) if mask.any()]
-        self.trials = tuple(dict.fromkeys(records[k].trial for k in self._seen))
-        self._place = [self.trials.index(records[k].trial) for k in self._seen]
+        groups = [group(records[k]) for k in self._seen]
+        self.trials = tuple(dict.fromkeys(groups))
+        self._place = [self.trials.index(each) for each in groups]
         self._torques = problem.torques(x, self._seen)
         self._slopes = problem.slopes.of(problem, x, self._seen, self._torques)
         self._rows = np.concatenate(
@@ -206,15 +235,15 @@ class _ByTrial:
         slopes = self._jacobian
         for _ in range(_MAX_STEPS):
             design = self._design(slopes, index)
-            step = self._solve(design, error, place, index)
-            by_factor = self._problem.tuned[index]
-            if by_factor.factor:
-                longest = float(np.max(np.abs(step[shared:]))) * by_factor.scale
-                step = step * min(1.0, _MAX_LOG_STEP / max(longest, 1e-300))
-            there = self._simulated(place + step, index)
-            left = self._weighted(there)
-            cost = self._cost(left, place + step, index)
-            if not cost < best:
+            step = self._limited(self._solve(design, error, place, index), index)
+            for _ in range(_MAX_HALVINGS):
+                there = self._simulated(place + step, index)
+                left = self._weighted(there)
+                cost = self._cost(left, place + step, index)
+                if cost < best:
+                    break
+                step = 0.5 * step
+            else:
                 break
             done = cost > (1.0 - 1e-3) * best
             place, torques, error, best = place + step, there, left, cost
@@ -222,6 +251,15 @@ class _ByTrial:
             if done:
                 break
         return self._told(index, place, torques, error, slopes)
+
+    def _limited(self, step: FloatArray, index: int) -> FloatArray:
+        """Return a step along which no logarithm changes by more than a factor of 2."""
+        tuned = self._problem.tuned
+        shared = [p for k, p in enumerate(tuned) if k != index]
+        own = [tuned[index]] * len(self.trials)
+        scales = np.array([p.scale if p.factor else 0.0 for p in (*shared, *own)])
+        longest = float(np.max(np.abs(step) * scales))
+        return step * min(1.0, _MAX_LOG_STEP / max(longest, 1e-300))
 
     def _told(
         self,
@@ -243,13 +281,16 @@ class _ByTrial:
         ratio = problem.weight / max(independence_weight(plain, self._masks), 1e-300)
         covariance = np.linalg.pinv(square, rcond=1e-10, hermitian=True) * ratio**2
         centre = np.eye(count) - 1.0 / count
-        spread = centre @ covariance[-count:, -count:] @ centre
+        own = covariance[-count:, -count:]
+        spread = centre @ own @ centre
         return TrialConstants(
             parameter,
             self.trials,
             parameter.scale * (centre @ place[-count:]),
             parameter.scale * np.sqrt(np.maximum(np.diag(spread), 0.0)),
             self._share(error),
+            parameter.start + parameter.scale * (self._x[index] + place[-count:]),
+            parameter.scale * np.sqrt(np.maximum(np.diag(own), 0.0)),
         )
 
     def _share(self, error: FloatArray) -> float:

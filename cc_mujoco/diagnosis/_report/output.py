@@ -25,6 +25,7 @@ from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.bench_simulation import CLOCK_PARAMETERS
 from cc_mujoco.diagnosis._inference.lowpass import low_pass
+from cc_mujoco.diagnosis._inference.occasions import occasions_of
 from cc_mujoco.diagnosis._inference.replays import shift_signal
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult
 from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
@@ -161,6 +162,9 @@ def provenance(
         "data": {trial.path: trial.sha256 for trial in dataset.trials},
         "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
         "effects": list(effects),
+        "occasions": list(result.diagnosis.occasions.names)
+        if result.diagnosis.occasions
+        else [],
         "several_files": [
             trial.path
             for trial in dataset.trials
@@ -245,7 +249,10 @@ def rollout_difference(
     """Return the RMS difference of scene and replay in the first seconds [N m]."""
     problem = result.problem
     assert problem is not None
-    record = problem.plant.records[0]
+    records = problem.plant.records
+    last = occasions_of(records)[-1]  # the scene is that of the last occasion
+    first = next(k for k, each in enumerate(records) if each.occasion == last)
+    record = records[first]
     values = problem.values(result.x)
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
@@ -283,7 +290,7 @@ def rollout_difference(
     shows = _writable_effects(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisations()]
-    played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
+    played: FloatArray = whole.simulate(quiet, shows, only=(first,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_pass(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

@@ -35,6 +35,7 @@ REPORT_PAGE = "report.html"
 SECTION_TITLES = {
     "traces": "Measured and simulated",
     "gap": "How large the gap is",
+    "occasions": "What changed between occasions",
     "trials": "How far off every trial is",
     "where": "Where the error lies",
     "maps": "Maps of the error",
@@ -126,6 +127,7 @@ def _sections(
     return {
         "traces": join_pieces(seconds) if seconds else None,
         "gap": illustrated(sections.gap(diagnosis), gap),
+        "occasions": sections.occasions(diagnosis, names),
         "trials": sections.trials(diagnosis),
         "where": sections.error_location(diagnosis),
         "maps": illustrated(sections.maps(evidence), maps),

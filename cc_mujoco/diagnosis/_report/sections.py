@@ -79,6 +79,29 @@ def gap(diagnosis: Diagnosis) -> Html | None:
     return join_pieces([bullet_list(lines), paragraph(key, kind="small")])
 
 
+def occasions(diagnosis: Diagnosis, names: Names) -> Html | None:
+    """Compare the occasions: what changed, and whether the effects are the same."""
+    found = diagnosis.occasions
+    if found is None:
+        return None
+    parts: list[Html] = [paragraph(found.statement)]
+    rows = [
+        (f"{each.since} to {each.until}", capitalise(each.statement))
+        for each in found.changes
+    ]
+    parts.append(table(("between", "change"), rows))
+    for each in found.sizes:
+        verb = "agrees" if each.agree else "does not agree"
+        title = f"{capitalise(names(each.effect))} {verb} between occasions"
+        parts += [element("h3", title), paragraph(each.statement)]
+    key = (
+        "The effects are shared by all occasions, and the size of each is also fitted "
+        "to every occasion by itself. Friction, pretension, stiffness, offsets and "
+        f"clocks have values of their own; those given below are of {found.names[-1]}."
+    )
+    return join_pieces([*parts, paragraph(key, kind="small")])
+
+
 def trials(diagnosis: Diagnosis) -> Html | None:
     """List the errors of every trial, the worst first."""
     if len(diagnosis.trials) < 2:

@@ -1,0 +1,116 @@
+"""Several occasions of one rig: shared effects, and what changed between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.cable import Parameter
+from cc_mujoco.datasets import Dataset
+from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis._inference.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.occasion_report import compare_words
+from cc_mujoco.diagnosis._inference.occasions import occasions_of, values_on
+from cc_mujoco.diagnosis._inference.records import prepare
+from cc_mujoco.diagnosis._phrases import MINUS, plain_name
+from cc_mujoco.estimation._least_squares import Estimate, Tuned
+from diagnosis.recorded import BENCH, dataset
+
+DRAG = {"viscous_friction": {"viscous_friction": 10.0}}
+FRICTION, PRETENSION = 1.18, 0.7
+"""Ratios of June to March."""
+
+
+def on(occasion: str, recorded: Dataset) -> Dataset:
+    """Return the trials as those of an occasion."""
+    trials = [
+        replace(
+            trial,
+            name=f"{occasion}/{trial.name}",
+            facts=replace(trial.facts, occasion=occasion),
+        )
+        for trial in recorded.trials
+    ]
+    return replace(recorded, trials=tuple(trials))
+
+
+def two_occasions(duration: float, june: dict[str, dict[str, float]]) -> Dataset:
+    """Return trials of March with `DRAG`, and of June with changed cables."""
+    cable = BENCH.cables[0]
+    changed = {
+        "friction": FRICTION * cable.friction,
+        "pretension": PRETENSION * cable.pretension,
+    }
+    first = on("March", dataset(DRAG, duration))
+    last = on("June", dataset(june, duration, seed=3, changes=changed))
+    return replace(first, trials=first.trials + last.trials)
+
+
+def test_an_occasion_has_its_ratios_and_differences_and_the_last_one_none() -> None:
+    values = {
+        "friction": 0.2,
+        "friction@March": 0.5,
+        "joint_angle_offset": 0.01,
+        "joint_angle_offset@March": 0.02,
+    }
+    march = values_on(values, "March")
+    assert march["friction"] == pytest.approx(0.1)
+    assert march["joint_angle_offset"] == pytest.approx(0.03)
+    assert values_on(values, "June") is values
+
+
+def test_a_change_moves_the_torques_of_its_occasion_only() -> None:
+    recorded = two_occasions(1.0, DRAG)
+    records, _ = prepare(recorded, BENCH)
+    assert occasions_of(records) == ("March", "June")
+    free = {p.name: p for p in baseline_parameters(BENCH, records, {})}
+    assert free["friction@March"].start == 1.0
+    assert not any(name.endswith("@June") for name in free)
+    plant = SimulatedRig(BENCH, records, 4)
+    usual = {name: parameter.start for name, parameter in free.items()}
+    before = plant.simulate(usual)
+    after = plant.simulate({**usual, "friction@March": 1.2})
+    for record, one, other in zip(records, before, after, strict=True):
+        assert np.array_equal(one, other) is (record.occasion == "June")
+
+
+def test_changes_are_told_from_the_earlier_to_the_later_occasion() -> None:
+    ratio = Tuned(Parameter("pretension@March", "1", scale="log"), 1.0, 1.0, -3.0, 3.0)
+    found = compare_words(ratio, Estimate(1.25, "1", (1.20, 1.30)))
+    assert found.replace(MINUS, "-") == "pretension -20.0 % (95 %: -23.1 to -16.7)"
+    offset = Tuned(Parameter("joint_torque_offset@March", "N m"), 0.0, 1.0, -3.0, 3.0)
+    found = compare_words(offset, Estimate(0.01, "N m", (-0.01, 0.03)))
+    assert found == "joint torque offset unchanged within 0.030 N m"
+    assert (
+        plain_name(ratio.name) == "pretension on March, relative to the last occasion"
+    )
+
+
+@pytest.mark.study
+def test_hidden_changes_are_found_beside_a_shared_effect() -> None:
+    suspects = Options(("viscous_friction", "load_independent_friction"))
+    found = run_inference(two_occasions(6.0, DRAG), BENCH, suspects).diagnosis
+    assert [effect.id for effect in found.missing] == ["viscous_friction"]
+    assert found.occasions is not None
+    change = {each.parameter: each.change for each in found.occasions.changes}
+    assert change["friction"].value == pytest.approx(FRICTION - 1.0, abs=0.01)
+    assert change["pretension"].value == pytest.approx(PRETENSION - 1.0, abs=0.01)
+    assert change["axial_stiffness"].holds(0.0)
+    assert all(each.agree for each in found.occasions.sizes)
+
+
+@pytest.mark.study
+def test_an_effect_of_one_occasion_does_not_agree() -> None:
+    found = run_inference(
+        two_occasions(6.0, {}), BENCH, Options(("viscous_friction",))
+    ).diagnosis
+    assert found.occasions is not None
+    (size,) = found.occasions.sizes
+    assert not size.agree
+    assert "June could show it and does not" in size.statement
+    assert found.effects[0].disputed

@@ -54,6 +54,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         locked="joint",
         tilt=1.57,
         valid=((0.5, 12.0),),
+        occasion="March",
         notes="operator sneezed at the end",
     )
     assert file.facts_of(Path("run_8.parquet")) == Facts(pretension=12.0)

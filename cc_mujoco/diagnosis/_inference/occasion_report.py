@@ -148,11 +148,11 @@ def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
         indices = amplitude_indices(problem, [effect])
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
-            found.append(_size(effect, each, shared))
+            found.append(compare_size(effect, each, shared))
     return found
 
 
-def _size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
+def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
     """Return the comparison of one size with the shared one."""
     unit = found.parameter.unit
     sizes = {

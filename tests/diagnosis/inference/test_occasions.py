@@ -14,9 +14,10 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
     SimulatedRig,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._inference.occasion_report import compare_words
+from cc_mujoco.diagnosis._inference.occasion_report import compare_size, compare_words
 from cc_mujoco.diagnosis._inference.occasions import occasions_of, values_on
 from cc_mujoco.diagnosis._inference.records import prepare
+from cc_mujoco.diagnosis._inference.trial_trends import TrialConstants
 from cc_mujoco.diagnosis._phrases import MINUS, plain_name
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from diagnosis.recorded import BENCH, dataset
@@ -91,6 +92,25 @@ def test_changes_are_told_from_the_earlier_to_the_later_occasion() -> None:
     )
 
 
+def test_an_occasion_that_could_show_an_effect_and_does_not_disputes_it() -> None:
+    drag = Tuned(Parameter("viscous_friction", "N s/m^2"), 0.0, 1.0, 0.0, 100.0)
+
+    def constants(
+        value: tuple[float, float], error: tuple[float, float]
+    ) -> TrialConstants:
+        both = np.array(value), np.array(error)
+        return TrialConstants(drag, ("March", "June"), *both, 0.5, *both)
+
+    same = compare_size("viscous_friction", constants((9.0, 11.0), (1.0, 1.0)), 10.0)
+    assert same.agree
+    gone = compare_size("viscous_friction", constants((20.0, 0.1), (1.0, 1.0)), 10.0)
+    assert not gone.agree
+    assert "June could show it and does not" in gone.statement
+    blind = compare_size("viscous_friction", constants((10.0, 0.1), (1.0, 8.0)), 10.0)
+    assert blind.agree
+    assert "June cannot show a size of 10.0" in blind.statement
+
+
 @pytest.mark.study
 def test_hidden_changes_are_found_beside_a_shared_effect() -> None:
     suspects = Options(("viscous_friction", "load_independent_friction"))
@@ -105,12 +125,9 @@ def test_hidden_changes_are_found_beside_a_shared_effect() -> None:
 
 
 @pytest.mark.study
-def test_an_effect_of_one_occasion_does_not_agree() -> None:
+def test_an_effect_of_one_occasion_is_not_called_missing() -> None:
     found = run_inference(
         two_occasions(6.0, {}), BENCH, Options(("viscous_friction",))
     ).diagnosis
-    assert found.occasions is not None
-    (size,) = found.occasions.sizes
-    assert not size.agree
-    assert "June could show it and does not" in size.statement
-    assert found.effects[0].disputed
+    assert found.verdict == "unknown"
+    assert not found.missing

@@ -282,13 +282,32 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.metrics import METRICS
     from cc_mujoco.thesis import EXPERIMENTS
 
-    assert cli.main(["list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
     laws = {*CONTROLLERS, *POSITION_CONTROLLERS}
     played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *laws}
     rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
-    assert played | rows | {*EFFECTS} == set(entries)
+    assert cli.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    names = " ".join(line for line in lines if line.startswith("  ")).split()
+    assert {*names} == played | rows | {*EFFECTS}
+    assert len(lines) <= 60
+    assert max(map(len, lines)) <= 80
+    assert cli.main(["list", "effects"]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()
+    entries = [line.split()[0] for line in lines if not line.startswith("   ")]
+    assert (head, entries) == ("effects", list(EFFECTS))
+
+
+def test_list_takes_a_part_of_a_name_or_of_a_meaning_or_a_device(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["list", "drum_w"]) == 0
+    assert capsys.readouterr().out.split()[:2] == ["effects", "drum_winding"]
+    assert cli.main(["list", "Kuhnen"]) == 0
+    assert "prandtl_ishlinskii" in capsys.readouterr().out
+    assert cli.main(["list", "wrist"]) == 0
+    assert "cables of wrist" in capsys.readouterr().out
+    assert cli.main(["list", "efects"]) == 2
+    assert "effects" in capsys.readouterr().err
 
 
 def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
+import shutil
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
+
+from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
     from cc_mujoco.cable import Parameter
@@ -17,61 +23,121 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Listing:
-    """Show every name there is, each with its meaning."""
+    """Show the names that other commands take; with a word, what they mean."""
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    scene: Annotated[str, tyro.conf.arg(metavar="SCENE", help_behavior_hint="")] = ""
-    """Show the axes, cables and joints of this device instead."""
+    word: Annotated[
+        str,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="[WORD]", help_behavior_hint=""),
+    ] = ""
+    """A group such as effects, a device, whose axes, cables and joints are shown, or a
+    part of a name or of its meaning."""
 
     def run(self) -> None:
-        """Print every name with its meaning."""
+        """Print names, or the chosen ones with their meanings.
+
+        Raises:
+            CableError: Nothing is called so.
+        """
         from cc_mujoco.assets import SCENES
-        from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
-        from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
-        from cc_mujoco.diagnosis import EFFECTS
-        from cc_mujoco.human import TASKS, TRAJECTORIES
-        from cc_mujoco.metrics import METRICS
-        from cc_mujoco.thesis import EXPERIMENTS
+        from cc_mujoco.device import find_device
+        from cc_mujoco.device._device import is_device_file
 
-        if self.scene:
-            device = find_device(self.scene)
-            _print({"devices": {self.scene: _plays(device)}} | _parts(device))
-            return
-        meanings = {
-            "devices": {name: _plays(find_device(name)) for name in SCENES},
-            "trajectories": _summaries(TRAJECTORIES),
-            "tasks": _summaries(TASKS),
-            "controllers": _summaries(CONTROLLERS),
-            "controllers of the task position": _summaries(POSITION_CONTROLLERS),
-            "experiments": EXPERIMENTS,
-            "effects that a diagnosis can name": {
-                name: effect.title for name, effect in EFFECTS.items()
-            },
-            "variables of what-ifs": _with_units(VARIABLES),
-            "materials of what-ifs": {
-                name: f"{material.meaning}; friction {material.friction.low:.2g} to "
-                f"{material.friction.high:.2g}, typically "
-                f"{material.friction.typical:.2g}"
-                for name, material in MATERIALS.items()
-            },
-            "motors of what-ifs": {
-                name: f"{motor.continuous_torque:g} N m for ever, {motor.mass:g} kg; "
-                f"{motor.source}"
-                for name, motor in MOTORS.items()
-            },
-            "metrics": _with_units(METRICS),
+        groups = _groups()
+        if not self.word:
+            _print_names(groups)
+        elif self.word in groups:
+            _print_meanings({self.word: groups[self.word]})
+        elif self.word in SCENES or is_device_file(Path(self.word)):
+            device = find_device(self.word)
+            _print_meanings({"devices": {self.word: _plays(device)}} | _parts(device))
+        else:
+            _print_meanings(_matching(groups, self.word))
+
+
+def _groups() -> dict[str, Mapping[str, str]]:
+    """Return the meaning of every name, by group."""
+    from cc_mujoco.assets import SCENES
+    from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
+    from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
+    from cc_mujoco.diagnosis import EFFECTS
+    from cc_mujoco.human import TASKS, TRAJECTORIES
+    from cc_mujoco.metrics import METRICS
+    from cc_mujoco.thesis import EXPERIMENTS
+
+    return {
+        "devices": {name: _plays(find_device(name)) for name in SCENES},
+        "trajectories": _summaries(TRAJECTORIES),
+        "tasks": _summaries(TASKS),
+        "controllers": _summaries(CONTROLLERS),
+        "position-controllers": _summaries(POSITION_CONTROLLERS),
+        "experiments": EXPERIMENTS,
+        "effects": {name: effect.title for name, effect in EFFECTS.items()},
+        "variables": _with_units(VARIABLES),
+        "materials": {
+            name: f"{material.meaning}; friction {material.friction.low:.2g} to "
+            f"{material.friction.high:.2g}, typically {material.friction.typical:.2g}"
+            for name, material in MATERIALS.items()
+        },
+        "motors": {
+            name: f"{motor.continuous_torque:g} N m continuously, {motor.mass:g} kg; "
+            f"{motor.source}"
+            for name, motor in MOTORS.items()
+        },
+        "metrics": _with_units(METRICS),
+    }
+
+
+def _matching(
+    groups: Mapping[str, Mapping[str, str]], word: str
+) -> dict[str, Mapping[str, str]]:
+    """Return the entries with a word in their name, or else in their meaning.
+
+    Raises:
+        CableError: There is none.
+    """
+    part = word.lower()
+    for looked_at in (0, 1):
+        found = {
+            group: {e[0]: e[1] for e in own.items() if part in e[looked_at].lower()}
+            for group, own in groups.items()
         }
-        _print(meanings)
+        if any(found.values()):
+            return {group: own for group, own in found.items() if own}
+    names = {*groups, *(name for own in groups.values() for name in own)}
+    near = difflib.get_close_matches(word, names, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise CableError(
+        f"no name and no meaning has {word!r}; {hint}`cc-mujoco list` shows all names."
+    )
 
 
-def _print(meanings: Mapping[str, Mapping[str, str]]) -> None:
+def _print_names(groups: Mapping[str, Mapping[str, str]]) -> None:
+    """Print the names of all groups, in as many columns as fit."""
+    for group, own in groups.items():
+        print(f"{group}:")
+        print(_wrapped("  ", "  ".join(own)))
+    print("\n`cc-mujoco list WORD` shows the meanings: of a group, a device or a name.")
+
+
+def _print_meanings(groups: Mapping[str, Mapping[str, str]]) -> None:
     """Print groups of names with their meanings."""
-    width = max(len(name) for group in meanings.values() for name in group)
-    for number, (group, entries) in enumerate(meanings.items()):
+    width = max(len(name) for group in groups.values() for name in group)
+    for number, (group, entries) in enumerate(groups.items()):
         print(("\n" if number else "") + group)
         for name, meaning in entries.items():
-            print(f"  {name:{width}}  {meaning}")
+            print(_wrapped(f"  {name:{width}}  ", meaning, " " * (width + 4)))
+
+
+def _wrapped(first: str, text: str, later: str = "  ") -> str:
+    """Return text in lines as wide as the terminal."""
+    width = max(shutil.get_terminal_size().columns, len(later) + 30)
+    return textwrap.fill(
+        text, width, initial_indent=first, subsequent_indent=later,
+        break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _plays(device: Device) -> str:

@@ -43,7 +43,7 @@ COMMANDS = {
     "list": Listing,
 }
 
-POSITIONAL = ("device", "tendons", "play", "calibrate", "diagnose", "view")
+POSITIONAL = ("device", "tendons", "play", "calibrate", "diagnose", "view", "list")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
 Command = (

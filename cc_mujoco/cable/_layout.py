@@ -46,7 +46,13 @@ STATE_HEADER = 7
 TIME, TRAVEL, HEAT = 4, 5, 6
 _SEGMENT_STATE = 5
 _SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
-_STEP_WORK = 11  # per segment, behind it: slip, coefficients, bristles and speed
+(
+    SHIFT, SLIPPED, GROWTH, GROWTH_PROXIMAL, HOLD_DISTAL, HOLD_PROXIMAL, DRAG,
+    VISCOSITY, SPRING, HELD, SPEED,
+) = range(11)  # fmt: skip
+"""Rows of scratch, one number per segment, behind that: see `row`."""
+RELEASED_ENERGY = SPRING
+_STEP_WORK = 11
 # Per node, behind that: tension before the step, and `_nonlinear_elasticity.py`.
 _NODE_WORK = 3
 

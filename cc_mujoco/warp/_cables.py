@@ -20,14 +20,13 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import CableReading, Reader, from_mjcf
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import compile_spec
-from cc_mujoco.warp._kernels import (
+from cc_mujoco.warp._implicit_kernels import (
     STABILITY_LIMIT,
     add_forces,
-    forget,
-    kernels,
+    look_ahead_kernel,
     moment_row,
-    write_rows,
 )
+from cc_mujoco.warp._kernels import ATTEMPTS, Rows, forget, kernels, write_rows
 
 Floats = NDArray[np.float64]
 
@@ -115,8 +114,8 @@ class AttachedCables:
         ]
         self._implicit = any(self._look)
         self._kernels = kernels(self.terms, self._implicit)
-        self._allocate(d, actuators)
         self._looks = wp.array(self._look, dtype=int, device=d.time.device)
+        self._allocate(d, actuators)
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
         m.callback.act_bias = self._act
 
@@ -168,7 +167,9 @@ class AttachedCables:
         self._prm = matrix(packed.shape[1])
         self._prm.assign(np.repeat(packed, worlds, axis=0))
         self._state = matrix(kernel.state_size(most), 2)
+        self._is_split = interleaved
         self._work = matrix(kernel.work_size(most), height=rows if interleaved else 1)
+        self._trial, self._status = matrix(8), wp.zeros(rows, **ints)
         self._place = wp.zeros((2, rows, 2), **reals)
         nv = int(self._model.nv)
         self._slope = wp.zeros((2, 2 * rows, nv if held.any() else 0), **reals)
@@ -177,6 +178,11 @@ class AttachedCables:
         self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
         self._flags = wp.ones(worlds, dtype=bool, device=device)
         self.tensions = wp.zeros((worlds, count, 2), **reals)
+        self._rows = Rows()
+        self._rows.worlds, self._rows.tensions = worlds, self.tensions
+        fields: Any = Rows
+        for name in set(fields.vars) - {"worlds", "tensions"}:
+            setattr(self._rows, name, getattr(self, f"_{name}"))
         if self._implicit:
             self._right = wp.zeros((worlds, nv), **reals)
             self._found = wp.zeros((worlds, nv), **reals)
@@ -212,16 +218,39 @@ class AttachedCables:
         )  # fmt: skip
         if self._implicit:
             self._look_ahead(m, d)
+        if self._is_split:
+            self._evaluate_in_parts(m, d)
+            return
         wp.launch(
             self._kernels.evaluate,
             dim=self._shape,
-            inputs=[
-                self._worlds, self._looks, m.opt.timestep, self._segments,
-                self._actuators, self._aim, self._now, self._prm,
-            ],
-            outputs=[self._state, self._work, self.tensions, d.actuator_force],
+            inputs=[self._rows, m.opt.timestep],
+            outputs=[d.actuator_force],
             device=d.time.device,
-        )  # fmt: skip
+        )
+
+    @property
+    def kernels(self) -> dict[str, Any]:
+        """Kernels that an evaluation of these cables launches on a GPU, by name."""
+        own = self._kernels
+        used = {"begin": own.begin, "fronts": own.fronts, "graph": own.graph}
+        if self._implicit:
+            used["look_ahead"] = look_ahead_kernel(self.terms)
+        return used | {"commit": own.commit}
+
+    def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
+        """Do the same part by part, each a kernel that needs fewer registers."""
+        given: dict[str, Any] = {"dim": self._shape, "device": d.time.device}
+        step = [self._rows, m.opt.timestep]
+        for attempt in range(ATTEMPTS if self._implicit else 1):
+            wp.launch(self._kernels.fronts, inputs=[*step, attempt], **given)
+            wp.launch(self._kernels.graph, inputs=step, **given)
+            wp.launch(
+                self._kernels.commit,
+                inputs=[*step, attempt],
+                outputs=[d.actuator_force],
+                **given,
+            )
 
     def _look_ahead(self, m: mjw.Model, d: mjw.Data) -> None:
         """Aim the ends at where the step leads, see `plugin/_implicit_ends.py`.
@@ -262,14 +291,12 @@ class AttachedCables:
                 )  # fmt: skip
                 mjw.solve_m(m, damped, self._answers[2 * cable + end], self._right)
         wp.launch(
-            self._kernels.look_ahead,
+            look_ahead_kernel(self.terms),
             dim=self._shape,
             inputs=[
-                self._worlds, self._looks, m.opt.timestep, self._segments,
-                self._actuators, *moments, self._answers, self._found,
-                d.actuator_velocity, self._prm,
+                self._rows, m.opt.timestep, *moments, self._answers, self._found,
+                d.actuator_velocity,
             ],
-            outputs=[self._aim],
             device=d.time.device,
         )  # fmt: skip
 

@@ -2,6 +2,10 @@
 
 Row `cable * worlds + world` of every array belongs to a cable of a world. The state is
 kept twice: committed, of the step before, and pending, of the evaluation made last.
+
+A step has three parts, see `cable/_kernel.py`. On a GPU each is a kernel of its own:
+together they would take more registers than a thread has, and most cables need only
+two of them. A processor calls the three in turn, so that one scratch serves all.
 """
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
@@ -13,22 +17,59 @@ from typing import Any
 import warp as wp
 
 from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.warp._build import functions
 
 _ECCENTRICITY, _PHASE = law.INDEX["eccentricity"], law.INDEX["eccentricity_phase"]
 _OVALITY, _OVALITY_PHASE = law.INDEX["ovality"], law.INDEX["ovality_phase"]
 _PULLEY_TERMS = frozenset(["eccentricity", "ovality"])
-_SCALARS = at.SCALARS
 _TENSIONS = at.STATE_HEADER
 
 OPTIONS: Any = {"fuse_fp": False, "max_unroll": 1}
 """Options of all kernels: rounding as written, and loops that stay loops."""
-STABILITY_LIMIT = 2.5
-"""Square of step times frequency up to which looking ahead changes nothing."""
-_VELOCITY_GAIN = 0.25
+_OK, _NOT_FINITE, _UNSOLVED = kernel.OK, kernel.NOT_FINITE, kernel.UNSOLVED
+_DONE = -1
+"""Status of a cable whose forces are written."""
+ATTEMPTS = 3
+"""Most attempts at a step in which an end may become taut or slack."""
 _DRAW = 0.01
 """Share of the error of a followed end that a step takes away."""
+
+
+@wp.struct
+class Rows:
+    """Arrays that an evaluation reads and writes, a row for each cable and world.
+
+    Attributes:
+        worlds: number of worlds.
+        segments: of each cable (cables,).
+        looks: not 0 where the ends of a cable look ahead (cables,).
+        actuators: at the ends (cables, 2).
+        aim: where the ends are, how they yield, lever, and where the step leads, see
+            `look_ahead` (rows, 9).
+        trial: displacements and yielding of both ends in the attempt at hand, which
+            of them may become taut (1) or slack (-1), and which do (rows, 8).
+        status: of the attempt (rows,).
+        now: which of the two states is committed (rows,).
+        prm: packed parameters.
+        state: committed and pending.
+        work: scratch.
+        tensions: out, at the ends (worlds, cables, 2) [N].
+    """
+
+    worlds: int
+    segments: wp.array(dtype=int)
+    looks: wp.array(dtype=int)
+    actuators: wp.array2d(dtype=int)
+    aim: wp.array2d(dtype=float)
+    trial: wp.array2d(dtype=float)
+    status: wp.array(dtype=int)
+    now: wp.array(dtype=int)
+    prm: wp.array2d(dtype=float)
+    state: wp.array3d(dtype=float)
+    work: wp.array2d(dtype=float)
+    tensions: wp.array3d(dtype=float)
 
 
 @lru_cache(maxsize=16)
@@ -40,9 +81,11 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         implicit: whether ends look ahead, see `plugin/_implicit_ends.py`.
     """
     own = functions(wp.float32, terms, implicit)
-    step, initialize, pack_mesh = own.step, own.initialize, own.pack_mesh
-    end_stiffness, expect_yielding = own.end_stiffness, own.expect_yielding
-    node_stiffness = own.node_stiffness
+    begin_step, solve_step, finish_step = (
+        own.begin_step, own.solve_step, own.finish_step,
+    )  # fmt: skip
+    initialize, pack_mesh = own.initialize, own.pack_mesh
+    node_stiffness, expect_yielding = own.node_stiffness, own.expect_yielding
     wound_length, lever_ratio = own.wound_length, own.lever_ratio
     has_pulley = not _PULLEY_TERMS.isdisjoint(terms)
 
@@ -126,90 +169,156 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
                 first, second = float(aim[row, 0]), float(aim[row, 1])
             initialize(prm[row], segments[cable], first, second, state[now[row], row])
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def evaluate(
-        worlds: int,
-        looks: wp.array(dtype=int),
-        timestep: wp.array(dtype=float),
-        segments: wp.array(dtype=int),
-        actuators: wp.array2d(dtype=int),
-        aim: wp.array2d(dtype=float),
-        now: wp.array(dtype=int),
-        prm: wp.array2d(dtype=float),
-        state: wp.array3d(dtype=float),
-        work: wp.array2d(dtype=float),
-        tensions: wp.array3d(dtype=float),
-        force: wp.array2d(dtype=float),
-    ):
-        """Take the step from the committed to the pending state; apply the tensions."""
-        cable, world = wp.tid()
-        row = cable * worlds + world
-        n = segments[cable]
-        pending = state[1 - now[row], row]
-        own_prm = prm[row]
-        committed = state[now[row], row]
-        u, v = float(aim[row, 0]), float(aim[row, 1])
-        yields = wp.vec2(aim[row, 2], aim[row, 3])
-        ahead, passes, doubt = wp.vec2(0.0), wp.vec2(0.0), wp.vec2(0.0)
-        status, is_last = int(0), bool(False)
-        for stage in range(wp.static(3 if implicit else 1)):
-            if wp.static(implicit):
-                expect_yielding(own_prm, yields[0], yields[1])
-            status = step(
-                own_prm, n, committed, 0, u, 0, v,
-                timestep[world % timestep.shape[0]], pending,
-                work[row % work.shape[0]],
+    @wp.func
+    def try_fronts(rows: Rows, row: int, n: int, h: float, attempt: int):
+        """Take the first part of the step, the ends where this attempt has them."""
+        if attempt == 0:
+            for i in range(4):
+                rows.trial[row, i] = rows.aim[row, i]
+                rows.trial[row, 4 + i] = 0.0
+        if wp.static(implicit):
+            expect_yielding(rows.prm[row], rows.trial[row, 2], rows.trial[row, 3])
+        rows.status[row] = begin_step(
+            rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0], 0,
+            rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
+            rows.work[row % rows.work.shape[0]],
+        )  # fmt: skip
+
+    @wp.func
+    def solve_rest(rows: Rows, row: int, n: int, h: float):
+        """Take the second part, if the fronts did not apply."""
+        if rows.status[row] == _UNSOLVED:
+            solve_step(
+                rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0],
+                0, rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
+                rows.work[row % rows.work.shape[0]],
             )  # fmt: skip
-            if wp.static(implicit):
-                # Does an end become taut or slack? See `plugin/_slack_passage.py`.
-                if status != 0 or is_last or looks[cable] == 0:
-                    break
-                for end in range(2):
-                    before = committed[_TENSIONS + end * n]
-                    after = pending[_TENSIONS + end * n]
-                    if stage == 0:
-                        sense = 1.0 - 2.0 * float(end)
-                        gained = wp.max(after, 0.0) - wp.max(before, 0.0)
-                        ahead[end] = (
-                            aim[row, 5 + end] + sense * aim[row, 7 + end] * gained
-                        )
-                        relaxes = sense * (ahead[end] - pending[end])
-                        if after <= 0.0:
-                            if before <= 0.0 and relaxes < 0.0:
-                                doubt[end] = 1.0
-                        elif before <= 0.0:
-                            passes[end] = 1.0
-                        elif relaxes * node_stiffness(own_prm, n)[end * n] > after:
-                            doubt[end] = -1.0
-                    elif doubt[end] != 0.0:
-                        passes[end] = 0.0
-                        if (after > 0.0) == (doubt[end] > 0.0):
-                            passes[end] = 1.0
-                doubtful = doubt[0] != 0.0 or doubt[1] != 0.0
-                if stage == 0 and doubtful:
-                    u, v = float(ahead[0]), float(ahead[1])
-                    yields = wp.vec2(0.0)
-                else:
-                    if stage == 0 and passes[0] == 0.0 and passes[1] == 0.0:
-                        break
-                    is_last = True
-                    u, v = float(aim[row, 0]), float(aim[row, 1])
-                    yields = wp.vec2(aim[row, 2], aim[row, 3])
-                    if passes[0] != 0.0:
-                        u = aim[row, 5]
-                        yields[0] = aim[row, 7]
-                    if passes[1] != 0.0:
-                        v = aim[row, 6]
-                        yields[1] = aim[row, 8]
+
+    @wp.func
+    def asks_again(rows: Rows, row: int, n: int, attempt: int):
+        """Return whether an end becomes taut or slack, and aim the next attempt.
+
+        See `plugin/_slack_passage.py`.
+        """
+        if attempt == ATTEMPTS - 1:
+            return False
+        now, doubtful, passing = rows.now[row], bool(False), bool(False)
         for end in range(2):
-            tension = wp.max(pending[_TENSIONS + end * n], 0.0)
-            if status != 0:
+            doubt = float(rows.trial[row, 4 + end])
+            passes = float(0.0)
+            before = rows.state[now, row, _TENSIONS + end * n]
+            after = rows.state[1 - now, row, _TENSIONS + end * n]
+            if attempt == 0:
+                sense = 1.0 - 2.0 * float(end)
+                gained = wp.max(after, 0.0) - wp.max(before, 0.0)
+                ahead = rows.aim[row, 5 + end]
+                ahead += sense * rows.aim[row, 7 + end] * gained
+                rows.trial[row, end] = ahead
+                relaxes = sense * (ahead - rows.state[1 - now, row, end])
+                if after <= 0.0:
+                    if before <= 0.0 and relaxes < 0.0:
+                        doubt = 1.0
+                elif before <= 0.0:
+                    passes = 1.0
+                elif relaxes * node_stiffness(rows.prm[row], n)[end * n] > after:
+                    doubt = -1.0
+                rows.trial[row, 4 + end] = doubt
+            elif doubt == 0.0:
+                passes = rows.trial[row, 6 + end]
+            elif (after > 0.0) == (doubt > 0.0):
+                passes = 1.0
+            rows.trial[row, 6 + end] = passes
+            doubtful = doubtful or doubt != 0.0
+            passing = passing or passes != 0.0
+        if attempt == 0 and doubtful:
+            for end in range(2):
+                rows.trial[row, 2 + end] = 0.0
+            return True
+        if attempt == 1 and not doubtful:
+            return False
+        for end in range(2):
+            rows.trial[row, end] = rows.aim[row, end]
+            rows.trial[row, 2 + end] = rows.aim[row, 2 + end]
+            if rows.trial[row, 6 + end] != 0.0:
+                rows.trial[row, end] = rows.aim[row, 5 + end]
+                rows.trial[row, 2 + end] = rows.aim[row, 7 + end]
+        return passing or attempt == 1
+
+    @wp.func
+    def finish(
+        rows: Rows,
+        force: wp.array2d(dtype=float),
+        cable: int,
+        world: int,
+        h: float,
+        attempt: int,
+    ):
+        """Take the last part; apply the tensions unless there is another attempt."""
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        now, status = rows.now[row], rows.status[row]
+        if status != _OK and status != _NOT_FINITE:
+            finish_step(
+                rows.prm[row], n, rows.state[now, row], 0, rows.trial[row, 0], 0,
+                rows.trial[row, 1], h, rows.state[1 - now, row],
+                rows.work[row % rows.work.shape[0]],
+            )  # fmt: skip
+        if wp.static(implicit):
+            if status != _NOT_FINITE and rows.looks[cable] != 0:
+                if asks_again(rows, row, n, attempt):
+                    return
+        for end in range(2):
+            tension = wp.max(rows.state[1 - now, row, _TENSIONS + end * n], 0.0)
+            if status == _NOT_FINITE:
                 tension = wp.nan
-            tensions[world, cable, end] = tension
+            rows.tensions[world, cable, end] = tension
             pull = -tension
             if end == 0:
-                pull = tension * aim[row, 4]
-            force[world, actuators[cable, end]] = pull
+                pull = tension * rows.aim[row, 4]
+            force[world, rows.actuators[cable, end]] = pull
+        rows.status[row] = _DONE
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def fronts(rows: Rows, timestep: wp.array(dtype=float), attempt: int):
+        """Take the first part of the step in all worlds."""
+        cable, world = wp.tid()
+        row = cable * rows.worlds + world
+        if attempt == 0 or rows.status[row] != _DONE:
+            h = timestep[world % timestep.shape[0]]
+            try_fronts(rows, row, rows.segments[cable], h, attempt)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def graph(rows: Rows, timestep: wp.array(dtype=float)):
+        """Take the second part in the worlds where the fronts did not apply."""
+        cable, world = wp.tid()
+        row = cable * rows.worlds + world
+        solve_rest(rows, row, rows.segments[cable], timestep[world % timestep.shape[0]])
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def commit(
+        rows: Rows,
+        timestep: wp.array(dtype=float),
+        attempt: int,
+        force: wp.array2d(dtype=float),
+    ):
+        """Take the last part in all worlds that have not done so."""
+        cable, world = wp.tid()
+        if rows.status[cable * rows.worlds + world] != _DONE:
+            h = timestep[world % timestep.shape[0]]
+            finish(rows, force, cable, world, h, attempt)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def evaluate(
+        rows: Rows, timestep: wp.array(dtype=float), force: wp.array2d(dtype=float)
+    ):
+        """Take all parts of the step, one cable after the other."""
+        cable, world = wp.tid()
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        h = timestep[world % timestep.shape[0]]
+        for attempt in range(wp.static(ATTEMPTS if implicit else 1)):
+            if attempt == 0 or rows.status[row] != _DONE:
+                try_fronts(rows, row, n, h, attempt)
+                solve_rest(rows, row, n, h)
+                finish(rows, force, cable, world, h, attempt)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def repack(
@@ -223,143 +332,10 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
             values[cable, world], segments[cable], prm[cable * values.shape[1] + world]
         )
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def look_ahead(
-        worlds: int,
-        looks: wp.array(dtype=int),
-        timestep: wp.array(dtype=float),
-        segments: wp.array(dtype=int),
-        actuators: wp.array2d(dtype=int),
-        rownnz: wp.array2d(dtype=int),
-        rowadr: wp.array2d(dtype=int),
-        colind: wp.array2d(dtype=int),
-        moment: wp.array2d(dtype=float),
-        answers: wp.array3d(dtype=float),
-        found: wp.array2d(dtype=float),
-        velocities: wp.array2d(dtype=float),
-        prm: wp.array2d(dtype=float),
-        aim: wp.array2d(dtype=float),
-    ):
-        """Move the ends to where the step takes their tensions, and let them yield.
-
-        Columns 5 to 8 of `aim` are where the step leads, and how that yields.
-        """
-        cable, world = wp.tid()
-        if looks[cable] == 0:
-            return
-        row = cable * worlds + world
-        h = timestep[world % timestep.shape[0]]
-        for end in range(2):
-            mobility = float(0.0)
-            for other in range(2 * segments.shape[0]):
-                a = actuators[other // 2, other % 2]
-                moved = float(0.0)
-                for i in range(rownnz[world, a]):
-                    k = rowadr[world, a] + i
-                    moved += (
-                        moment[world, k]
-                        * answers[2 * cable + end, world, colind[world, k]]
-                    )
-                if other % 2 == 0:
-                    moved *= aim[(other // 2) * worlds + world, 4]
-                mobility += wp.abs(moved)
-            actuator = actuators[cable, end]
-            lever = float(1.0)
-            if end == 0:
-                lever = aim[row, 4]
-            ahead = float(0.0)
-            for i in range(rownnz[world, actuator]):
-                k = rowadr[world, actuator] + i
-                ahead += lever * moment[world, k] * found[world, colind[world, k]]
-            square = (
-                h * h * mobility * end_stiffness(prm[row], segments[cable], end == 1)
-            )
-            share = float(0.0)
-            if square > STABILITY_LIMIT:
-                share = 1.0 - STABILITY_LIMIT / square
-            beta = share * h * h / STABILITY_LIMIT
-            speed = lever * velocities[world, actuator]
-            aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
-            aim[row, 7 + end] = h * h * mobility
-            gain = _VELOCITY_GAIN * share * share * h
-            aim[row, end] += gain * speed + beta * ahead
-            aim[row, 2 + end] = beta * mobility
-
     return SimpleNamespace(
-        begin=begin, evaluate=evaluate, repack=repack, look_ahead=look_ahead
-    )
-
-
-@wp.kernel(module="unique", enable_backward=False)
-def moment_row(
-    cable: int,
-    end: int,
-    worlds: int,
-    actuators: wp.array2d(dtype=int),
-    rownnz: wp.array2d(dtype=int),
-    rowadr: wp.array2d(dtype=int),
-    colind: wp.array2d(dtype=int),
-    moment: wp.array2d(dtype=float),
-    aim: wp.array2d(dtype=float),
-    right: wp.array2d(dtype=float),
-):
-    """Write the generalised force of a unit tension of one end (worlds, nv)."""
-    world = wp.tid()
-    for i in range(right.shape[1]):
-        right[world, i] = 0.0
-    actuator = actuators[cable, end]
-    lever = float(1.0)
-    if end == 0:
-        lever = aim[cable * worlds + world, 4]
-    for i in range(rownnz[world, actuator]):
-        k = rowadr[world, actuator] + i
-        right[world, colind[world, k]] = lever * moment[world, k]
-
-
-@wp.kernel(module="unique", enable_backward=False)
-def add_forces(
-    worlds: int,
-    segments: wp.array(dtype=int),
-    ends: wp.array(dtype=int),
-    aim: wp.array2d(dtype=float),
-    now: wp.array(dtype=int),
-    fresh: wp.array(dtype=int),
-    state: wp.array3d(dtype=float),
-    rownnz: wp.array2d(dtype=int),
-    rowadr: wp.array2d(dtype=int),
-    colind: wp.array2d(dtype=int),
-    moment: wp.array2d(dtype=float),
-    passive: wp.array2d(dtype=float),
-    bias: wp.array2d(dtype=float),
-    applied: wp.array2d(dtype=float),
-    constraint: wp.array2d(dtype=float),
-    force: wp.array2d(dtype=float),
-    total: wp.array2d(dtype=float),
-):
-    """Add up the forces of the step, with tensions and constraints as they were.
-
-    `ends` is twice the cable and the end of each actuator, -1 of others.
-    """
-    world = wp.tid()
-    for i in range(total.shape[1]):
-        total[world, i] = passive[world, i] - bias[world, i] + applied[world, i]
-        if fresh[world] == 0:
-            total[world, i] = total[world, i] + constraint[world, i]
-    for actuator in range(ends.shape[0]):
-        pull = float(force[world, actuator])
-        if ends[actuator] >= 0:
-            cable, end = ends[actuator] // 2, ends[actuator] % 2
-            row = cable * worlds + world
-            place = _TENSIONS + end * segments[cable]
-            pull = wp.max(state[now[row], row, place], 0.0)
-            if end == 0:
-                pull = pull * aim[row, 4]
-            else:
-                pull = -pull
-        for i in range(rownnz[world, actuator]):
-            k = rowadr[world, actuator] + i
-            column = colind[world, k]
-            total[world, column] = total[world, column] + moment[world, k] * pull
+        begin=begin, fronts=fronts, graph=graph, commit=commit, evaluate=evaluate,
+        repack=repack,
+    )  # fmt: skip
 
 
 @wp.kernel(module="unique", enable_backward=False)

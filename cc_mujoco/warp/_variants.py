@@ -14,8 +14,9 @@ from cc_mujoco.cable._parameters import PARAMETERS, TERMS
 from cc_mujoco.warp._fold import Known
 
 FUNCTIONS: tuple[Any, ...] = (
-    kernel.step, pack.initialize, pack.pack_mesh, pack.expect_yielding,
-    nodes.end_stiffness, eccentric.wound_length, eccentric.lever_ratio,
+    kernel.step, kernel.begin_step, kernel.solve_step, kernel.finish_step,
+    pack.initialize, pack.pack_mesh, pack.expect_yielding, nodes.end_stiffness,
+    eccentric.wound_length, eccentric.lever_ratio,
 )  # fmt: skip
 """Compiled functions that kernels call."""
 

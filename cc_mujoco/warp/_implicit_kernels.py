@@ -1,0 +1,154 @@
+"""Kernels of ends that look ahead in a long step, see `plugin/_implicit_ends.py`."""
+
+# Warp reads the annotations of its kernels, so they are not postponed here.
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.warp._build import functions
+from cc_mujoco.warp._kernels import OPTIONS, Rows
+
+_TENSIONS = at.STATE_HEADER
+STABILITY_LIMIT = 2.5
+"""Square of step times frequency up to which looking ahead changes nothing."""
+_VELOCITY_GAIN = 0.25
+
+
+@lru_cache(maxsize=16)
+def look_ahead_kernel(terms: frozenset[str]) -> Any:
+    """Return the kernel that aims the ends of cables with these terms."""
+    end_stiffness = functions(wp.float32, terms, True).end_stiffness
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def look_ahead(
+        rows: Rows,
+        timestep: wp.array(dtype=float),
+        rownnz: wp.array2d(dtype=int),
+        rowadr: wp.array2d(dtype=int),
+        colind: wp.array2d(dtype=int),
+        moment: wp.array2d(dtype=float),
+        answers: wp.array3d(dtype=float),
+        found: wp.array2d(dtype=float),
+        velocities: wp.array2d(dtype=float),
+    ):
+        """Move the ends to where the step takes their tensions, and let them yield.
+
+        Columns 5 to 8 of `aim` are where the step leads, and how that yields.
+        """
+        cable, world = wp.tid()
+        if rows.looks[cable] == 0:
+            return
+        aim, worlds = rows.aim, rows.worlds
+        row = cable * worlds + world
+        h = timestep[world % timestep.shape[0]]
+        for end in range(2):
+            mobility = float(0.0)
+            for other in range(2 * rows.segments.shape[0]):
+                a = rows.actuators[other // 2, other % 2]
+                moved = float(0.0)
+                for i in range(rownnz[world, a]):
+                    k = rowadr[world, a] + i
+                    moved += (
+                        moment[world, k]
+                        * answers[2 * cable + end, world, colind[world, k]]
+                    )
+                if other % 2 == 0:
+                    moved *= aim[(other // 2) * worlds + world, 4]
+                mobility += wp.abs(moved)
+            actuator = rows.actuators[cable, end]
+            lever = float(1.0)
+            if end == 0:
+                lever = aim[row, 4]
+            ahead = float(0.0)
+            for i in range(rownnz[world, actuator]):
+                k = rowadr[world, actuator] + i
+                ahead += lever * moment[world, k] * found[world, colind[world, k]]
+            stiffness = end_stiffness(rows.prm[row], rows.segments[cable], end == 1)
+            square = h * h * mobility * stiffness
+            share = float(0.0)
+            if square > STABILITY_LIMIT:
+                share = 1.0 - STABILITY_LIMIT / square
+            beta = share * h * h / STABILITY_LIMIT
+            speed = lever * velocities[world, actuator]
+            aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
+            aim[row, 7 + end] = h * h * mobility
+            gain = _VELOCITY_GAIN * share * share * h
+            aim[row, end] += gain * speed + beta * ahead
+            aim[row, 2 + end] = beta * mobility
+
+    return look_ahead
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def moment_row(
+    cable: int,
+    end: int,
+    worlds: int,
+    actuators: wp.array2d(dtype=int),
+    rownnz: wp.array2d(dtype=int),
+    rowadr: wp.array2d(dtype=int),
+    colind: wp.array2d(dtype=int),
+    moment: wp.array2d(dtype=float),
+    aim: wp.array2d(dtype=float),
+    right: wp.array2d(dtype=float),
+):
+    """Write the generalised force of a unit tension of one end (worlds, nv)."""
+    world = wp.tid()
+    for i in range(right.shape[1]):
+        right[world, i] = 0.0
+    actuator = actuators[cable, end]
+    lever = float(1.0)
+    if end == 0:
+        lever = aim[cable * worlds + world, 4]
+    for i in range(rownnz[world, actuator]):
+        k = rowadr[world, actuator] + i
+        right[world, colind[world, k]] = lever * moment[world, k]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def add_forces(
+    worlds: int,
+    segments: wp.array(dtype=int),
+    ends: wp.array(dtype=int),
+    aim: wp.array2d(dtype=float),
+    now: wp.array(dtype=int),
+    fresh: wp.array(dtype=int),
+    state: wp.array3d(dtype=float),
+    rownnz: wp.array2d(dtype=int),
+    rowadr: wp.array2d(dtype=int),
+    colind: wp.array2d(dtype=int),
+    moment: wp.array2d(dtype=float),
+    passive: wp.array2d(dtype=float),
+    bias: wp.array2d(dtype=float),
+    applied: wp.array2d(dtype=float),
+    constraint: wp.array2d(dtype=float),
+    force: wp.array2d(dtype=float),
+    total: wp.array2d(dtype=float),
+):
+    """Add up the forces of the step, with tensions and constraints as they were.
+
+    `ends` is twice the cable and the end of each actuator, -1 of others.
+    """
+    world = wp.tid()
+    for i in range(total.shape[1]):
+        total[world, i] = passive[world, i] - bias[world, i] + applied[world, i]
+        if fresh[world] == 0:
+            total[world, i] = total[world, i] + constraint[world, i]
+    for actuator in range(ends.shape[0]):
+        pull = float(force[world, actuator])
+        if ends[actuator] >= 0:
+            cable, end = ends[actuator] // 2, ends[actuator] % 2
+            row = cable * worlds + world
+            place = _TENSIONS + end * segments[cable]
+            pull = wp.max(state[now[row], row, place], 0.0)
+            if end == 0:
+                pull = pull * aim[row, 4]
+            else:
+                pull = -pull
+        for i in range(rownnz[world, actuator]):
+            k = rowadr[world, actuator] + i
+            column = colind[world, k]
+            total[world, column] = total[world, column] + moment[world, k] * pull

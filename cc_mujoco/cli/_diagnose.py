@@ -81,6 +81,7 @@ class Diagnose:
 
         from cc_mujoco.diagnosis._diagnose import diagnose
         from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
+        from cc_mujoco.diagnosis._verdict import next_folder
 
         with tqdm(
             total=1.0,
@@ -122,7 +123,13 @@ class Diagnose:
         for tie in found.ties:
             print(f"  cannot tell apart: {', '.join(tie)}")
         if found.next_experiment is not None:
-            print(f"  to separate them: {found.next_experiment.description}")
+            planned = found.next_experiment
+            print(f"  to separate them: {planned.description}")
+            folder = self.out / next_folder(planned)
+            print(f"  record it as {planned.trial} (`cc-mujoco run --plan {folder}`),")
+            print(
+                f"  then: cc-mujoco diagnose --continue {self.out} {planned.trial}.csv"
+            )
         print(f"report:   {report}")
 
     def _plan(self) -> None:

@@ -40,6 +40,10 @@ All of it is optional. An example with every key:
     load_damping = 0.01             # N m s/rad
     load_weight = 0.8               # N m: mass times gravity times lever
     load_hanging_angle = -1.57      # joint angle at which the load hangs straight down
+    gain_uncertainty = 0.005        # of the torque sensors, relative, by calibration
+    zeroed = true                   # the torque sensors were zeroed without load
+    balanced = true                 # the joint's centre of mass is on its axis
+    joint_spring = false            # nothing elastic holds the joint
 
     [trials."run_*"]                # file name with or without ending, or a pattern;
     pretension = 12.0               # later tables win over earlier ones
@@ -52,6 +56,11 @@ All of it is optional. An example with every key:
     tilt = 1.57                     # rad by which the rig was turned about the joint's
                                     # axis, for gravity; positive as the joint is
     occasion = "March"              # where the rig was recorded on several
+    unhooked = true                 # the cables were off, so no `pretension`
+    known_joint_torque = 2.0        # N m by a known weight in place of the cable: what
+    known_motor_torque = 2.0        # it puts into the joint, what the motor holds
+    swapped = true                  # the torque sensors had changed places; columns
+                                    # are still called by the torque that they are of
     valid = [[0.5, 12.0]]           # stretches of time that count, from and to [s]
     notes = "operator sneezed at the end"
 
@@ -84,7 +93,7 @@ from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
 _LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -109,6 +118,7 @@ RIG_CONSTANTS: dict[str, dict[str, float]] = {
     "load_damping": {"Nm s/rad": 1.0},
     "load_weight": channels.TORQUE.factors,
     "load_hanging_angle": channels.ANGLE.factors,
+    "gain_uncertainty": _DIMENSIONLESS,
 }
 """Constants that `[rig]` may give, with units, SI first.
 
@@ -124,10 +134,13 @@ its distance from the axis, that hangs straight down at `load_hanging_angle`. No
 the angles is negative."""
 LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""
+RIG_STATEMENTS = {"zeroed": True, "balanced": True, "joint_spring": False}
+"""Facts that `[rig]` may state and their only value: the other one says nothing. They
+are constants of value 1 (true) or 0 (false)."""
 RIG_ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
 UNTUNED_CONSTANTS = (
     "exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia",
-    "load_hanging_angle",
+    "load_hanging_angle", "gain_uncertainty",
 )  # fmt: skip
 """Those that a diagnosis does not tune."""
 MAY_BE_ZERO = ("friction", *RIG_ANGLES, "load_damping")
@@ -436,7 +449,13 @@ def _rig(table: Table) -> dict[str, Constant]:
     """Return the table `[rig]`."""
     constants = {}
     for name, given in table.content.items():
-        units = look_up(f"constant in {table.where}", name, RIG_CONSTANTS)
+        if name in RIG_STATEMENTS:
+            constants[name] = _statement(table, name)
+            continue
+        if name not in RIG_CONSTANTS:
+            known = [*RIG_CONSTANTS, *RIG_STATEMENTS]
+            raise CableError.unknown(f"constant in {table.where}", name, known)
+        units = RIG_CONSTANTS[name]
         is_table = isinstance(given, dict)
         inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
         inner.only("value", "uncertainty", "unit")
@@ -458,9 +477,23 @@ def _rig(table: Table) -> dict[str, Constant]:
                 "constant for exact."
             )
         constants[name] = Constant(value * factor, doubt * factor)
-    if constants.get("gear_efficiency", Constant(1.0)).value > 1.0:
-        raise table.wrong("gear_efficiency", "more than 0 and no more than 1")
+    for name, most in (("gear_efficiency", 1.0), ("gain_uncertainty", 0.3)):
+        if constants.get(name, Constant(0.0)).value > most:
+            raise table.wrong(name, f"more than 0 and no more than {most:g}")
     return constants
+
+
+def _statement(table: Table, name: str) -> Constant:
+    """Return a fact that `[rig]` states.
+
+    Raises:
+        CableError: it has another value than the one that says something.
+    """
+    value = RIG_STATEMENTS[name]
+    if table.flag(name) is not value:
+        only = str(value).lower()
+        raise table.wrong(name, f"{only}; leave it out where that is not known")
+    return Constant(float(value))
 
 
 def _facts(table: Table) -> dict[str, Any]:
@@ -469,7 +502,11 @@ def _facts(table: Table) -> dict[str, Any]:
     known = {
         "split": table.choice("split", get_args(Split)),
         "repeat_of": table.text("repeat_of"),
-        "pretension": table.number("pretension", 0.0),
+        "pretension": table.number("pretension"),
+        "unhooked": table.flag("unhooked"),
+        "known_motor_torque": table.number("known_motor_torque"),
+        "known_joint_torque": table.number("known_joint_torque"),
+        "swapped": table.flag("swapped"),
         "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
         "tilt": _tilt(table),
@@ -477,6 +514,16 @@ def _facts(table: Table) -> dict[str, Any]:
         "valid": _time_stretches(table),
         "notes": table.text("notes"),
     }
+    tension = known["pretension"]
+    if isinstance(tension, float) and tension <= 0.0:
+        raise table.wrong(
+            "pretension", "more than 0 (`unhooked = true`: the cables were off)"
+        )
+    if known["unhooked"] and tension is not None:
+        raise CableError(
+            f"{table.where}: cables that were off (`unhooked = true`) have no "
+            "`pretension`; leave one of them out."
+        )
     return {key: value for key, value in known.items() if value is not None}
 
 

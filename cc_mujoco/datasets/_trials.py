@@ -58,7 +58,13 @@ class Facts:
     Attributes:
         split: what the trial may be used for; None leaves it to the program.
         repeat_of: name of the trial that this one repeats.
-        pretension: of the cables at rest [N]; 0 where they were taken off.
+        pretension: of the cables at rest [N].
+        unhooked: True if the cables were taken off, so that they connect nothing.
+        known_motor_torque: torque that the motor puts into its pulley to hold a known
+            weight there [N m].
+        known_joint_torque: torque that a known weight in place of the cable puts into
+            the joint [N m].
+        swapped: True if the two torque sensors had changed places.
         temperature: of the rig [degC].
         locked: the side that was held fast, so that its angle is constant.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
@@ -72,17 +78,16 @@ class Facts:
     split: Split | None = None
     repeat_of: str | None = None
     pretension: float | None = None
+    unhooked: bool = False
+    known_motor_torque: float = 0.0
+    known_joint_torque: float = 0.0
+    swapped: bool = False
     temperature: float | None = None
     locked: Locked | None = None
     tilt: float | None = None
     occasion: str = ""
     valid: tuple[tuple[float, float], ...] | None = None
     notes: str = ""
-
-    @property
-    def unhooked(self) -> bool:
-        """Return whether the cables were taken off, so that they connect nothing."""
-        return self.pretension == 0.0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ plan("bench.xml", "trials", reach=0.8, speed=3.0).resolved
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 import tomllib
@@ -33,14 +32,16 @@ from cc_mujoco.datasets._trials import Noise
 from cc_mujoco.diagnosis._inference.identifiability import MIN_CLARITY
 from cc_mujoco.diagnosis._inference.motions import (
     MOTION_STEP,
-    CataloguedTrial,
     middle_angle,
+    trial_table,
+    write_motion,
 )
 from cc_mujoco.diagnosis._inference.planning import (
     SATURATED_CLARITY,
     TrialPlan,
     planned,
 )
+from cc_mujoco.diagnosis._inference.verdict_rules import declared_sentence
 from cc_mujoco.diagnosis._phrases import format_number, plain_name
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.diagnosis.effects import EffectParameter
@@ -117,7 +118,7 @@ def plan(
         found = planned(bench, swing, speed, file.rig, noise, ids, instruments)
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
-            _write_motion(place / name, motion)
+            write_motion(place / name, motion)
         (place / DATASET_FILE).write_text(
             declared + _dataset(found, bench), encoding="utf-8"
         )
@@ -221,29 +222,12 @@ def _noise(
     return found
 
 
-def _write_motion(path: Path, motion: CataloguedTrial) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
-        rows.writerows(
-            (f"{MOTION_STEP * k:.3f}", f"{motor:.6f}", f"{joint:.6f}")
-            for k, (motor, joint) in enumerate(
-                zip(motion.motor, motion.joint, strict=False)
-            )
-        )
-
-
 def _dataset(found: TrialPlan, bench: Bench) -> str:
     """Return the known facts of the trials, as TOML."""
     lines = ["# What is planned; correct it where the rig did otherwise.", ""]
     for k, motion in enumerate(found.trials, start=1):
         tension = bench.cables[0].pretension * motion.pretension
-        lines += [f'[trials."trial_{k:02d}"]', f"pretension = {tension:g}"]
-        if motion.description.startswith("joint locked"):
-            lines.append('locked = "joint"')
-        if motion.tilt:
-            lines.append(f"tilt = {motion.tilt:.4g}")
-        lines += [f'notes = "{motion.description}"', ""]
+        lines += [*trial_table(f"trial_{k:02d}", motion, tension), ""]
     return "\n".join(lines)
 
 
@@ -267,7 +251,9 @@ def page(
             (
                 f"`{MOTION_FILE.format(f'{k:02d}')}`",
                 motion.description,
-                format_number(bench.cables[0].pretension * motion.pretension),
+                format_number(bench.cables[0].pretension * motion.pretension)
+                if motion.pretension
+                else "-",
                 format_number(MOTION_STEP * motion.motor.size),
             )
             for k, motion in enumerate(found.trials, start=1)
@@ -311,6 +297,11 @@ def page(
             "",
             resolved,
             "",
+            *(
+                (facts.strip(), "")
+                if (facts := declared_sentence(found.declared))
+                else ()
+            ),
             *((_TILT_NOTE, "") if any(motion.tilt for motion in found.trials) else ()),
             *(
                 ("Not testable with these instruments:", "", unseen, "")

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._folders import data_files, find_dataset_file
 from cc_mujoco.errors import CableError
 
@@ -24,6 +26,7 @@ class Earlier(NamedTuple):
         dataset: the file with the meaning of the columns, or None.
         axis: of a device with several; None of one with a single one.
         effects: that were requested, as they were named.
+        proposed: the facts of these trials and of the proposed one, or None.
     """
 
     data: tuple[Path, ...]
@@ -31,6 +34,7 @@ class Earlier(NamedTuple):
     dataset: Path | None
     axis: str | None = None
     effects: tuple[str, ...] = ()
+    proposed: Path | None = None
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -42,7 +46,8 @@ class Earlier(NamedTuple):
         """
         place = Path(folder) / VERDICT_FILE
         try:
-            provenance = json.loads(place.read_text(encoding="utf-8"))["provenance"]
+            verdict = json.loads(place.read_text(encoding="utf-8"))
+            provenance = verdict["provenance"]
             data = {
                 str(path): str(recorded)
                 for path, recorded in provenance["data"].items()
@@ -78,15 +83,30 @@ class Earlier(NamedTuple):
             here[dataset["path"]] if dataset["path"] else None,
             scene.get("axis"),
             tuple(map(str, provenance.get("effects", ()))),
+            _proposed_file(Path(folder), verdict.get("next_experiment")),
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
         """Return one `dataset.toml` for these and the earlier trials.
 
+        For the trial that the earlier diagnosis proposed it is the one written with it.
+
         Raises:
             CableError: there is another next to the new trials, which would be ignored.
         """
-        own = find_dataset_file(data_files(data))
+        files = data_files(data)
+        own = find_dataset_file(files)
+        if self.proposed is not None:
+            planned = read_dataset_file(self.proposed)
+            recorded = self.proposed.parent.name.removeprefix("next_")
+            here = read_dataset_file(own) if own is not None else planned
+            same = (here.columns, here.rig, here.facts.get(recorded)) == (
+                planned.columns,
+                planned.rig,
+                planned.facts.get(recorded),
+            )
+            if same and [file.stem for file in files] == [recorded]:
+                return self.proposed
         if own is None or (self.dataset is not None and own.samefile(self.dataset)):
             return self.dataset
         first = f"{self.dataset} of the" if self.dataset else "none of the"
@@ -94,6 +114,14 @@ class Earlier(NamedTuple):
             f"there are {own} and {first} earlier trials; write one file that speaks "
             "of all trials and give it with --dataset."
         )
+
+
+def _proposed_file(folder: Path, planned: Any) -> Path | None:
+    """Return the `dataset.toml` of a proposed trial, None without one."""
+    if not isinstance(planned, dict) or not planned.get("trial"):
+        return None
+    path = folder / f"next_{planned['trial']}" / DATASET_FILE
+    return path if path.is_file() else None
 
 
 def _relative_path(base: str, path: str) -> Path:

@@ -113,11 +113,20 @@ class NextExperiment:
         separates: ids of the rivals.
         predicted_difference: by which their predictions would differ, in words with
             numbers and units.
+        trial: name for the recording.
+        facts: lines of `dataset.toml` for it.
     """
 
     description: str
     separates: tuple[str, ...]
     predicted_difference: str
+    trial: str = ""
+    facts: tuple[str, ...] = ()
+
+
+def next_folder(planned: NextExperiment) -> str:
+    """Return the name of the folder of a proposed trial, in that of the diagnosis."""
+    return f"next_{planned.trial}"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ need this folder in their PYTHONPATH; records are the same but for their `second
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import tempfile
 import time
@@ -39,7 +40,10 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import BaselineFit, Diagnosis, DiagnosisResult
     from rig.nominal import Rig
+    from rig.trials import Trial
 
+MAX_PROPOSED = 2
+"""Proposed trials that are recorded at most."""
 PAIRS = (
     ("viscous_friction", "backlash"),
     ("viscous_friction", "joint_gravity"),
@@ -90,6 +94,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     seed = case["seed"]
     rig = make_rig(seed, make=case["make"])
     trials = MAKES[rig.make].trials(rig)
+    recorded = f"{trials}_standard" if case.get("standard") else trials
     amounts = {
         name: calibrate(rig, name, case["strength"], trials, seed)
         for name in case["hidden"]
@@ -98,13 +103,13 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         write_data(
-            data, make_dataset(rig, amounts, trials, seed), facts_of(trials, seed)
+            data, make_dataset(rig, amounts, recorded, seed), facts_of(recorded, seed)
         )
         begin = time.perf_counter()
         result, _ = infer([data], Bench.of(scene_path("bench")))
         seconds = time.perf_counter() - begin
-        record = {**case, "amounts": amounts, "reached": reached, "trials": trials}
-        record["settled"] = settled(case, amounts, result, Path(folder) / "more")
+        record = {**case, "amounts": amounts, "reached": reached, "trials": recorded}
+        record["settled"] = settled(record, result, Path(folder) / "more")
     found = result.diagnosis
     if naive and result.baseline_fit is not None:
         record["naive"] = guesses(result.baseline_fit, naive)
@@ -152,56 +157,71 @@ def truth_of(rig: Rig) -> dict[str, float]:
 
 
 def settled(
-    case: dict[str, Any],
-    amounts: dict[str, float],
-    result: DiagnosisResult,
-    folder: Path,
+    record: dict[str, Any], result: DiagnosisResult, folder: Path
 ) -> dict[str, Any] | None:
-    """Return the result once the experiment that a tie proposes has been done, too."""
+    """Return the result once the experiments that ties propose have been done, too.
+
+    At most `MAX_PROPOSED` are. None if none is proposed at first.
+    """
     from cc_mujoco.assets import scene_path
     from cc_mujoco.datasets import Bench
-    from cc_mujoco.diagnosis import MOTION_STEP, catalogue, infer
+    from cc_mujoco.diagnosis import infer
     from rig.dataset import clean_dataset, make_dataset
     from rig.generate import facts_of, write_data
     from rig.makes import MAKES
-    from rig.nominal import NOMINAL, make_rig
+    from rig.nominal import make_rig
     from rig.sensors import BASIC
+
+    if not result.diagnosis.next_experiment:
+        return None
+    seed, amounts = record["seed"], record["amounts"]
+    rig = make_rig(seed, make=record["make"])
+    data = make_dataset(rig, amounts, record["trials"], seed)
+    told, done = [facts_of(record["trials"], seed)], []
+    while len(done) < MAX_PROPOSED and result.diagnosis.next_experiment:
+        name = f"trial_{len(data):02d}"
+        motion, trial, table = proposed_trial(result, name)
+        (more,) = clean_dataset(rig, amounts, [trial], seed)
+        key = [seed, rig.seed, len(data)]
+        data.append(MAKES[rig.make].logger.logged(more, rig, BASIC, key))
+        told.append(table)
+        done.append(motion)
+        place = folder / str(len(done))
+        write_data(place, data, "\n".join(told))
+        result, _ = infer([place], Bench.of(scene_path("bench")))
+    return {"experiment": done[0], "experiments": done, **said(result.diagnosis)}
+
+
+def proposed_trial(result: DiagnosisResult, name: str) -> tuple[str, Trial, str]:
+    """Return the motion that a diagnosis proposes, a trial of it, and its facts.
+
+    Args:
+        result: of the diagnosis.
+        name: of the trial.
+    """
+    from cc_mujoco.diagnosis import MOTION_STEP
+    from cc_mujoco.diagnosis._inference.motions import trial_table
+    from rig.nominal import NOMINAL
     from rig.trials import asked
 
-    proposed = result.diagnosis.next_experiment
-    if result.diagnosis.verdict != "tie" or not proposed or not result.baseline_fit:
-        return None
-    motion = next(
-        motion
-        for motion in catalogue(result.baseline_fit.problem)
-        if proposed.description.startswith(motion.description)
-    )
+    motion = result.motion
+    assert motion is not None
     time = np.arange(0.0, MOTION_STEP * (motion.motor.size - 1), 1e-3)
     known = MOTION_STEP * np.arange(motion.motor.size)
     motor, joint = (np.interp(time, known, s) for s in (motion.motor, motion.joint))
-    kind = {
-        "joint free": "free",
-        "joint locked": "locked",
-        "motor locked": "human",
-        "joint against a spring": "human",
-    }
-    load = kind[motion.description.split(",")[0]]
-    trial = asked(motor, joint, load, motion.pretension, motion.tilt)
-    seed = case["seed"]
-    rig = make_rig(seed, make=case["make"])
-    make = MAKES[rig.make]
-    trials = make.trials(rig)
-    data = make_dataset(rig, amounts, trials, seed)
-    (more,) = clean_dataset(rig, amounts, [trial], seed)
-    data.append(make.logger.logged(more, rig, BASIC, [seed, rig.seed, len(data)]))
-    tension = NOMINAL["pretension_n"] * motion.pretension
-    told = (
-        f"[trials.trial_{len(data) - 1:02d}]\n"
-        f"pretension = {tension:g}\ntilt = {motion.tilt:g}\n"
+    held = {"joint free": "free", "joint locked": "locked"}
+    load = held.get(motion.description.split(",")[0], "human")
+    trial = dataclasses.replace(
+        asked(motor, joint, load),
+        tightness=motion.pretension or 1.0,
+        unhooked=motion.pretension == 0.0,
+        tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
     )
-    write_data(folder, data, f"{facts_of(trials, seed)}\n{told}")
-    again, _ = infer([folder], Bench.of(scene_path("bench")))
-    return {"experiment": motion.description, **said(again.diagnosis)}
+    tension = NOMINAL["pretension_n"] * motion.pretension
+    table = "\n".join(trial_table(name, motion, tension))
+    return motion.description, trial, f"{table}\n"
 
 
 def said(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -281,6 +301,11 @@ def main() -> None:
         help="of the rigs",
     )
     parser.add_argument(
+        "--standard",
+        action="store_true",
+        help="record the rig turned, and without its cables, too",
+    )
+    parser.add_argument(
         "--naive",
         nargs="*",
         choices=("binned", "sparse", "bic"),
@@ -302,7 +327,7 @@ def main() -> None:
     records = read(kept)
     done = {(r["seed"], r["strength"], r["make"]) for r in records}
     wanted = [
-        case
+        {**case, "standard": options.standard}
         for case in cases(
             options.study, options.seeds, options.strength, options.kinds, options.make
         )

@@ -17,7 +17,7 @@ STUDIES = {
     "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000, "seventh": 9000,
     "eighth": 10000, "ninth": 11000, "tenth": 12000,
     "eleventh": 13000, "twelfth": 14000, "thirteenth": 15000,
-    "fourteenth": 16000,
+    "fourteenth": 16000, "fifteenth": 17000,
 }  # fmt: skip
 """First seed of every study, in the order in which they were run."""
 LAST = "fourteenth"

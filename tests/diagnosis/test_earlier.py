@@ -7,10 +7,16 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cc_mujoco.datasets._dataset_file import read_dataset_file
+from cc_mujoco.diagnosis._inference.motions import CataloguedTrial, trial_table
+from cc_mujoco.diagnosis._report.output import write_proposed
 from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier
+from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._trials import add_trial_facts, read_plan
 
 
 @pytest.fixture
@@ -107,3 +113,39 @@ def test_what_is_known_of_new_trials_is_not_passed_over(
         earlier.with_more([new])
     with pytest.raises(CableError, match="none of the earlier trials"):
         earlier._replace(dataset=None).with_more([new])
+
+
+def test_a_proposed_trial_is_played_and_continued(
+    diagnosed: Path, tmp_path: Path
+) -> None:
+    """Its folder is a plan of one trial, whose facts come back with the recording."""
+    still = np.zeros(200)
+    motion = CataloguedTrial("cables off", still, still, 0.0, tilt=1.5)
+    facts = tuple(trial_table("trial_03", motion, 0.0))
+    planned = NextExperiment("cables off", ("a", "b"), "", "trial_03", facts)
+    known = tmp_path / "dataset.toml"
+    known.write_text("[trials.a]\npretension = 9\n", encoding="utf-8")
+    folder = diagnosed / next_folder(planned)
+    write_proposed(folder, planned, motion, str(known))
+    (trial,) = read_plan(folder)
+    assert (trial.name, trial.notes) == ("trial_03", "cables off")
+    told = read_dataset_file(folder / "dataset.toml").facts
+    assert told["a"] == {"pretension": 9.0}
+    assert told["trial_03"] == {"unhooked": True, "tilt": 1.5, "notes": "cables off"}
+    verdict = json.loads((diagnosed / VERDICT_FILE).read_text(encoding="utf-8"))
+    verdict["next_experiment"] = {"trial": "trial_03"}
+    empty = hashlib.sha256(known.read_bytes()).hexdigest()
+    verdict["provenance"]["dataset"]["sha256"] = empty
+    (diagnosed / VERDICT_FILE).write_text(json.dumps(verdict), encoding="utf-8")
+    earlier = Earlier.of(diagnosed)
+    new = tmp_path / "new"
+    new.mkdir()
+    (new / "trial_03.csv").write_text("4", encoding="utf-8")
+    assert earlier.with_more([new]) == folder / "dataset.toml"
+    add_trial_facts(folder, "trial_03", new, 0.0)
+    assert earlier.with_more([new]) == folder / "dataset.toml"
+    own = new / "dataset.toml"
+    text = own.read_text(encoding="utf-8").replace("tilt = 1.5", "tilt = 1.4")
+    own.write_text(text, encoding="utf-8")
+    with pytest.raises(CableError, match="one file that speaks of all trials"):
+        earlier.with_more([new])

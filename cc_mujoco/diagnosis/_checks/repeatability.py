@@ -61,6 +61,8 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
         for what, one, other in (
             ("pretension", original.facts.pretension, trial.facts.pretension),
             ("tilt", original.facts.tilt or 0.0, trial.facts.tilt or 0.0),
+            ("state of the cables", original.facts.unhooked, trial.facts.unhooked),
+            ("place of the sensors", original.facts.swapped, trial.facts.swapped),
         )
         if one is not None and other is not None and one != other
     ]

@@ -16,9 +16,10 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
-from cc_mujoco.datasets._trials import Facts, FloatArray, Trial
+from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.alignment import check_alignment
 from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
 from cc_mujoco.diagnosis._checks.signs import (
@@ -154,6 +155,26 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     for trial in trials:
         findings += _check_overload(trial, bench) + _check_known_range(trial, bench)
     return findings
+
+
+def check_known_torques(dataset: Dataset) -> list[DataFinding]:
+    """Find weights and exchanged sensors that no torque sensor shows."""
+    able = {
+        "known_motor_torque": dataset.instruments.motor
+        in ("torque sensor", "motor current"),
+        "known_joint_torque": dataset.instruments.joint == "torque sensor",
+        "swapped": dataset.instruments == TORQUE_SENSORS,
+    }
+    return [
+        error(
+            f"[trials.{trial.name!r}] declares `{fact}`, but that torque is not of a "
+            "sensor that would show it; take it out, or leave that trial out.",
+            trial.name,
+        )
+        for trial in dataset.trials
+        for fact, shown in able.items()
+        if getattr(trial.facts, fact) and not shown
+    ]
 
 
 def _check_known_range(trial: Trial, bench: Bench) -> list[DataFinding]:

@@ -266,7 +266,12 @@ class SimulatedRig:
         """Effects that the instruments can detect."""
         bench = self.bench
         return available_effects(
-            len(bench.cables), self.instruments, bench.led, bench.tied, self._columns
+            len(bench.cables),
+            self.instruments,
+            bench.led,
+            bench.tied,
+            self._columns,
+            self.constants,
         )
 
     @property
@@ -385,6 +390,8 @@ class SimulatedRig:
         self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
     ) -> FloatArray:
         """Return the readings of torque (rows, samples) of a record."""
+        if record.swapped:
+            values = _swap_sensors(values)
         shown = self._torques(record, setting, values)
         values = {**_zero_sizes(), **values}
         for sensor in (False, True):
@@ -418,6 +425,9 @@ class SimulatedRig:
         rotor = self.constants.get("rotor_inertia")
         if rotor is not None and known.motor in ("torque sensor", "motor current"):
             motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
+        weights = record.known_torques
+        if known.motor in ("torque sensor", "motor current"):
+            motor = motor + weights[0]
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
             turns = _FRICTION_SMOOTHING * max(
@@ -432,6 +442,8 @@ class SimulatedRig:
             motor = motor * (given / values.get("torque_constant", given))
         if known.joint == "load cells":
             joint = self.bench.joint_radius * played.distal
+        if known.joint == "torque sensor":
+            joint = joint + weights[1]
         if known.joint == "known load":
             given_load = load_values(self.constants)
             here = {k: values.get(k, v) for k, v in given_load.items()}
@@ -482,6 +494,17 @@ def _moment_arm(
     size = max((each.size for each in found), default=0)
     total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
     return tuple(total.tolist()) if total.any() else ()
+
+
+def _swap_sensors(values: Values) -> dict[str, float]:
+    """Return values by which each torque is read by the other torque's sensor."""
+    motor, joint = "motor_torque_", "joint_torque_"
+    others = {motor: joint, joint: motor}
+    swapped = {}
+    for name, value in values.items():
+        side = next(filter(name.startswith, others), "")
+        swapped[others.get(side, "") + name.removeprefix(side)] = value
+    return swapped
 
 
 def _zero_sizes() -> dict[str, float]:

@@ -40,7 +40,8 @@ def check_effects(
     plain = few.simulate(values) if ids else []
     for name in ids:
         if name not in effects:
-            why = plant.library.hidden.get(name, "")
+            library = plant.library
+            why = library.hidden.get(name) or library.declared.get(name, "")
             notes.append(f"Effect {name!r} is not looked for: {why}.")
         elif not _check(effects[name], few, values, plain) and not _check(
             effects[name], plant, values, plant.simulate(values)

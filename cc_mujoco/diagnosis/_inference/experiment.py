@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,7 +14,12 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._inference.fitting import Problem, huber_residual
 from cc_mujoco.diagnosis._inference.folds import CrossValidation
 from cc_mujoco.diagnosis._inference.jacobian import TorqueDerivatives, jacobian
-from cc_mujoco.diagnosis._inference.motions import MOTION_STEP, CataloguedTrial, motions
+from cc_mujoco.diagnosis._inference.motions import (
+    MOTION_STEP,
+    CataloguedTrial,
+    motions,
+    trial_table,
+)
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.search import (
     FORM_ERROR_SHARE,
@@ -38,7 +44,8 @@ def catalogue(problem: Problem) -> list[CataloguedTrial]:
         float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
         for r in records
     )
-    return motions(problem.plant.bench, swing, rate)
+    plant = problem.plant
+    return motions(plant.bench, swing, rate, instruments=plant.instruments)
 
 
 class Rivals(NamedTuple):
@@ -71,7 +78,14 @@ class Rivals(NamedTuple):
         return found
 
 
-def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
+class Proposal(NamedTuple):
+    """Trial to record, and what it is for."""
+
+    experiment: NextExperiment
+    motion: CataloguedTrial
+
+
+def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
     """Return the trial that distinguishes two fitted rivals, or None.
 
     If one of them were true, the other would be fitted again, to the old data and the
@@ -95,7 +109,11 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
     known = [
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
-    best: tuple[tuple[bool, float], NextExperiment] | None = None
+    best: tuple[tuple[bool, float], Proposal] | None = None
+    taken = {record.trial for record in problem.plant.records}
+    trial = next(
+        name for k in itertools.count(1) if (name := f"trial_{k:02d}") not in taken
+    )
     better, worse = np.argsort([model.held_out_mse for model in rivals.models])
     every = catalogue(problem)
     done = recorded(every, problem.plant.bench, problem.plant.records)
@@ -139,7 +157,15 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
                     f"; it settles the tie if it is {names[0]}, which fits better now, "
                     f"and need not if it is {names[1]}"
                 )
-            best = rank, NextExperiment(motion.description, rivals.ids, description)
+            tension = record.pretension or 0.0
+            experiment = NextExperiment(
+                motion.description,
+                rivals.ids,
+                description,
+                trial,
+                tuple(trial_table(trial, motion, tension)),
+            )
+            best = rank, Proposal(experiment, motion)
     return best[1] if best else None
 
 
@@ -169,8 +195,9 @@ def recorded(
 ) -> set[str]:
     """Return the descriptions of motions of which the data have a trial.
 
-    That is, one of the same pretension and tilt whose motor and joint move as far, and
-    whose motor follows the motion, begun at any time. Of several it is the one by which
+    That is, one whose notes name the motion, or one of the same pretension, tilt,
+    weights and sensors whose motor and joint move as far, and whose motor follows the
+    motion, begun at any time. Of several it is the one by which
     the joint lags as much.
 
     Args:
@@ -186,6 +213,9 @@ def recorded(
 
     found = set()
     for record in records:
+        if any(record.notes == motion.description for motion in every):
+            found.add(record.notes)  # as proposed or planned, however well followed
+            continue
         tension = usual if record.pretension is None else record.pretension
         own = lag(record.motor_angle, record.joint_angle)
         matching = [m for m in every if _matches_motion(m, record, tension / usual)]
@@ -205,7 +235,10 @@ def _matches_motion(motion: CataloguedTrial, record: Record, pretension: float) 
     """
     if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
         return False
-    if abs(record.tilt - motion.tilt) > 0.1:
+    if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
+        return False
+    weights = zip(record.known_torques, motion.known_torques, strict=True)
+    if any((own != 0.0) != (other != 0.0) for own, other in weights):
         return False
     spans = [
         (float(np.ptp(there)), float(np.ptp(here)))
@@ -389,6 +422,9 @@ def _record(problem: Problem, motion: CataloguedTrial) -> Record:
         pretension=tension * motion.pretension,
         start=0.0,
         tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
+        notes="",
         path=None,
         columns={
             name: np.full(size, np.mean(values))

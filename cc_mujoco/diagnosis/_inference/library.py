@@ -2,7 +2,8 @@
 
 A load cell on the cable does not see what happens behind it, a known load has no
 sensor that could be off, and of a torque without an instrument no effect can be seen.
-Effects that are left out are reported with the instrument that would show them.
+Effects that are left out are reported with the instrument that would show them. What
+the experimenter knows of the rig removes or bounds others.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from cc_mujoco.datasets._coupled_route import Leading
 from cc_mujoco.datasets._instruments import Instrument, Instruments
+from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis.effects import (
     ANTAGONIST,
     EFFECTS,
@@ -33,6 +36,10 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
     "joint": ("torque sensor", "load cells"),
 }
 """Instruments to which sensor errors of the torque apply, by side."""
+_EXCLUDING_FACTS = {"joint_gravity": "balanced", "joint_stiffness": "joint_spring"}
+"""Statements of `[rig]` by which a rig does not have an effect."""
+GAIN_SIGMAS = 3.0
+"""Largest error of a gain over its declared standard deviation."""
 _SEAL_PARAMETERS = ("seal_proximal", "seal_distal")
 """Parameters that only a conduit has."""
 _LOAD_EFFECTS = ("joint_stiffness", "joint_inertia")
@@ -45,10 +52,12 @@ class Library(NamedTuple):
     Attributes:
         effects: effects by id, with the parameters that can change the residuals.
         hidden: reason why each other effect is not detectable, by id.
+        declared: facts of the rig that remove an effect or bound it, by id, in words.
     """
 
     effects: Mapping[str, Effect]
     hidden: Mapping[str, str]
+    declared: Mapping[str, str]
 
 
 def available_effects(
@@ -57,6 +66,7 @@ def available_effects(
     led: Leading = "",
     tied: bool = False,
     columns: Collection[str] = (),
+    constants: Mapping[str, Constant] = MappingProxyType({}),
 ) -> Library:
     """Return the effects that a rig can show.
 
@@ -66,6 +76,7 @@ def available_effects(
         led: part of the cables that the joint moves besides their ends.
         tied: True if the cables end where their open path ends.
         columns: further columns that all trials have.
+        constants: what is known of the rig.
     """
     sides: dict[str, Instrument | None] = dict(instruments._asdict())
 
@@ -78,6 +89,7 @@ def available_effects(
         return cables > 1 or ANTAGONIST not in parameter.name
 
     effects, hidden = {}, {}
+    declared: dict[str, str] = {}
     for name, effect in EFFECTS.items():
         side = effect.where if effect.torques and not effect.sensor else ""
         shown = _MECHANICAL_INSTRUMENTS.get(side, ())
@@ -85,6 +97,12 @@ def available_effects(
         if name in _LOAD_EFFECTS and sides["joint"] == "known load":
             either = (-math.inf, math.inf)
             kept = tuple(parameter._replace(plausible=either) for parameter in kept)
+        if fact := _excluding_fact(name, constants):
+            declared[name] = fact
+            continue
+        kept, fact = _bounded_parameters(name, kept, constants)
+        if fact:
+            declared[name] = fact
         absent = [column for column in effect.columns if column not in columns]
         if reason := _path_exclusion(effect, led, tied):
             hidden[name] = reason
@@ -102,7 +120,32 @@ def available_effects(
                 for start in effect.starts
             )
             effects[name] = replace(effect, parameters=kept, starts=starts)
-    return Library(effects, hidden)
+    return Library(effects, hidden, declared)
+
+
+def _excluding_fact(name: str, constants: Mapping[str, Constant]) -> str:
+    """Return the fact by which a rig does not have an effect; "" if it may."""
+    fact = _EXCLUDING_FACTS.get(name, "")
+    if fact not in constants:
+        return ""
+    return f"{fact} = {str(bool(constants[fact].value)).lower()}"
+
+
+def _bounded_parameters(
+    name: str,
+    parameters: tuple[EffectParameter, ...],
+    constants: Mapping[str, Constant],
+) -> tuple[tuple[EffectParameter, ...], str]:
+    """Return the parameters that what is known leaves, and by which fact."""
+    if name == "torque_sensor_offset" and "zeroed" in constants:
+        drifts = tuple(each for each in parameters if not each.name.endswith("_bias"))
+        return drifts, "zeroed = true leaves drifts"
+    if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
+        known = constants["gain_uncertainty"].value
+        most = GAIN_SIGMAS * known
+        bounded = tuple(each._replace(plausible=(-most, most)) for each in parameters)
+        return bounded, f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
+    return parameters, ""
 
 
 def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:

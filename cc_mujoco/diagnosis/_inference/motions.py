@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis._inference.records import wind_up_angle
+from cc_mujoco.report._html import list_words
 
 MOTION_STEP = 0.008
 """Time between the samples of a motion [s]."""
@@ -18,8 +22,10 @@ TURN_ROUNDING_TIME = 0.03
 """Time over which a triangle is rounded where it turns [s]."""
 QUARTER_TURN = 0.5 * np.pi
 """Angle that a rig is turned by, so that its weights pull otherwise [rad]."""
-SPRING_LOAD_SHARE = 0.8
-"""Change of the tensions over the pretension where a spring holds the joint."""
+MAX_TENSION_CHANGE = 0.8
+"""Change of the tensions over the pretension where an end is held: none goes slack."""
+WEIGHT_SHARE = 0.5
+"""Force of a known weight in place of a cable over the pretension."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +36,14 @@ class CataloguedTrial:
         description: what to do.
         motor: angle of the motor (samples,) [rad].
         joint: angle of the joint (samples,) [rad].
-        pretension: relative to what the data had.
+        pretension: relative to what the data had; 0 with the cables taken off.
         tilt: angle by which the rig is turned about the joint's axis [rad].
-        usual: whether it stays within the limits of the motor.
+        known_torques: of known weights in place of the cables, at motor and joint; see
+            `Facts` [N m].
+        swapped: whether the torque sensors change places.
+        usual: whether a plan considers it; others are proposed for a tie.
+        standard: whether a plan always has it: no other trial separates the effects of
+            weights, springs and sensors.
     """
 
     description: str
@@ -40,13 +51,35 @@ class CataloguedTrial:
     joint: FloatArray
     pretension: float = 1.0
     tilt: float = 0.0
+    known_torques: tuple[float, float] = (0.0, 0.0)
+    swapped: bool = False
     usual: bool = True
+    standard: bool = False
+
+    @property
+    def toml(self) -> tuple[str, ...]:
+        """Lines of its table in `dataset.toml`, but for pretension and notes."""
+        lines = ["unhooked = true"] if self.pretension == 0.0 else []
+        if self.description.startswith("joint locked"):
+            lines.append('locked = "joint"')
+        if self.tilt:
+            lines.append(f"tilt = {self.tilt:.4g}")
+        for side, torque in zip(("motor", "joint"), self.known_torques, strict=True):
+            if torque:
+                lines.append(f"known_{side}_torque = {torque:g}")
+        if self.swapped:
+            lines.append("swapped = true")
+        return tuple(lines)
 
 
 def motions(
-    bench: Bench, swing: float, rate: float, load: float | None = None
+    bench: Bench,
+    swing: float,
+    rate: float,
+    load: float | None = None,
+    instruments: Instruments = TORQUE_SENSORS,
 ) -> list[CataloguedTrial]:
-    """Return trials within these limits, one of twice the swing and one turned.
+    """Return trials within these limits, and one of twice the swing.
 
     They go to and fro about `middle_angle`.
 
@@ -55,6 +88,7 @@ def motions(
         swing: largest angle of the motor to either side of the middle [rad].
         rate: largest speed of the motor [rad/s].
         load: stiffness of a known load that the joint turns in every trial [N m/rad].
+        instruments: what the torques are known from; some trials take torque sensors.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -86,16 +120,18 @@ def motions(
     loudness = min(0.3 * swing, rate / (2.0 * np.pi * 3.3))
     chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
     cable = bench.cables[0]
-    # The spring takes what loosens one cable nearly and tightens the other as much.
+    # What loosens one cable nearly and tightens the other as much.
     stretch = (
-        SPRING_LOAD_SHARE * cable.pretension / cable.axial_stiffness * cable.length
+        MAX_TENSION_CHANGE * cable.pretension / cable.axial_stiffness * cable.length
     )
+    taut_angle = stretch / bench.motor_radius
     give = 1.0 - stretch / (ratio * swing * bench.joint_radius)
     sweep = triangle(swing, rate * 0.2)
     dwell = swing * np.interp(
         time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
     )
-    small = triangle(2.0 * wind, rate * 0.1)
+    locked = min(4.0 * wind, taut_angle)
+    small = triangle(min(2.0 * wind, 0.5 * taut_angle), rate * 0.1)
     still = np.zeros(time.size)
 
     def taut(motor: FloatArray) -> FloatArray:
@@ -133,7 +169,7 @@ def motions(
         ),
         CataloguedTrial(
             "joint locked, slow triangles of the motor a few times its wind-up",
-            taut(triangle(4.0 * wind, wind)),
+            taut(triangle(locked, wind)),
             still,
         ),
         CataloguedTrial(
@@ -144,7 +180,7 @@ def motions(
         CataloguedTrial(
             "motor locked, joint moved slowly to and fro by hand",
             still,
-            triangle(4.0 * wind * ratio, wind),
+            triangle(locked * ratio, wind),
         ),
         CataloguedTrial(
             "joint free, slow triangle over the whole range, pretension halved",
@@ -165,10 +201,27 @@ def motions(
             sweep,
             free(sweep),
             tilt=QUARTER_TURN,
+            standard=True,
+        ),
+        CataloguedTrial(
+            "cables off, motor and joint each turned slowly over the whole range",
+            sweep,
+            free(sweep),
+            0.0,
+            standard=True,
+        ),
+        CataloguedTrial(
+            "cables off, motor and joint each turned slowly over the whole range, the "
+            "rig turned by 90 degrees about the joint's axis",
+            sweep,
+            free(sweep),
+            0.0,
+            tilt=QUARTER_TURN,
+            usual=False,
         ),
         CataloguedTrial(
             "joint locked, slow triangles, pretension halved",
-            taut(triangle(4.0 * wind, wind)),
+            taut(triangle(min(2.0 * wind, 0.5 * taut_angle), wind)),
             still,
             0.5,
         ),
@@ -183,6 +236,49 @@ def motions(
             free(give * chirp),
         ),
     ]
+    force = WEIGHT_SHARE * cable.pretension
+    weights = tuple(
+        float(f"{force * radius:.2g}") if instrument in able else 0.0
+        for radius, instrument, able in (
+            (
+                bench.motor_radius,
+                instruments.motor,
+                ("torque sensor", "motor current"),
+            ),
+            (bench.joint_radius, instruments.joint, ("torque sensor",)),
+        )
+    )
+    if any(weights):
+        sides = [
+            f"{size:g} N m at the {side}"
+            for side, size in zip(("motor", "joint"), weights, strict=True)
+            if size
+        ]
+        found.append(
+            CataloguedTrial(
+                "cables off, a known weight hung in place of the cable "
+                f"({list_words(sides)}), motor and joint each turned slowly over the "
+                "whole range",
+                sweep,
+                free(sweep),
+                0.0,
+                known_torques=(weights[0], weights[1]),
+                usual=False,
+            )
+        )
+    if instruments == TORQUE_SENSORS:
+        found.append(
+            CataloguedTrial(
+                "the two torque sensors exchanged (`swapped = true`), joint against a "
+                "spring, triangles at five speeds",
+                ladder,
+                free(give * ladder),
+                swapped=True,
+                usual=False,
+            )
+        )
+    if instruments.joint != "torque sensor":  # which alone sees weights and springs
+        found = [replace(each, standard=False) for each in found if each.pretension]
     return [_centre_motion(each, motor_middle, joint_middle) for each in found]
 
 
@@ -204,3 +300,29 @@ def _centre_motion(
 ) -> CataloguedTrial:
     """Return the same motion about these angles of motor and joint [rad]."""
     return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)
+
+
+def trial_table(name: str, motion: CataloguedTrial, tension: float) -> list[str]:
+    """Return the lines of a trial in `dataset.toml`.
+
+    Args:
+        name: of the trial.
+        motion: of the catalogue.
+        tension: pretension of the trial [N]; 0 with the cables off.
+    """
+    known = [f"pretension = {tension:g}"] if tension else []
+    notes = f'notes = "{motion.description}"'
+    return [f'[trials."{name}"]', *known, *motion.toml, notes]
+
+
+def write_motion(path: Path, motion: CataloguedTrial) -> None:
+    """Write the angles of a trial as CSV, to be played."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
+        rows.writerows(
+            (f"{MOTION_STEP * k:.3f}", f"{motor:.6f}", f"{joint:.6f}")
+            for k, (motor, joint) in enumerate(
+                zip(motion.motor, motion.joint, strict=False)
+            )
+        )

@@ -85,7 +85,13 @@ from cc_mujoco.diagnosis._inference.search import (
 from cc_mujoco.diagnosis._inference.start_values import prepare_start
 from cc_mujoco.diagnosis._inference.trial_trends import trial_constants
 from cc_mujoco.diagnosis._inference.unit_check import unit_or_sign_error
-from cc_mujoco.diagnosis._inference.verdict_rules import Judgement, judge, only_refines
+from cc_mujoco.diagnosis._inference.verdict_rules import (
+    Judgement,
+    declared_sentence,
+    judge,
+    only_refines,
+    undecidable_sentence,
+)
 from cc_mujoco.diagnosis._phrases import capitalise, format_number
 from cc_mujoco.diagnosis._report_data import Evidence, Isolability
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, FoundEffect, Gap, RunnerUp
@@ -220,6 +226,7 @@ def _conclude(
     beyond = deviating_parameters(problem, x, estimated, hidden)
     outcome = Judgement(effects, ties, model.held.gap, beyond)
     kind, statement = judge(found, outcome, limits)
+    statement += declared_sentence(problem.plant.library.declared)
     if found.interrupted:
         if not effects:
             kind = "unknown"
@@ -228,6 +235,9 @@ def _conclude(
                 "noise floor off, and no effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
+    proposal = propose(_tied_refits(found, ties[0]), limits) if ties else None
+    if ties and proposal is None:
+        statement += undecidable_sentence(ties[0])
     # What is added where nothing explains the error only stands in for it.
     arguments = (
         (baseline_fit.problem, baseline_fit.whole.x)
@@ -249,7 +259,7 @@ def _conclude(
         effects=effects,
         ties=ties,
         not_testable=untestable_effects(shown_by, hidden),
-        next_experiment=propose(_tied_refits(found, ties[0]), limits) if ties else None,
+        next_experiment=proposal.experiment if proposal else None,
         where=locate_error(
             Fitted(baseline_fit.problem, baseline_fit.whole.x),
             Fitted(problem, x),
@@ -270,7 +280,8 @@ def _conclude(
         occasions=compared,
         interrupted=found.interrupted,
     )
-    return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit)
+    motion = proposal.motion if proposal else None
+    return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit, motion)
 
 
 def _extend_tie(

@@ -89,6 +89,7 @@ class TrialPlan:
         resolved: by the trials together, the least certain effect first.
         noise: standard deviation that was taken, by the torque that is compared [N m].
         hidden: effects that these instruments cannot show, and why.
+        declared: facts that remove an effect or bound it.
         sizes: the first amplitude of every effect.
     """
 
@@ -96,6 +97,7 @@ class TrialPlan:
     resolved: tuple[Resolved, ...]
     noise: Mapping[str, float]
     hidden: Mapping[str, str]
+    declared: Mapping[str, str]
     sizes: Mapping[str, EffectParameter]
 
 
@@ -110,6 +112,9 @@ def planned(
 ) -> TrialPlan:
     """Return the smallest set of trials that leaves no effect untestable or tied.
 
+    It has the standard trials, and those with the cables off last: hooking them up
+    again changes the pretension.
+
     Args:
         bench: the rig as the scene has it.
         swing: largest angle of the motor to either side [rad].
@@ -122,7 +127,11 @@ def planned(
     load = None
     if instruments.joint == "known load":
         load = load_values(constants).get("load_stiffness", 0.0)
-    every = [motion for motion in motions(bench, swing, rate, load) if motion.usual]
+    every = [
+        motion
+        for motion in motions(bench, swing, rate, load, instruments)
+        if motion.usual
+    ]
     rows = len(instruments.rows)
     records = tuple(_record(motion, bench, rows) for motion in every)
     plant = SimulatedRig(bench, records, PLAN_SEGMENTS, 1, instruments, constants)
@@ -157,7 +166,9 @@ def planned(
     weight = min(1.0, 2.0 * MAX_BAND * MOTION_STEP) ** 0.5
     problem = Problem(seen, free, (), floor, floor, weight)
     grams, owners = _gram_matrices(problem, place, able)
-    chosen = _choose_records(grams, owners, len(free))
+    standard = [k for k, motion in enumerate(every) if motion.standard]
+    chosen = _choose_records(grams, owners, len(free), standard)
+    chosen.sort(key=lambda k: every[k].pretension == 0.0)
     together = np.sum([grams[k] for k in chosen], axis=0)
     resolved = _resolved_effects(together, owners, len(free))
     return TrialPlan(
@@ -165,6 +176,7 @@ def planned(
         tuple(sorted(resolved, key=lambda each: each.apart)),
         dict(zip(instruments.channels, sizes, strict=True)),
         hidden,
+        {name: library.declared[name] for name in wanted if name in library.declared},
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
     )
 
@@ -196,6 +208,8 @@ def _record(motion: CataloguedTrial, bench: Bench, rows: int) -> Record:
         split=None,
         group=motion.description,
         tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
     )
 
 
@@ -261,10 +275,13 @@ def _gram_matrices(
 
 
 def _choose_records(
-    grams: Sequence[FloatArray], owners: Sequence[_Column], base: int
+    grams: Sequence[FloatArray],
+    owners: Sequence[_Column],
+    base: int,
+    standard: Sequence[int],
 ) -> list[int]:
-    """Return the records that a greedy search adds while each improves the design."""
-    chosen: list[int] = []
+    """Return the standard records and those that improve the design, greedily."""
+    chosen = list(standard)
     best = 0.0
     while len(chosen) < len(grams):
         tried = {

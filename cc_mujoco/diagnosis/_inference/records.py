@@ -107,6 +107,12 @@ class Record:
     """Paths of the cables along the recording, where other joints move them, too."""
     conditions: TrialConditions = USUAL_CONDITIONS
     """Conditions of the trial."""
+    known_torques: tuple[float, float] = (0.0, 0.0)
+    """Torques of known weights in place of the cables, at motor and joint [N m]."""
+    swapped: bool = False
+    """True if the torque sensors had changed places."""
+    notes: str = ""
+    """Notes on the trial."""
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     """Further columns of the file (samples,), by name, and the temperature."""
 
@@ -242,7 +248,13 @@ def _record(
         measured=measured,
         band=band,
         counts=counts,
-        pretension=trial.facts.pretension,
+        pretension=0.0 if trial.facts.unhooked else trial.facts.pretension,
+        known_torques=(
+            trial.facts.known_motor_torque,
+            trial.facts.known_joint_torque,
+        ),
+        swapped=trial.facts.swapped,
+        notes=trial.facts.notes,
         start=float(time[0] - trial.time[0]),
         split=trial.facts.split,
         group=trial.facts.repeat_of or trial.name,

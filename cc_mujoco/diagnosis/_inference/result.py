@@ -9,6 +9,7 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit
 from cc_mujoco.diagnosis._inference.fitting import Problem
+from cc_mujoco.diagnosis._inference.motions import CataloguedTrial
 from cc_mujoco.diagnosis._inference.search import Thresholds
 from cc_mujoco.diagnosis._report_data import Evidence
 from cc_mujoco.diagnosis._verdict import Diagnosis
@@ -45,3 +46,5 @@ class DiagnosisResult:
     """Rig as the scene has it."""
     baseline_fit: BaselineFit | None = None
     """Fit of the baseline, or None where there is none."""
+    motion: CataloguedTrial | None = None
+    """Motion of the proposed trial, or None."""

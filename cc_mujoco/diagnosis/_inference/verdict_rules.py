@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cc_mujoco.diagnosis._inference.folds import CrossValidation, excess
@@ -44,6 +44,15 @@ HINT_ERROR = 1.8
 """Error over the floor below which a name is a hint: rigs whose bends and friction are
 laid out otherwise than the scene's reach that without any effect."""
 _HINT_CAVEAT = " The layout of a rig can make as much: take this for a hint."
+
+
+DECLARATIONS = {
+    "joint_gravity": "balanced",
+    "joint_stiffness": "joint_spring",
+    "torque_sensor_gain": "gain_uncertainty",
+    "torque_sensor_offset": "zeroed",
+}
+"""Facts of `[rig]` that remove or bound an effect, by its id."""
 
 
 class Judgement(NamedTuple):
@@ -92,6 +101,24 @@ def judge(found: Search, outcome: Judgement, limits: Thresholds) -> tuple[Verdic
     kind, statement = _judge(found, outcome, limits)
     also = " ".join(capitalise(each.statement) for each in outcome.strayed)
     return kind, f"{statement} {also}".strip()
+
+
+def declared_sentence(declared: Mapping[str, str]) -> str:
+    """Return the facts of `[rig]` that remove or bound effects, as a sentence or ""."""
+    facts = [f"{EFFECTS[name].title} ({fact})" for name, fact in declared.items()]
+    return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
+
+
+def undecidable_sentence(tie: Sequence[str]) -> str:
+    """Return what decides a tie that no trial of the catalogue separates."""
+    facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
+    decide = "measure one of them alone"
+    if facts:
+        decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
+    return (
+        " No trial of the catalogue that is not among these would separate them: "
+        f"{decide}."
+    )
 
 
 def _judge(

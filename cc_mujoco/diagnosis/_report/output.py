@@ -21,11 +21,14 @@ import numpy as np
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import replacing_folder
 from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.bench_simulation import CLOCK_PARAMETERS
 from cc_mujoco.diagnosis._inference.lowpass import low_pass
 from cc_mujoco.diagnosis._inference.occasions import occasions_of
+from cc_mujoco.diagnosis._inference.motions import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._inference.replays import shift_signal
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult
 from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
@@ -40,7 +43,7 @@ from cc_mujoco.diagnosis._scene.realisation import (
 from cc_mujoco.diagnosis._scene.repair import repair_scene
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
 from cc_mujoco.diagnosis._scene.rollout import rollout
-from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.diagnosis._verdict import Diagnosis, NextExperiment, next_folder
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.errors import CableError
 
@@ -136,10 +139,37 @@ def write(
         write_report(place, diagnosis, result.evidence, titles)
         diagnosis.write(place / VERDICT_FILE)
         written = {file.name for file in place.iterdir()}
+    if result.motion is not None and diagnosis.next_experiment is not None:
+        write_proposed(
+            out / next_folder(diagnosis.next_experiment),
+            diagnosis.next_experiment,
+            result.motion,
+            dataset.path,
+        )
     for name in OPTIONAL_FILES:
         if name not in written:  # of an earlier diagnosis with another verdict
             (out / name).unlink(missing_ok=True)
     return diagnosis
+
+
+def write_proposed(
+    folder: Path, planned: NextExperiment, motion: CataloguedTrial, dataset_toml: str
+) -> None:
+    """Write a proposed trial as a plan of one trial.
+
+    Args:
+        folder: to write.
+        planned: the trial.
+        motion: of it.
+        dataset_toml: file with what is known of the other trials, or empty; its text
+            comes first, so that one file has the facts of all.
+    """
+    known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
+    facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
+    number = planned.trial.removeprefix("trial_")
+    with replacing_folder(folder) as place:
+        write_motion(place / MOTION_FILE.format(number), motion)
+        (place / DATASET_FILE).write_text("\n".join(facts), encoding="utf-8")
 
 
 def provenance(

@@ -13,7 +13,11 @@ from cc_mujoco.diagnosis._phrases import (
     gap_sentence,
     plain_name,
 )
-from cc_mujoco.diagnosis._verdict import Diagnosis, FoundEffect
+from cc_mujoco.diagnosis._verdict import (
+    Diagnosis,
+    FoundEffect,
+    next_folder,
+)
 from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
 
 RUN_AGAIN = "run the same command again"
@@ -150,14 +154,16 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
     if planned is None:
         return _step_item(
             "What to record",
-            "No motion of the catalogue that is not among these trials would tell "
-            "these apart; declare what is known of one of them, or measure it alone.",
+            "No trial of the catalogue that is not among these would separate them; "
+            "the verdict says what to declare or to measure instead.",
         )
     either = names.list(planned.separates, "or")
     return _step_item(
-        "What to record", f"{capitalise(planned.description)}. It tells whether it is "
-        f"{either}; then {RUN_AGAIN} with it.",
-    )  # fmt: skip
+        "What to record",
+        f"{capitalise(planned.description)}. It tells whether it is {either}. Folder "
+        f"{next_folder(planned)} has the motion and the lines of dataset.toml; record "
+        f"it as {planned.trial}, then continue this diagnosis with it.",
+    )
 
 
 def _run_again_sentence(how: str) -> str:

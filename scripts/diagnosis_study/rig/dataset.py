@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.effects import Truth
+from rig.kernel import COLUMNS
 from rig.makes import MAKES
 from rig.nominal import Rig
 from rig.sensors import BASIC, CHANNELS
@@ -45,11 +46,16 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
 
 
 def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
-    """Return the records of one trial, integrated with steps shorter by `refine`."""
+    """Return the records of one trial, integrated with steps shorter by `refine`.
+
+    Cables that are off pull at pulleys of radius 0. A known weight pulls with a
+    constant torque; its mass accelerates nothing.
+    """
     make = MAKES[rig.make]
     hangs = getattr(truth.plant, make.hanging) - trial.tilt
-    return make.integrate(
-        truth.plant._replace(**{make.hanging: hangs}),
+    off = {"motor_radius": 0.0, "joint_radius": 0.0} if trial.unhooked else {}
+    records = make.integrate(
+        truth.plant._replace(**{make.hanging: hangs}, **off),
         rig.pretension * trial.tightness,
         np.array(trial.servo),
         np.array(trial.environment),
@@ -57,6 +63,9 @@ def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
         trial.target,
         refine,
     )
+    sides = [COLUMNS.index(name) for name in ("motor_torque", "joint_torque")]
+    records[:, sides] += trial.known_torques
+    return np.asarray(records)
 
 
 def clean_dataset(
@@ -68,8 +77,23 @@ def clean_dataset(
 ) -> list[Array]:
     """Return what a logger without noise would store: (samples, names) per trial."""
     truth = truth_of(rig, effects, seed)
+    return [_sampled(truth, rig, trial, names) for trial in trials]
+
+
+def _sampled(truth: Truth, rig: Rig, trial: Trial, names: tuple[str, ...]) -> Array:
+    """Return what a logger without noise would store of one trial.
+
+    Sensors that have changed places read each other's torque, and are then named by it.
+    """
+    records, order = run(truth, rig, trial), list(range(len(names)))
+    if trial.swapped:
+        torques = ("motor_torque", "joint_torque")
+        one, other = (COLUMNS.index(name) for name in torques)
+        records[:, [one, other]] = records[:, [other, one]]
+        one, other = (names.index(name) for name in torques)
+        order[one], order[other] = other, one
     sampled = MAKES[rig.make].logger.sampled
-    return [sampled(run(truth, rig, t), rig, truth.chain, names) for t in trials]
+    return np.asarray(sampled(records, rig, truth.chain, names)[:, order])
 
 
 def make_dataset(

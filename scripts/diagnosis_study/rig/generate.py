@@ -64,9 +64,11 @@ def facts_of(trials: str, seed: int) -> str:
         tension = NOMINAL["pretension_n"] * trial.tightness
         lines += [
             f"[trials.trial_{k:02d}]",
-            f"pretension = {tension:g}",
+            "unhooked = true" if trial.unhooked else f"pretension = {tension:g}",
             f'notes = "{trial.motion}, {trial.load}"',
         ]
+        if trial.tilt:
+            lines.append(f"tilt = {trial.tilt:g}")
         if trial.repeat_of is not None:
             lines.append(f'repeat_of = "trial_{trial.repeat_of:02d}"')
         lines.append("")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -39,6 +39,10 @@ class Trial:
         tightness: pretension over the rig's usual one; public.
         repeat_of: index of the trial of which this is a repetition, or None.
         tilt: angle by which the rig is turned about the joint's axis; public.
+        unhooked: whether the cables are off both pulleys; public.
+        known_torques: of weights in place of the cables, at motor and joint [N m];
+            public.
+        swapped: whether the torque sensors have changed places; public.
     """
 
     motion: str
@@ -50,6 +54,9 @@ class Trial:
     tightness: float = 1.0
     repeat_of: int | None = None
     tilt: float = 0.0
+    unhooked: bool = False
+    known_torques: tuple[float, float] = (0.0, 0.0)
+    swapped: bool = False
 
 
 def _led(path: Array, approach: float) -> Array:
@@ -80,21 +87,25 @@ def _trial(
     )  # fmt: skip
 
 
-def asked(
-    motor: Array, joint: Array, load: str, tightness: float = 1.0, tilt: float = 0.0
-) -> Trial:
+def asked(motor: Array, joint: Array, load: str) -> Trial:
     """Return a trial with given motions.
 
     Args:
         motor: (m,) commanded angle of the motor at 1 kHz [rad].
         joint: (m,) angle of the environment at the joint [rad].
         load: `free`, `locked`, or `human` for a firm hand.
-        tightness: pretension over the rig's usual one.
-        tilt: angle by which the rig is turned about the joint's axis [rad].
     """
     held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
     command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
-    return Trial("asked for", load, command, target, STIFF, held, tightness, tilt=tilt)
+    return Trial("asked for", load, command, target, STIFF, held)
+
+
+def standard(trials: list[Trial]) -> list[Trial]:
+    """Return trials with one more of the rig turned, and one with the cables off."""
+    sweep = go.speed_ladder(np.full(2, 0.4), 0.8)
+    turned = replace(asked(sweep, sweep, "free"), tilt=0.5 * np.pi, motion="turned")
+    off = replace(asked(sweep, -sweep, "human"), unhooked=True, motion="cables off")
+    return [*trials, turned, off]
 
 
 def rich(rng: Generator) -> list[Trial]:
@@ -186,5 +197,12 @@ def restful(rng: Generator) -> list[Trial]:
     return [moved.get(k, trial) for k, trial in enumerate(trials)]
 
 
-SETS = {"rich": rich, "restful": restful, "ramps": ramps, "human": human}
+SETS = {
+    "rich": rich,
+    "restful": restful,
+    "ramps": ramps,
+    "human": human,
+    "rich_standard": lambda rng: standard(rich(rng)),
+    "restful_standard": lambda rng: standard(restful(rng)),
+}
 """Sets of trials by name: functions of a generator of random numbers."""

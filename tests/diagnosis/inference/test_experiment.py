@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -69,9 +70,13 @@ def test_gravity_and_a_spring_part_where_the_rig_is_turned(
 ) -> None:
     found = propose(sprung[1], Thresholds())
     assert found is not None
-    assert "turned by 90 degrees" in found.description
-    assert "tilt = 1.571" in found.description
-    assert found.separates == ("joint_stiffness", "joint_gravity")
+    planned = found.experiment
+    assert "turned by 90 degrees" in planned.description
+    assert found.motion.tilt > 0.0 and found.motion.description == planned.description
+    assert planned.separates == ("joint_stiffness", "joint_gravity")
+    assert planned.trial not in {r.trial for r in sprung[0].problem.plant.records}
+    (table,) = tomllib.loads("\n".join(planned.facts))["trials"].values()
+    assert table["tilt"] == pytest.approx(1.571)
 
 
 def tie(
@@ -105,6 +110,8 @@ def as_recorded(motion: CataloguedTrial, like: Record) -> Record:
         joint_angle=joint,
         pretension=80.0 * motion.pretension,
         tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
     )
 
 
@@ -120,6 +127,8 @@ def test_a_motion_is_found_again_among_trials_and_no_other_is(
         found = recorded(every, problem.plant.bench, [*others, trial])
         assert found == {motion.description}
     assert not recorded(every, problem.plant.bench, others)
+    noted = replace(others[0], notes=every[0].description)
+    assert recorded(every, problem.plant.bench, [noted]) == {every[0].description}
 
 
 def test_no_trial_that_the_data_have_and_none_that_settles_nothing_is_proposed(

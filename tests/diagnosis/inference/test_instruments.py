@@ -11,7 +11,7 @@ import pytest
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import errors
-from cc_mujoco.datasets._instruments import Instruments
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import (
     EFFECTS,
@@ -26,6 +26,7 @@ from cc_mujoco.diagnosis import (
 from cc_mujoco.diagnosis._checks.run import check_bench
 from cc_mujoco.diagnosis._inference.library import available_effects
 from cc_mujoco.diagnosis._inference.load_trials import load_noise, load_torque
+from cc_mujoco.diagnosis._inference.verdict_rules import declared_sentence
 from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,
@@ -167,6 +168,33 @@ def test_every_effect_is_either_seen_or_told_why_not(motor, joint, cables) -> No
         assert all(start.keys() == kept for start in effect.starts)
         if joint in (None, "known load"):
             assert not any(each.startswith("joint_torque_") for each in kept)
+
+
+def test_a_declared_fact_removes_or_bounds_effects() -> None:
+    known = {
+        "balanced": Constant(1.0),
+        "joint_spring": Constant(0.0),
+        "zeroed": Constant(1.0),
+        "gain_uncertainty": Constant(0.01),
+    }
+    free = available_effects(2, TORQUE_SENSORS)
+    bound = available_effects(2, TORQUE_SENSORS, constants=known)
+    assert free.effects.keys() - bound.effects.keys() == {
+        "joint_gravity",
+        "joint_stiffness",
+    }
+    offset, gain = (
+        bound.effects[f"torque_sensor_{name}"].parameters for name in ("offset", "gain")
+    )
+    assert {each.name for each in offset} == {
+        "motor_torque_drift",
+        "joint_torque_drift",
+    }
+    assert all(each.plausible == pytest.approx((-0.03, 0.03)) for each in gain)
+    assert "(balanced = true)" in declared_sentence(bound.declared)
+    assert "joint_spring = false" in bound.declared["joint_stiffness"]
+    assert "gain_uncertainty = 0.01" in bound.declared["torque_sensor_gain"]
+    assert not declared_sentence(free.declared)
 
 
 def test_a_load_takes_the_torque_of_its_parts() -> None:

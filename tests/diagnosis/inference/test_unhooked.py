@@ -1,4 +1,4 @@
-"""A trial without its cables (`pretension = 0`) shows what is not in the cables."""
+"""A trial without its cables (`unhooked = true`) shows what is not in the cables."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco.datasets import Dataset, Facts, Trial
-from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of
+from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of, prepare
 from cc_mujoco.diagnosis._checks.lead_check import check_lead
 from cc_mujoco.diagnosis._checks.run import check_bench, check_trials
 from cc_mujoco.diagnosis._inference.outlier_trials import find_outlier_trial
 from cc_mujoco.diagnosis._inference.start_values import prepare_start
+from cc_mujoco.errors import CableError
 from diagnosis.recorded import BENCH, DT, NOISE, dataset
 
 TRUTH = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -35,7 +36,7 @@ def unhooked(duration: float = 3.0) -> Trial:
         noise[3] - GRAVITY * np.sin(joint),
         (slice(0, time.size),),
         DT,
-        facts=Facts(pretension=0.0),
+        facts=Facts(unhooked=True),
         path="off.csv",
     )
 
@@ -86,5 +87,29 @@ def test_a_file_declares_it(tmp_path: Path) -> None:
     from cc_mujoco.datasets._dataset_file import read_dataset_file
 
     path = tmp_path / "dataset.toml"
-    path.write_text("[trials.off]\npretension = 0\n", encoding="utf-8")
-    assert read_dataset_file(path).facts["off"]["pretension"] == 0.0
+    path.write_text("[trials.off]\nunhooked = true\n", encoding="utf-8")
+    assert read_dataset_file(path).facts["off"] == {"unhooked": True}
+    for text, said in (
+        ("pretension = 0\n", "pretension must be more than 0 .*unhooked = true"),
+        ("pretension = 3\nunhooked = true\n", "leave one of them out"),
+    ):
+        path.write_text(f"[trials.off]\n{text}", encoding="utf-8")
+        with pytest.raises(CableError, match=said):
+            read_dataset_file(path)
+
+
+def test_known_weights_and_exchanged_sensors_show_whose_gain_is_wrong(
+    data: Dataset,
+) -> None:
+    """Both torques by hand, on a trial without cables."""
+    off = unhooked()
+    facts = Facts(unhooked=True, known_motor_torque=1.5, known_joint_torque=-2.0)
+    plain = replace(off, name="weights", facts=facts)
+    swapped = replace(off, name="swapped", facts=replace(facts, swapped=True))
+    records, _ = prepare(replace(data, trials=(plain, swapped)), BENCH)
+    gain = {"motor_torque_gain": 0.1, "joint_torque_gain": 0.0}
+    shown = plant_of(data, BENCH, records).simulate(gain, ("torque_sensor_gain",))
+    inside = slice(200, -200)
+    for torques, expected in zip(shown, ((1.65, -2.0), (1.5, -2.2)), strict=True):
+        np.testing.assert_allclose(torques[0][inside], expected[0], rtol=1e-3)
+        np.testing.assert_allclose(torques[1][inside], expected[1], rtol=1e-3)

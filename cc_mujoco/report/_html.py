@@ -15,6 +15,9 @@ from types import MappingProxyType
 
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
+TABLE_ROWS, TABLE_COLUMNS = 5, 6
+"""Most rows and columns of a table that is not folded."""
+
 
 class Html(str):
     """Text that is HTML already."""
@@ -57,6 +60,23 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     return element("div", element("table", top, body), class_="wide")
 
 
+def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
+    """Return a table of at most `TABLE_ROWS` and `TABLE_COLUMNS`, all of it folded."""
+    rows = list(rows)
+    if len(rows) <= TABLE_ROWS and len(head) <= TABLE_COLUMNS:
+        return table(head, rows)
+    few = table(
+        head[:TABLE_COLUMNS], [row[:TABLE_COLUMNS] for row in rows[:TABLE_ROWS]]
+    )
+    title = f"All {len(rows)} rows" if len(rows) > TABLE_ROWS else "All columns"
+    return join_pieces([few, folded(title, table(head, rows))])
+
+
+def folded(title: str, *content: Content) -> Html:
+    """Return content below a title that opens it; on paper it is open."""
+    return element("details", element("summary", title), *content)
+
+
 def share_bar(part: float) -> Html:
     """Return a bar as long as a share of 1; nothing for a negative one."""
     width = 100.0 * min(1.0, max(0.0, part))
@@ -75,6 +95,11 @@ def embed_picture(path: Path, words: str) -> Html:
         f"<img{_attributes({'src': f'data:image/png;base64,{data}', 'alt': words})}>"
     )
     return element("figure", Html(image), element("figcaption", words))
+
+
+def scrolled(picture: Html) -> Html:
+    """Return a picture that keeps its size and scrolls where the page is narrow."""
+    return element("div", picture, class_="wide whole")
 
 
 def illustrated(part: Html | None, *pictures: Html) -> Html | None:
@@ -193,6 +218,9 @@ th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
 th { font-weight: 600; border-bottom-color: #999; }
 code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   overflow-wrap: anywhere; }
+.whole img { max-width: none; width: 42rem; }
+details { margin: .6rem 0; }
+summary { cursor: pointer; font-size: .88rem; color: $blue; }
 .bar { display: block; width: 6rem; height: .5rem; margin-top: .2rem;
   background: #eee; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .bar span { display: block; height: 100%; background: $blue; }
@@ -200,7 +228,7 @@ code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   body { background: #16181c; color: #e6e6e6; }
   h2 { border-color: #3a3d44; }
   .small, figcaption { color: #a8adb5; }
-  nav a { color: $sky; }
+  nav a, summary { color: $sky; }
   img { background: #fff; border-radius: .2rem; padding: .3rem;
     box-sizing: border-box; }
   th, td { border-color: #32353c; }
@@ -211,6 +239,8 @@ code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
   nav { display: none; }
+  details::details-content { content-visibility: visible; display: block; }
+  .whole img { max-width: 100%; width: auto; }
   h2, h3 { break-after: avoid; }
   figure, tr, li { break-inside: avoid; }
   /* What is taller than a sheet would be cut in two. */

@@ -42,12 +42,15 @@ if TYPE_CHECKING:
 FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
 """File names of all possible figures, without `.png`."""
 
-FIGURE_WIDTH = 7.2
-"""Width of every figure [inch], so that all have one font size on the page."""
-LABEL_PLACE = -0.085
+FIGURE_WIDTH = 4.8
+"""Width of every figure [inch]: text can be read where the page is 390 px wide."""
+MATRIX_WIDTH = 7.2
+"""Width of the folded matrix of effects, which scrolls [inch]."""
+LABEL_PLACE = -0.13
 """Place of the labels of an excerpt, in widths of a panel from its left side."""
 
-MAX_MAPS = 8
+MAX_MAPS = 4
+"""Maps that are drawn; others are mentioned."""
 
 
 def draw_figures(
@@ -58,7 +61,7 @@ def draw_figures(
     found: dict[str, Figure | None] = {
         "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
-        "isolability": draw_isolability(evidence.isolability, names, FIGURE_WIDTH),
+        "isolability": draw_isolability(evidence.isolability, names, MATRIX_WIDTH),
     }
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     if most is not None:
@@ -79,7 +82,7 @@ def shown_maps(evidence: Evidence) -> list[Map]:
 
 def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
     """Draw bars of the noise floor and the error before and after, per channel."""
-    drawing = figure(FIGURE_WIDTH, 0.5 + 1.25 * len(gaps))
+    drawing = figure(0.88 * FIGURE_WIDTH, 0.5 + 1.25 * len(gaps))  # in the header
     panels = drawing.subplots(len(gaps), squeeze=False)[:, 0]
     for axes, (name, gap) in zip(panels, gaps.items(), strict=True):
         bars = [
@@ -95,7 +98,8 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
         axes.bar_label(drawn, texts, padding=4, fontsize=9)
         axes.invert_yaxis()
         axes.grid(False, axis="y")
-        axes.margins(x=0.12)
+        axes.margins(x=0.16)
+        axes.locator_params(axis="x", nbins=5)
         axes.set(title=capitalise(channel_name(name)))
     panels[-1].set_xlabel(f"weighted RMS error on held-out data [{TORQUE_UNIT}]")
     return drawing
@@ -108,14 +112,10 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
         maps: maps to draw, one panel each.
         both: True if the model of `after` differs.
     """
-    columns = min(2, len(maps))
-    rows = -(-len(maps) // columns)
-    drawing = figure(FIGURE_WIDTH, 0.4 + 2.5 * rows)
-    panels = drawing.subplots(rows, columns, squeeze=False).flat
-    for axes, each in zip(panels, maps, strict=False):
+    drawing = figure(FIGURE_WIDTH, 0.4 + 2.2 * len(maps))
+    panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
+    for axes, each in zip(panels, maps, strict=True):
         _draw_map(axes, each, both)
-    for axes in list(panels)[len(maps) :]:
-        axes.set_axis_off()
     handles, labels = drawing.axes[0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside upper center", ncols=3)
     return drawing

@@ -22,11 +22,13 @@ from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._html import (
     Html,
     embed_picture,
+    folded,
     illustrated,
     join_pieces,
     list_words,
     page,
     paragraph,
+    scrolled,
 )
 from cc_mujoco.report._html import sections as page_sections
 
@@ -41,7 +43,7 @@ SECTION_TITLES = {
     "maps": "Maps of the error",
     "candidates": "What was tried",
     "likeness": "What these data can tell apart",
-    "untested": "What could not be tested",
+    "untested": "What these data hide",
     "next": "What to run next",
     "parameters": "Fitted parameters",
     "problems": "Data and numerics",
@@ -93,10 +95,17 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
     return page(
         headline(diagnosis, names),
         diagnosis.verdict,
-        sections.header(diagnosis, names),
+        sections.header(diagnosis, names, _gap_picture(figures)),
         page_sections(SECTION_TITLES, {key: there[key] for key in order}),
         _omitted_sections([key for key in SECTION_TITLES if key not in there]),
     )
+
+
+def _gap_picture(figures: Path) -> Html:
+    """Return the picture at the top, empty without an error to draw."""
+    path = figures / "gap.png"
+    words = "Weighted RMS error on held-out data, beside the noise floor."
+    return embed_picture(path, words) if path.exists() else Html()
 
 
 def _sections(
@@ -109,12 +118,12 @@ def _sections(
         return embed_picture(path, words) if path.exists() else Html()
 
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
-    seconds = [
-        drawn(stem, sections.excerpt_caption(excerpt, stem == "traces"))
-        for stem, excerpt in (("traces", most), ("traces_ordinary", usual))
-        if excerpt is not None
-    ]
-    gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
+    seconds = []
+    if most is not None:
+        seconds.append(drawn("traces", sections.excerpt_caption(most, True)))
+    if usual is not None:
+        ordinary = drawn("traces_ordinary", sections.excerpt_caption(usual, False))
+        seconds.append(folded("Ordinary seconds", ordinary) if ordinary else Html())
     maps = drawn(
         "maps", "Mean error, measured minus simulated, over what it lies along."
     )
@@ -126,18 +135,25 @@ def _sections(
     )
     return {
         "traces": join_pieces(seconds) if seconds else None,
-        "gap": illustrated(sections.gap(diagnosis), gap),
+        "gap": sections.gap(diagnosis),
         "occasions": sections.occasions(diagnosis, names),
         "trials": sections.trials(diagnosis),
         "where": sections.error_location(diagnosis),
         "maps": illustrated(sections.maps(evidence), maps),
         "candidates": sections.candidates(diagnosis, names),
-        "likeness": illustrated(sections.effect_similarity(evidence, names), figure),
+        "likeness": illustrated(
+            sections.effect_similarity(evidence, names),
+            folded("All effects", scrolled(figure)) if figure else Html(),
+        ),
         "untested": sections.untested_effects(diagnosis, names),
         "next": sections.experiment(diagnosis, names),
         "parameters": sections.parameters(diagnosis, names),
         "problems": sections.problems(diagnosis),
-        "provenance": sections.provenance(diagnosis),
+        "provenance": (
+            folded("Inputs, versions and settings", known)
+            if (known := sections.provenance(diagnosis)) is not None
+            else None
+        ),
     }
 
 

@@ -26,7 +26,7 @@ from cc_mujoco.diagnosis._phrases import (
 from cc_mujoco.diagnosis._report.drawings import shown_maps
 from cc_mujoco.diagnosis._report.excerpt import Excerpt
 from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
-from cc_mujoco.diagnosis._report.steps import next_steps
+from cc_mujoco.diagnosis._report.steps import next_command, next_steps
 from cc_mujoco.diagnosis._report_data import Evidence, Map
 from cc_mujoco.diagnosis._verdict import Diagnosis, RunnerUp
 from cc_mujoco.estimation._least_squares import Estimate
@@ -34,31 +34,40 @@ from cc_mujoco.report._html import (
     Html,
     bullet_list,
     element,
+    folded,
     join_pieces,
     list_words,
     paragraph,
     share_bar,
+    short_table,
     table,
 )
 
 
-def header(diagnosis: Diagnosis, names: Names) -> Html:
-    """Return the verdict: headline, next steps, statement and explanation."""
+def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
+    """Return the verdict: headline, picture, next command, steps and statement."""
     return element(
         "header",
         paragraph("Diagnosis of a cable transmission", kind="small"),
         element("h1", headline(diagnosis, names)),
+        picture,
+        next_command(diagnosis),
         next_steps(diagnosis, names),
-        paragraph(diagnosis.statement),
-        paragraph(
-            " ".join(
-                each
-                for each in (
-                    tried_sentence(diagnosis) if diagnosis.verdict == "unknown" else "",
-                    VERDICT_MEANINGS[diagnosis.verdict],
+        folded(
+            "The verdict in full",
+            paragraph(diagnosis.statement),
+            paragraph(
+                " ".join(
+                    each
+                    for each in (
+                        tried_sentence(diagnosis)
+                        if diagnosis.verdict == "unknown"
+                        else "",
+                        VERDICT_MEANINGS[diagnosis.verdict],
+                    )
+                    if each
                 )
-                if each
-            )
+            ),
         ),
     )
 
@@ -139,7 +148,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
         + ("; before and after effects were added." if both else ".")
     )
     head = ("trial", "over the floor", *torques)
-    return join_pieces([table(head, rows), paragraph(key, kind="small")])
+    return join_pieces([short_table(head, rows), paragraph(key, kind="small")])
 
 
 def error_location(diagnosis: Diagnosis) -> Html | None:
@@ -212,7 +221,7 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
         ranked = sorted(each, key=lambda runner: -runner.reduction)
         rows = [_candidate_text(runner, diagnosis, names) for runner in ranked]
         head = ("effect", "held-out error removed", "outcome", "fitted values [SI]")
-        parts.append(table(head, rows))
+        parts.append(short_table(head, rows))
     key = (
         "Error removed: of the sum of squares; negative where an effect makes it worse."
     )
@@ -237,12 +246,17 @@ def effect_similarity(evidence: Evidence, names: Names) -> Html | None:
 
 
 def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
-    """List the effects that the data cannot show, and why."""
-    if not diagnosis.not_testable:
+    """List the effects that tuning hides and those that the data cannot show."""
+    items = [
+        (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
+        for each in diagnosis.confounded
+    ]
+    items += [(each.id, each.reason) for each in diagnosis.not_testable]
+    if not items:
         return None
     return bullet_list(
-        join_pieces([element("strong", capitalise(names(each.id))), f": {each.reason}"])
-        for each in diagnosis.not_testable
+        join_pieces([element("strong", capitalise(names(name))), f": {text}"])
+        for name, text in items
     )
 
 
@@ -320,7 +334,7 @@ def _values(values: Mapping[str, Estimate]) -> Html:
         (plain_name(name), format_fitted(each), each.unit or "1", format_interval(each))
         for name, each in values.items()
     ]
-    return table(("parameter", "value", "unit", "95 % interval"), rows)
+    return short_table(("parameter", "value", "unit", "95 % interval"), rows)
 
 
 def _nested_table(value: Any) -> Html:

@@ -1,4 +1,4 @@
-"""Next steps: the three things at the top of the report."""
+"""Next steps: the command and the things to do at the top of the report."""
 
 from __future__ import annotations
 
@@ -20,10 +20,31 @@ from cc_mujoco.diagnosis._verdict import (
 )
 from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
 
+OPEN_RECORDING = "rerun evidence.rrd"
 RUN_AGAIN = "run the same command again"
 NO_LOCATION = (
     "No quantity that was recorded explains more of the error than chance does."
 )
+
+
+def next_command(diagnosis: Diagnosis) -> Html:
+    """Return the command to run next, in the folder of the report."""
+    again = str(diagnosis.provenance.get("command", ""))
+    written = not any(p.startswith(NO_SCENE_PREFIX) for p in diagnosis.problems)
+    command = {
+        "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
+        "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
+        "tie": "cc-mujoco diagnose NEW_TRIALS --continue . --out NEW_FOLDER",
+        "unknown": OPEN_RECORDING,
+        "fix-data": again,
+        "fix-numerics": again,
+    }[diagnosis.verdict]
+    if not command:
+        return Html()
+    where = "" if command == again else ", in the folder of this report"
+    return element(
+        "p", element("strong", "Next"), f"{where}: ", element("code", command)
+    )
 
 
 def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
@@ -44,20 +65,26 @@ def _steps_if_named(diagnosis: Diagnosis, names: Names) -> list[Html]:
     return [
         _step_item("What is missing", " ".join(found)),
         _model_change_step(diagnosis),
-        _question_step(diagnosis, names),
+        _question_step(diagnosis),
     ]
 
 
 def _steps_if_tied(diagnosis: Diagnosis, names: Names) -> list[Html]:
     return [
         _experiment_step(diagnosis, names),
-        _question_step(diagnosis, names),
+        _question_step(diagnosis),
         _model_change_step(diagnosis),
     ]
 
 
 def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    return [_question_step(diagnosis, names), _model_change_step(diagnosis)]
+    check = "Record one trial more, of another motion. " + _run_again_sentence(
+        "with it"
+    )
+    return [
+        _question_step(diagnosis) or _step_item("What to check", check),
+        _model_change_step(diagnosis),
+    ]
 
 
 def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
@@ -77,7 +104,7 @@ def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
             or "Units, signs and clocks of "
             "the columns, and whether anything was changed between trials.",
         ),
-        _question_step(diagnosis, names),
+        _question_step(diagnosis),
     ]
 
 
@@ -123,30 +150,13 @@ def _model_change_step(diagnosis: Diagnosis) -> Html:
     )
 
 
-def _question_step(diagnosis: Diagnosis, names: Names) -> Html:
-    """Describe the trial or declaration that would show more."""
+def _question_step(diagnosis: Diagnosis) -> Html:
+    """Ask about a trial or a value that contradicts the rest; empty without one."""
     if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
         return _step_item("What to settle", diagnosis.question)
     if diagnosis.strayed:
         return _step_item("What to settle", capitalise(diagnosis.strayed[0].statement))
-    if diagnosis.confounded:
-        each = diagnosis.confounded[0]
-        return _step_item(
-            "What these data hide",
-            f"{capitalise(names(each.id))}, which tuning {plain_name(each.parameter)} "
-            f"would hide: {each.remedy}; then {RUN_AGAIN}.",
-        )
-    weak = [names(each.id) for each in diagnosis.not_testable]
-    if weak:
-        return _step_item(
-            "What these data cannot show",
-            f"{capitalise(list_words(weak))}; see below what it takes. "
-            f"{_run_again_sentence('with it')}",
-        )
-    return _step_item(
-        "What to check",
-        "Record one trial more, of another motion. " + _run_again_sentence("with it"),
-    )
+    return Html()
 
 
 def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:

@@ -111,6 +111,8 @@ class Diagnose:
         print(f"{found.verdict}: {found.statement}")
         if found.occasions:
             print(f"  {found.occasions.statement}")
+        if found.instruments:
+            print(f"  {found.instruments}")
         if found.question:
             print(f"  {found.question}")
         if found.verdict == "unknown":

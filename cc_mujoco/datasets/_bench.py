@@ -70,6 +70,8 @@ class Bench:
         centre: joint angle about which a planned motion goes [rad].
         reach: excursion of the joint from there in a plan [rad]; infinite where it has
             no stops.
+        ends_held: whether the ends are held while drum or conduit moves, so that both
+            have one measured angle.
         torque_noise: standard deviation of the joint's torque sensor, 0 where the
             description gives none [N m].
         exit_angle: around the motor's pulley, from where the agonist leaves it to where
@@ -92,6 +94,7 @@ class Bench:
     axis: str = ""
     centre: float = 0.0
     reach: float = math.inf
+    ends_held: bool = False
     torque_noise: float = 0.0
     others: tuple[str, ...] = ()
     pulled_by: tuple[PullingCable, ...] = ()
@@ -398,6 +401,7 @@ class Bench:
                     f"scene {path}: cables {order[0]} and {name} have pulleys of "
                     "different radii; a pull-pull pair shares both pulleys"
                 )
+        centre, reach = _excursion(model, joint, lever, described)
         return cls(
             path,
             hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -418,7 +422,8 @@ class Bench:
             drawn_radius=abs(distal),
             axis=axis or "",
             torque_noise=torque_noise,
-            **_excursion(model, joint, lever, described),
+            centre=centre,
+            reach=reach,
         )
 
 
@@ -446,7 +451,7 @@ def _require_axis(source: str | Path) -> None:
 
 def _excursion(
     model: mujoco.MjModel, joint: str, lever: Lever | None, axis: Axis | None
-) -> dict[str, float]:
+) -> tuple[float, float]:
     """Return `centre` and `reach` of a bench."""
     index = model.joint(joint).id
     centre, reach = excursion(model, index)
@@ -455,7 +460,7 @@ def _excursion(
     elif axis is not None:
         centre, reach = axis.centre, axis.reach
     sign = 1.0 if lever is None else lever.sign
-    return {"centre": sign * centre + 0.0, "reach": reach}
+    return sign * centre + 0.0, reach
 
 
 class _Ends(NamedTuple):

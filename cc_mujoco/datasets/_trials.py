@@ -195,6 +195,16 @@ class Trial:
             channels.TEMPERATURE: self.temperature,
         }.get(name)
 
+    @property
+    def ends_held(self) -> bool:
+        """Return whether one column is the angle of both ends.
+
+        Both ends of the cable are then held, and drum or conduit moves along it.
+        """
+        motor, joint = (self.labels.get(name) for name in channels.ANGLES)
+        places = {self.paths.get(name, self.path) for name in channels.ANGLES}
+        return motor is not None and motor == joint and len(places) == 1
+
     def column(self, channel: str) -> str:
         """Return the file and column of a channel, for a sentence."""
         path = self.paths.get(channel, self.path)
@@ -224,6 +234,11 @@ class Dataset:
     path: str = ""
     sha256: str = ""
     instruments: Instruments = TORQUE_SENSORS
+
+    @property
+    def ends_held(self) -> bool:
+        """Return whether the ends are held in all trials, see `Trial.ends_held`."""
+        return bool(self.trials) and all(trial.ends_held for trial in self.trials)
 
     def trial(self, name: str) -> Trial:
         """Return the trial of that name.

@@ -318,6 +318,8 @@ class Diagnosis:
     """Effects that tuning would hide."""
     remaining: float = math.nan
     """RMS error of the repaired model on held-out data, over the noise floor."""
+    instruments: str = ""
+    """What the instruments can and cannot show; empty of two torque sensors."""
     occasions: Occasions | None = None
     """Comparison of occasions, None where there is one."""
     interrupted: bool = False

@@ -81,7 +81,10 @@ def driven(trial: Trial) -> Trial:
 
 
 def loaded(
-    cable_changes: Mapping[str, float], stiffness: float = SPRING, duration: float = 2.0
+    cable_changes: Mapping[str, float],
+    stiffness: float = SPRING,
+    duration: float = 2.0,
+    play: float = 0.0,
 ) -> Dataset:
     """Return trials of a joint that turns a declared spring and has no torque sensor.
 
@@ -89,6 +92,7 @@ def loaded(
         cable_changes: changes of both cables.
         stiffness: true stiffness of the spring [N m/rad].
         duration: duration of each trial [s].
+        play: between the joint and its pulley [rad].
     """
     cables = tuple(cable.replace(**dict(cable_changes)) for cable in BENCH.cables)
     drive = Transmission(cables, BENCH.motor_radius, BENCH.joint_radius)
@@ -96,11 +100,13 @@ def loaded(
     trials = []
     for name, (motor, _) in zip("ab", motions(duration, 0)[::2], strict=True):
         motor = motor - motor[0]
-        joint = 0.9 * motor
+        pulley = 0.9 * motor
         for _ in range(8):  # the spring is soft: this contracts
+            joint = pulley - np.clip(pulley, -0.5 * play, 0.5 * play)
             torque = stiffness * joint
             played = drive.replay(DT, motor_angle=motor, joint_torque=torque)
-            joint = played.joint_angle
+            pulley = played.joint_angle
+        joint = pulley - np.clip(pulley, -0.5 * play, 0.5 * play)
         noise = random.normal(0.0, 1.0, (3, motor.size))
         trials.append(
             Trial(
@@ -223,3 +229,11 @@ def _arm(model: mujoco.MjModel, tendon: int, place: int, angle: float) -> float:
         mujoco.mj_fwdPosition(model, data)
         lengths.append(data.ten_length[tendon])
     return float(lengths[1] - lengths[0]) / 2e-5
+
+
+def angles_only(data: Dataset) -> Dataset:
+    """Return trials of a known load without their torque of the motor."""
+    noise = {n: v for n, v in data.noise.items() if n != "motor_torque_nm"}
+    trials = tuple(replace(trial, motor_torque=None) for trial in data.trials)
+    known = Instruments(None, "known load")
+    return replace(data, trials=trials, noise=noise, instruments=known)

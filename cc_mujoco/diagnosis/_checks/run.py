@@ -388,7 +388,7 @@ def _check_motion(trial: Trial) -> list[DataFinding]:
     if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
         message = f"{trial.path}: neither side moves by more than a milliradian."
         return [warning(message, trial.name)]
-    if _is_copy(trial.motor_angle, trial.joint_angle):
+    if not trial.ends_held and _is_copy(trial.motor_angle, trial.joint_angle):
         message = (
             f"{trial.column(channels.JOINT_ANGLE)} is "
             f"{trial.labels.get(channels.MOTOR_ANGLE, channels.MOTOR_ANGLE)} times a "

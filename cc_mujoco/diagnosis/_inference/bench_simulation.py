@@ -175,10 +175,15 @@ def baseline_parameters(
             for k in sensors
             for size in [max(OFFSET_DEVIATION * rms[k], 1e-6)]
         ),
-        Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3),
+        *(
+            [Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3)]
+            if not bench.ends_held
+            else []
+        ),
         *(
             Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5)
             for name in ("clock_offset", *(TORQUE_DELAYS[k] for k in sensors))
+            if name != "clock_offset" or not bench.ends_held
         ),
     ]
     if len(bench.cables) == 2:
@@ -193,7 +198,7 @@ def baseline_parameters(
         ("motor_radius", bench.motor_radius, RATIO_DEVIATION if bench.tied else 0.0),
         ("joint_radius", bench.joint_radius, 0.0 if bench.tied else RATIO_DEVIATION),
     ):
-        relative = unsure(name, given, otherwise)
+        relative = unsure(name, given, 0.0 if bench.ends_held else otherwise)
         if relative > 0.0:
             found.append(Tuned(BASELINE[name], given, relative, -10.0, 10.0, 1.0))
     if instruments.motor == "motor current":
@@ -272,6 +277,7 @@ class SimulatedRig:
             bench.tied,
             self._columns,
             self.constants,
+            bench.ends_held,
         )
 
     @property
@@ -532,7 +538,11 @@ def plausible_range(
     elif parameter.of == "motion":
         whole = max(float(np.ptp(record.joint_angle)) for record in records)
     else:
-        side = ("motor_torque", "joint_torque").index(parameter.of)
+        torque, _, per_motion = parameter.of.partition(" per ")
+        side = ("motor_torque", "joint_torque").index(torque)
         row = plant.instruments.rows.index(side)
         whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
+        if per_motion:
+            half = 0.5 * max(float(np.ptp(record.joint_angle)) for record in records)
+            whole /= max(half, 1e-9)
     return low * whole, high * whole

@@ -42,6 +42,13 @@ GAIN_SIGMAS = 3.0
 """Largest error of a gain over its declared standard deviation."""
 _SEAL_PARAMETERS = ("seal_proximal", "seal_distal")
 """Parameters that only a conduit has."""
+_TURNING_EFFECTS = (
+    "pulley_eccentricity",
+    "configuration_dependent_wrap",
+    "drum_winding",
+    "lever_geometry",
+)
+"""Effects of an angle at an end, which held ends do not have."""
 _LOAD_EFFECTS = ("joint_stiffness", "joint_inertia")
 """Effects that may also be negative beside a declared load."""
 
@@ -67,6 +74,7 @@ def available_effects(
     tied: bool = False,
     columns: Collection[str] = (),
     constants: Mapping[str, Constant] = MappingProxyType({}),
+    ends_held: bool = False,
 ) -> Library:
     """Return the effects that a rig can show.
 
@@ -77,6 +85,7 @@ def available_effects(
         tied: True if the cables end where their open path ends.
         columns: further columns that all trials have.
         constants: what is known of the rig.
+        ends_held: True if drum or conduit moves and the ends do not.
     """
     sides: dict[str, Instrument | None] = dict(instruments._asdict())
 
@@ -106,6 +115,8 @@ def available_effects(
         absent = [column for column in effect.columns if column not in columns]
         if reason := _path_exclusion(effect, led, tied):
             hidden[name] = reason
+        elif ends_held and name in _TURNING_EFFECTS:
+            hidden[name] = "both ends are held, so no pulley turns"
         elif absent:
             hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
         elif shown and sides[side] not in shown:

@@ -58,6 +58,7 @@ from cc_mujoco.diagnosis._inference.location import (
     locate_error,
     trial_ordinates,
 )
+from cc_mujoco.diagnosis._inference.measurement_mode import describe_mode
 from cc_mujoco.diagnosis._inference.numerics import MAX_NUMERICAL_ERROR
 from cc_mujoco.diagnosis._inference.occasion_report import (
     agreement_shares,
@@ -120,7 +121,7 @@ def run_inference(
         progress: called with the share done and what is being done.
     """
     limits, seed = settings.thresholds, settings.seed
-    bench = bench.known(dataset.constants)
+    bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     start, records, filtering = prepare_start(dataset, bench)
     if useless := _excitation_problem(records):
         return _empty_diagnosis(bench, useless)
@@ -152,8 +153,10 @@ def run_inference(
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
     result = _conclude(baseline_fit, found, bench, settings, progress, temperatures)
+    mode = describe_mode(dataset.instruments, dataset.ends_held)
     problems = (*result.diagnosis.problems, *notes)
-    return replace(result, diagnosis=replace(result.diagnosis, problems=problems))
+    diagnosis = replace(result.diagnosis, problems=problems, instruments=mode)
+    return replace(result, diagnosis=diagnosis)
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:

@@ -252,12 +252,15 @@ def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
         for each in diagnosis.confounded
     ]
     items += [(each.id, each.reason) for each in diagnosis.not_testable]
-    if not items:
-        return None
-    return bullet_list(
-        join_pieces([element("strong", capitalise(names(name))), f": {text}"])
-        for name, text in items
-    )
+    parts = [paragraph(diagnosis.instruments)] if diagnosis.instruments else []
+    if items:
+        parts.append(
+            bullet_list(
+                join_pieces([element("strong", capitalise(names(name))), f": {text}"])
+                for name, text in items
+            )
+        )
+    return join_pieces(parts) if parts else None
 
 
 def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:

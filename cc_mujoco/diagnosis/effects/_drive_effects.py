@@ -24,6 +24,8 @@ BACKLASH_BOUNDS = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
 _ROUNDNESS_BOUNDS = (-0.25, 0.25)
 """Eccentricity and ovality over the radius of a pulley that anybody would use."""
+_AT_MOST_MEASURED = (-1.0, 1.0)
+"""Share of the largest torque at the joint; more would show in the readings."""
 _POSITIVE = (0.0, math.inf)
 
 
@@ -258,6 +260,8 @@ DRIVE_EFFECTS = (
                     1e3,
                 ),
                 0.1,
+                _AT_MOST_MEASURED,
+                "joint_torque",
             ),
             EffectParameter(
                 Parameter(
@@ -268,6 +272,8 @@ DRIVE_EFFECTS = (
                     1e3,
                 ),
                 0.1,
+                _AT_MOST_MEASURED,
+                "joint_torque",
             ),
         ),
         starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
@@ -296,7 +302,8 @@ DRIVE_EFFECTS = (
                     1e4,
                 ),
                 0.2,
-                _POSITIVE,
+                (0.0, 1.0),
+                "joint_torque per motion",
             ),
             EffectParameter(
                 Parameter(
@@ -307,6 +314,8 @@ DRIVE_EFFECTS = (
                     1e3,
                 ),
                 0.1,
+                _AT_MOST_MEASURED,
+                "joint_torque",
                 beside=True,
             ),
         ),

@@ -45,8 +45,8 @@ class EffectParameter(NamedTuple):
         plausible: least and largest value that the effect can stand for; what fits only
             beyond is not named.
         of: what `plausible` is a share of: the joint's range of motion, the motor's
-            radius, the largest torque, the elongation of the scene's cable per tension,
-            or nothing.
+            radius, the largest torque, the same over half of the joint's range, the
+            elongation of the scene's cable per tension, or nothing.
         ordinary: size that any rig may have without a report, a fraction of
             `ordinary_of`; a smaller one belongs into the model, but is not called
             missing.
@@ -62,7 +62,13 @@ class EffectParameter(NamedTuple):
     typical: float
     plausible: tuple[float, float] = (-math.inf, math.inf)
     of: Literal[
-        "", "motion", "motor_radius", "motor_torque", "joint_torque", "cable"
+        "",
+        "motion",
+        "motor_radius",
+        "motor_torque",
+        "joint_torque",
+        "joint_torque per motion",
+        "cable",
     ] = ""
     ordinary: float = 0.0
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""

@@ -1,0 +1,51 @@
+"""What a set of instruments can show: stated, and true on simulated rigs."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis._inference.measurement_mode import describe_mode
+from diagnosis.instrumented import angles_only, loaded
+from diagnosis.recorded import BENCH
+
+MOTORS = ("torque sensor", "load cells", "motor current", None)
+JOINTS = ("torque sensor", "load cells", "known load", None)
+CABLE = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+
+
+def test_every_mode_but_two_torque_sensors_states_what_it_cannot_show() -> None:
+    assert describe_mode(TORQUE_SENSORS) == ""
+    for motor, joint in itertools.product(MOTORS, JOINTS):
+        mode = Instruments(motor, joint)
+        if mode not in (TORQUE_SENSORS, Instruments(None, None)):
+            assert "cannot show" in describe_mode(mode) or "cannot tell" in (
+                describe_mode(mode)
+            )
+    assert "ends held" in describe_mode(Instruments("load cells", "load cells"), True)
+    assert "Angles only" in describe_mode(Instruments(None, "known load"))
+
+
+SUSPECTS = Options(("end_compliance", "backlash", "viscous_friction"))
+
+
+@pytest.mark.study
+def test_angles_and_a_declared_spring_show_play() -> None:
+    data = angles_only(loaded(CABLE, duration=4.0, play=0.02))
+    found = run_inference(data, BENCH, SUSPECTS).diagnosis
+    assert [effect.id for effect in found.missing] == ["backlash"], found.statement
+    size = found.effects[0].parameters["backlash"].value
+    assert size == pytest.approx(0.02, rel=0.1)
+    assert found.instruments.startswith("Angles only")
+
+
+@pytest.mark.study
+def test_angles_and_a_declared_spring_do_not_show_where_a_cable_stretches() -> None:
+    data = angles_only(loaded({**CABLE, "end_compliance": 2e-5}, duration=4.0))
+    found = run_inference(data, BENCH, SUSPECTS).diagnosis
+    assert (found.verdict, found.missing) == ("none", ())
+    off = {each.parameter for each in found.strayed}
+    assert off & {"pretension", "axial_stiffness"}

@@ -70,8 +70,8 @@ class TrialConstants(NamedTuple):
     change: FloatArray
     error: FloatArray
     share: float
-    value: FloatArray
-    value_error: FloatArray
+    value: FloatArray = np.zeros(0)
+    value_error: FloatArray = np.zeros(0)
 
 
 class Trend(NamedTuple):

@@ -31,6 +31,8 @@ from cc_mujoco.report._html import list_words
 
 _VISIBLE_RATIO = 3.0
 """Least shared size over the standard error on an occasion that could show it."""
+_ABSENT = 1e-6
+"""Place of a fit below which a size is 0."""
 _MAX_RELATIVE_WIDTH = 2.0
 """Widest interval of a relative change that says something."""
 _SIGMAS = 1.96
@@ -145,7 +147,8 @@ def _statement(recent: Sequence[OccasionChange], names: Sequence[str]) -> str:
 def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
     found = []
     for effect in problem.effects:
-        indices = amplitude_indices(problem, [effect])
+        sizes = amplitude_indices(problem, [effect])
+        indices = [k for k in sizes if abs(x[k]) > _ABSENT]  # others are at a bound
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             found.append(compare_size(effect, each, shared))

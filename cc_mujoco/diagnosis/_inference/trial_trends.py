@@ -47,7 +47,8 @@ MIN_TREND_SHARE = 0.3
 _MAX_FITTED = 2
 """Parameters that are fitted by simulation, the best to first order."""
 _MAX_STEPS = 4
-_MAX_HALVINGS = 4
+_DAMPINGS = (0.0, 1e-3, 0.03, 1.0)
+"""Damping of a step that is tried, relative to the diagonal (Marquardt 1963)."""
 _MAX_LOG_STEP = math.log(2.0)
 
 
@@ -235,14 +236,14 @@ class _ByTrial:
         slopes = self._jacobian
         for _ in range(_MAX_STEPS):
             design = self._design(slopes, index)
-            step = self._limited(self._solve(design, error, place, index), index)
-            for _ in range(_MAX_HALVINGS):
+            for damping in _DAMPINGS:
+                step = self._solve(design, error, place, index, damping)
+                step = self._limited(step, index)
                 there = self._simulated(place + step, index)
                 left = self._weighted(there)
                 cost = self._cost(left, place + step, index)
                 if cost < best:
                     break
-                step = 0.5 * step
             else:
                 break
             done = cost > (1.0 - 1e-3) * best
@@ -339,7 +340,12 @@ class _ByTrial:
         return float(error @ error + off @ off)
 
     def _solve(
-        self, design: FloatArray, error: FloatArray, place: FloatArray, index: int
+        self,
+        design: FloatArray,
+        error: FloatArray,
+        place: FloatArray,
+        index: int,
+        damping: float = 0.0,
     ) -> FloatArray:
         """Return the Gauss-Newton step of the unknowns."""
         known = self._priors(index)
@@ -348,6 +354,7 @@ class _ByTrial:
         size = np.sqrt(np.diag(square))
         size[size == 0.0] = 1.0
         scaled = square / np.outer(size, size)
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
         step: FloatArray = -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
         return step
 

@@ -10,14 +10,20 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis._inference.baseline import fit_baseline, plant_of
 from cc_mujoco.diagnosis._inference.bench_simulation import (
     SimulatedRig,
     baseline_parameters,
 )
+from cc_mujoco.diagnosis._inference.fitting import fit
 from cc_mujoco.diagnosis._inference.occasion_report import compare_size, compare_words
 from cc_mujoco.diagnosis._inference.occasions import occasions_of, values_on
 from cc_mujoco.diagnosis._inference.records import prepare
-from cc_mujoco.diagnosis._inference.trial_trends import TrialConstants
+from cc_mujoco.diagnosis._inference.start_values import prepare_start
+from cc_mujoco.diagnosis._inference.trial_trends import (
+    TrialConstants,
+    constants_by_occasion,
+)
 from cc_mujoco.diagnosis._phrases import MINUS, plain_name
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from diagnosis.recorded import BENCH, dataset
@@ -122,6 +128,25 @@ def test_hidden_changes_are_found_beside_a_shared_effect() -> None:
     assert change["pretension"].value == pytest.approx(PRETENSION - 1.0, abs=0.01)
     assert change["axial_stiffness"].holds(0.0)
     assert all(each.agree for each in found.occasions.sizes)
+
+
+@pytest.mark.study
+def test_each_occasion_has_its_own_size_of_an_effect() -> None:
+    drags = (5.0, 15.0)
+    parts = [
+        on(day, dataset({"viscous_friction": {"viscous_friction": drag}}, 6.0, seed))
+        for day, drag, seed in zip(("March", "June"), drags, (0, 3), strict=True)
+    ]
+    both = replace(parts[0], trials=parts[0].trials + parts[1].trials)
+    _, records, filtering = prepare_start(both, BENCH)
+    plant = plant_of(both, BENCH, records)
+    tuned = fit_baseline(both, plant, filtering, 0)
+    problem = tuned.problem.with_effect("viscous_friction", {})
+    start = np.append(tuned.whole.x, 0.5)
+    x = fit(problem, start, [record.counts for record in records]).x
+    (found,) = constants_by_occasion(problem, x, [x.size - 1])
+    assert found.trials == ("March", "June")
+    assert found.value == pytest.approx(drags, rel=0.05)
 
 
 @pytest.mark.study

@@ -153,7 +153,7 @@ def _judge(
     if disputed:
         statement += " " + capitalise(
             list_words(
-                f"{EFFECTS[each.id].title} is named by {format_share(each.agreement)} "
+                f"{EFFECTS[each.id].title} is supported by {format_share(each.agreement)} "
                 "of the parts of the data only"
                 for each in disputed
             )

@@ -153,8 +153,8 @@ def _judge(
     if disputed:
         statement += " " + capitalise(
             list_words(
-                f"{EFFECTS[each.id].title} is supported by {format_share(each.agreement)} "
-                "of the parts of the data only"
+                f"{EFFECTS[each.id].title} is supported by "
+                f"{format_share(each.agreement)} of the parts of the data only"
                 for each in disputed
             )
         )

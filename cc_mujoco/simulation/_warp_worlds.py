@@ -147,6 +147,10 @@ class WarpWorlds:
 
     def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
         """Advance some simulations by a sample; see `Worlds`."""
+        with wp.ScopedDevice(self.data.time.device):
+            self._advance(share, scale, commands, going)
+
+    def _advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
         if self._plants:
             self._give_plants()
         if self._fresh.any():

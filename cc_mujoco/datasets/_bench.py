@@ -21,6 +21,12 @@ from cc_mujoco.assets import SCENES
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._angle_pairs import (
+    RATIO_KEY,
+    arm_share,
+    known_arm,
+    wound_angle,
+)
 from cc_mujoco.datasets._coupled_route import (
     OPEN_PATHS,
     CoupledScene,
@@ -42,6 +48,9 @@ from cc_mujoco.device._device import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
+
+_ARM_ANGLES = np.linspace(-2.0, 2.0, 401)
+"""Angles at which an arm from pairs is inverted [rad]."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +79,8 @@ class Bench:
         centre: joint angle about which a planned motion goes [rad].
         reach: excursion of the joint from there in a plan [rad]; infinite where it has
             no stops.
+        arm: coefficients a, b of the moment arm 1 + a q + b q^2 at the joint over that
+            at 0, from angle pairs; () where the scene has it.
         ends_held: whether the ends are held while drum or conduit moves, so that both
             have one measured angle.
         torque_noise: standard deviation of the joint's torque sensor, 0 where the
@@ -94,6 +105,7 @@ class Bench:
     axis: str = ""
     centre: float = 0.0
     reach: float = math.inf
+    arm: tuple[float, ...] = ()
     ends_held: bool = False
     torque_noise: float = 0.0
     others: tuple[str, ...] = ()
@@ -174,6 +186,8 @@ class Bench:
             course = path.along(joint, self.min_cable_segments)[0]
             found: FloatArray = -course.reach[2 * path.ramp :] / self.drawn_radius
             return found
+        if self.arm:
+            return wound_angle(self.arm, joint)
         return joint if self.lever is None else self.lever.turned(joint)
 
     def along_lead_in(self, path: RecordedPath) -> FloatArray:
@@ -188,6 +202,8 @@ class Bench:
             course = path.along(joint, self.min_cable_segments)[0]
             found: FloatArray = -course.slope[2 * path.ramp :] / self.drawn_radius
             return found
+        if self.arm:
+            return arm_share(self.arm, joint)
         return np.ones(1) if self.lever is None else self.lever.share(joint)
 
     def following(
@@ -203,10 +219,12 @@ class Bench:
 
         At the ends of what the scene is known for it stays.
         """
-        if self.lever is None:
+        if self.lever is None and not self.arm:
             found: FloatArray = self.motor_radius / self.joint_radius * motor
             return found
-        known = self.lever.joint
+        known = _ARM_ANGLES if self.lever is None else self.lever.joint
+        if self.arm:
+            known = known[arm_share(self.arm, known) > 0.0]
         found = np.interp(motor, self.following(known), known)
         return found
 
@@ -244,9 +262,9 @@ class Bench:
         played = self.transmission.replay(
             dt, motor_angle=motor_angle, joint_angle=self.turned(joint_angle)
         )
-        if self.lever is None:
+        if self.lever is None and not self.arm:
             return played
-        share = self.lever.share(joint_angle)
+        share = self.share(joint_angle)
         return replace(
             played, joint_angle=joint_angle, joint_torque=played.joint_torque * share
         )
@@ -266,14 +284,23 @@ class Bench:
                 f"{self.path} the path of cable {self.names[0]} is the arm at joint "
                 f"{self.joint!r}; take it out, or correct the sites of that path"
             )
+        arm = known_arm(constants)
+        if arm and (self.lever is not None or self.led):
+            raise CableError(
+                f"scene {self.path} has the moment arm at joint {self.joint!r}; leave "
+                "[rig] angle_pairs out, or give a scene with pulleys"
+            )
         value = {name: constant.value for name, constant in constants.items()}
         of_cables = ("pretension", "axial_stiffness", "friction")
         cable = {name: value[name] for name in of_cables if name in value}
         return replace(
             self,
             cables=tuple(given.replace(**cable) for given in self.cables),
-            motor_radius=value.get("motor_radius", self.motor_radius),
-            joint_radius=value.get("joint_radius", self.joint_radius),
+            motor_radius=(motor := value.get("motor_radius", self.motor_radius)),
+            joint_radius=motor * value[RATIO_KEY]
+            if arm
+            else value.get("joint_radius", self.joint_radius),
+            arm=arm,
             exit_angle=value.get("exit_angle", self.exit_angle),
         )
 

@@ -44,6 +44,8 @@ All of it is optional. An example with every key:
     zeroed = true                   # the torque sensors were zeroed without load
     balanced = true                 # the joint's centre of mass is on its axis
     joint_spring = false            # nothing elastic holds the joint
+    # angle_pairs = [[-1.2, -0.8], [0, 0], ...]  # motor and joint, cable taut: five or
+                                    # more give a lever's arm, without joint_radius
 
     [trials."run_*"]                # file name with or without ending, or a pattern;
     pretension = 12.0               # later tables win over earlier ones
@@ -91,6 +93,7 @@ from typing import Any, get_args
 from cc_mujoco._utils.tables import ENDINGS
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._angle_pairs import FittedArm, arm_constants, fit_angle_pairs
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError
@@ -452,8 +455,11 @@ def _rig(table: Table) -> dict[str, Constant]:
         if name in RIG_STATEMENTS:
             constants[name] = _statement(table, name)
             continue
+        if name == "angle_pairs":
+            constants |= arm_constants(_angle_pairs(table))
+            continue
         if name not in RIG_CONSTANTS:
-            known = [*RIG_CONSTANTS, *RIG_STATEMENTS]
+            known = [*RIG_CONSTANTS, *RIG_STATEMENTS, "angle_pairs"]
             raise CableError.unknown(f"constant in {table.where}", name, known)
         units = RIG_CONSTANTS[name]
         is_table = isinstance(given, dict)
@@ -481,6 +487,25 @@ def _rig(table: Table) -> dict[str, Constant]:
         if constants.get(name, Constant(0.0)).value > most:
             raise table.wrong(name, f"more than 0 and no more than {most:g}")
     return constants
+
+
+def _angle_pairs(table: Table) -> FittedArm:
+    """Return the moment arm through the pairs of `[rig] angle_pairs`."""
+    given = table.content["angle_pairs"]
+    pairs = given if isinstance(given, list) else []
+    known = [
+        [float(each) for each in pair if finite(each) is not None]
+        for pair in pairs
+        if isinstance(pair, list)
+    ]
+    if not pairs or [len(pair) for pair in known] != [2] * len(pairs):
+        raise table.wrong("angle_pairs", "a list of [motor, joint] angles in radians")
+    if "joint_radius" in table.content:
+        raise CableError(
+            f"{table.where}: `angle_pairs` give the radius at the joint; leave "
+            "`joint_radius` out."
+        )
+    return fit_angle_pairs(known, f"{table.where}, angle_pairs")
 
 
 def _statement(table: Table, name: str) -> Constant:

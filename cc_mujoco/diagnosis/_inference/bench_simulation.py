@@ -17,6 +17,7 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
+from cc_mujoco.datasets._angle_pairs import RATIO_KEY
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._trials import Constant
@@ -199,6 +200,9 @@ def baseline_parameters(
         ("joint_radius", bench.joint_radius, 0.0 if bench.tied else RATIO_DEVIATION),
     ):
         relative = unsure(name, given, 0.0 if bench.ends_held else otherwise)
+        if name == "joint_radius" and RATIO_KEY in constants:
+            pairs = constants[RATIO_KEY]
+            relative = max(relative, pairs.uncertainty / pairs.value)
         if relative > 0.0:
             found.append(Tuned(BASELINE[name], given, relative, -10.0, 10.0, 1.0))
     if instruments.motor == "motor current":
@@ -339,7 +343,9 @@ class SimulatedRig:
             lever=self.bench.lever,
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
-            arm=_moment_arm([EFFECTS[name].joint_arm for name in effects], values),
+            arm=_moment_arm(
+                [EFFECTS[name].joint_arm for name in effects], values, self.bench.arm
+            ),
             motor_arm=_moment_arm(
                 [EFFECTS[name].motor_arm for name in effects], values
             ),
@@ -492,11 +498,14 @@ class SimulatedRig:
 
 
 def _moment_arm(
-    changes: Sequence[Callable[[Values], tuple[float, ...]] | None], values: Values
+    changes: Sequence[Callable[[Values], tuple[float, ...]] | None],
+    values: Values,
+    known: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
     """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
     whole = {**_zero_sizes(), **values}
     found = [np.array(change(whole)) for change in changes if change is not None]
+    found.append(np.array(known))
     size = max((each.size for each in found), default=0)
     total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
     return tuple(total.tolist()) if total.any() else ()

@@ -22,6 +22,10 @@ _ANGLES_ONLY = (
     "Nor can they show the torque of a motor, or a force more exactly than the load is "
     "declared."
 )
+_ARM_BY_PAIRS = (
+    "The moment arm at the joint follows from angle pairs. These data cannot tell an "
+    "error of the pairs from an eccentric pulley or a wrap that grows with the angle."
+)
 _MOTOR = {
     None: "The motor's torque is not measured. The joint's torque can show friction, "
     "stretch and play. It cannot show what acts between motor and cable (cogging, "
@@ -47,16 +51,21 @@ _JOINT = {
 """Statement by the instrument of the joint's torque."""
 
 
-def describe_mode(instruments: Instruments, ends_held: bool = False) -> str:
+def describe_mode(
+    instruments: Instruments, ends_held: bool = False, arm_by_pairs: bool = False
+) -> str:
     """Return what the instruments can and cannot show; "" of two torque sensors.
 
     Args:
         instruments: of both torques.
         ends_held: whether the ends are held, see `Trial.ends_held`.
+        arm_by_pairs: whether the arm at the joint is that of `[rig] angle_pairs`.
     """
     if ends_held:
         return _ENDS_HELD
+    found = [_MOTOR.get(instruments.motor, ""), _JOINT.get(instruments.joint, "")]
     if instruments == Instruments(None, "known load"):
-        return _ANGLES_ONLY
-    found = (_MOTOR.get(instruments.motor, ""), _JOINT.get(instruments.joint, ""))
+        found = [_ANGLES_ONLY]
+    if arm_by_pairs:
+        found.append(_ARM_BY_PAIRS)
     return " ".join(each for each in found if each)

@@ -153,7 +153,7 @@ def run_inference(
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
     result = _conclude(baseline_fit, found, bench, settings, progress, temperatures)
-    mode = describe_mode(dataset.instruments, dataset.ends_held)
+    mode = describe_mode(dataset.instruments, dataset.ends_held, bool(bench.arm))
     problems = (*result.diagnosis.problems, *notes)
     diagnosis = replace(result.diagnosis, problems=problems, instruments=mode)
     return replace(result, diagnosis=diagnosis)

@@ -232,6 +232,11 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
         f"{unrealisable_reason(result.bench, name)}. Take its values from verdict.json."
         for name in left_out
     ]
+    if bench.arm:
+        statements.append(
+            f"{NOT_IN_SCENE_PREFIX} the moment arm of [rig] angle_pairs; its joint has "
+            "a round pulley of the radius at 0."
+        )
     if bench.lever is None:
         _use_scene_angle(effects, values.get("joint_angle_offset", 0.0))
     write_scene(path, repair_scene(bench, cables, effects, left_out))
@@ -316,7 +321,8 @@ def rollout_difference(
         **dict.fromkeys(CLOCK_PARAMETERS, 0.0),
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
-    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
+    round_pulley = replace(problem.plant.bench, arm=())
+    whole = replace(problem.plant, instruments=TORQUE_SENSORS, bench=round_pulley)
     shows = _writable_effects(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisations()]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from cc_mujoco.datasets._angle_pairs import arm_constants, fit_angle_pairs
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._inference.measurement_mode import describe_mode
 from diagnosis.instrumented import angles_only, loaded
-from diagnosis.recorded import BENCH
+from diagnosis.recorded import BENCH, DT, dataset, motions
 
 MOTORS = ("torque sensor", "load cells", "motor current", None)
 JOINTS = ("torque sensor", "load cells", "known load", None)
@@ -49,3 +52,34 @@ def test_angles_and_a_declared_spring_do_not_show_where_a_cable_stretches() -> N
     assert (found.verdict, found.missing) == ("none", ())
     off = {each.parameter for each in found.strayed}
     assert off & {"pretension", "axial_stiffness"}
+
+
+@pytest.mark.study
+def test_angle_pairs_stand_in_for_the_geometry_of_a_lever() -> None:
+    joint = np.linspace(-0.9, 0.9, 12)
+    motor = joint + 0.1 * joint**2  # an arm of 1 + 0.2 q
+    pairs = arm_constants(fit_angle_pairs(np.array([motor, joint]).T.tolist(), "pairs"))
+    lever = BENCH.known(pairs)
+    random = np.random.default_rng(2)
+    recorded = dataset({}, 4.0)
+    trials = []
+    for trial, (wound, turned) in zip(recorded.trials, motions(4.0, 0), strict=True):
+        wound, turned = wound - wound[0], turned - turned[0]  # at rest in pose 0
+        true = lever.following(turned) + wound - turned
+        played = lever.replay(DT, true, turned)
+        noise = random.normal(0.0, 1.0, (4, true.size))
+        trials.append(
+            replace(
+                trial,
+                motor_angle=true + 2e-5 * noise[0],
+                motor_torque=played.motor_torque + 0.02 * noise[1],
+                joint_angle=turned + 2e-5 * noise[2],
+                joint_torque=played.joint_torque + 0.02 * noise[3],
+            )
+        )
+    data = replace(recorded, trials=tuple(trials))
+    without = run_inference(data, BENCH, SUSPECTS).diagnosis
+    assert without.verdict != "none"
+    told = run_inference(replace(data, constants=pairs), BENCH, SUSPECTS).diagnosis
+    assert (told.verdict, told.missing) == ("none", ())
+    assert "angle pairs" in told.instruments

@@ -113,6 +113,8 @@ class Diagnose:
             print(f"  {found.occasions.statement}")
         if found.instruments:
             print(f"  {found.instruments}")
+        if found.belief:
+            print(f"  {found.belief.statement}")
         if found.question:
             print(f"  {found.question}")
         if found.verdict == "unknown":

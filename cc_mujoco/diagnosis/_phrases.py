@@ -83,6 +83,12 @@ def capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def format_odds(probability: float) -> str:
+    """Return a probability as odds out of 100, "80:20"; never as certain."""
+    percent = min(max(round(100.0 * probability), 1), 99)
+    return f"{percent}:{100 - percent}"
+
+
 def headline(diagnosis: Diagnosis, names: Names) -> str:
     """Return the verdict as one line."""
     tied = {name for group in diagnosis.ties for name in group}

@@ -280,6 +280,34 @@ class RunnerUp:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """Something else that may be true.
+
+    Attributes:
+        id: of an effect, "nothing" or "outside" (no effect of the library).
+        probability: of it, 0 to 1.
+    """
+
+    id: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Calibrated probability that the verdict is right.
+
+    Attributes:
+        probability: 0 to 1; of verdicts given 0.9 about nine in ten are right.
+        statement: one sentence, with odds.
+        alternatives: what else may be true, the likeliest first.
+    """
+
+    probability: float
+    statement: str
+    alternatives: tuple[Alternative, ...]
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Everything that `verdict.json` holds, field by field."""
 
@@ -324,6 +352,9 @@ class Diagnosis:
     """Comparison of occasions, None where there is one."""
     interrupted: bool = False
     """True if the search was stopped before all effects were tried."""
+    belief: Belief | None = None
+    """Probability that the verdict is right; None where no search was made or it was
+    stopped."""
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:

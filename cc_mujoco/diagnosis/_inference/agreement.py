@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._inference.search import (
     MAX_EXPLAINED_ERROR,
     Search,
     Thresholds,
-    search,
+    names_found,
 )
 from cc_mujoco.diagnosis.effects import EFFECTS
 
@@ -42,10 +42,12 @@ class Agreement(NamedTuple):
         shares: of the parts that name an effect or one it is in a tie with, by id;
             empty where the data are explained, or too few to be parted.
         rivals: what many parts name in its place or as well as it, by id.
+        interrupted: True if the user stopped it before all parts were searched.
     """
 
     shares: Mapping[str, float]
     rivals: Mapping[str, tuple[str, ...]]
+    interrupted: bool = False
 
 
 def check_agreement(
@@ -68,12 +70,16 @@ def check_agreement(
     records = baseline_fit.problem.plant.records
     parts = split_trials(records)
     tried = {c.id for step in found.rounds for c in step.candidates if not c.reason}
-    named = []
-    for place, part in enumerate(parts):
-        progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
-        named.append(_named_effects(baseline_fit, part, sorted(tried), limits))
+    named: list[list[set[str]]] = []
+    try:
+        for place, part in enumerate(parts):
+            progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
+            named.append(_named_effects(baseline_fit, part, sorted(tried), limits))
+    except KeyboardInterrupt:
+        baseline_fit.problem.slopes.forget()  # they may be half taken
     own = {step.added: set(step.rivals) for step in found.rounds if step.added}
-    return count_votes(effects, own, named)
+    votes = count_votes(effects, own, named)
+    return votes._replace(interrupted=len(named) < len(parts))
 
 
 def count_votes(
@@ -119,10 +125,8 @@ def _named_effects(
         for fold in interleaved_folds(problem.plant.records)
     )
     start = [baseline_fit.whole.x] * len(division)
-    found = search(cross_validate(problem, division, start), division, ids, limits)
-    kept = found.after.problem.effects
-    tied = {step.added: set(step.rivals) for step in found.rounds}
-    return [{name, *tied.get(name, ())} for name in kept]
+    crossed = cross_validate(problem, division, start)
+    return names_found(crossed, division, ids, limits)
 
 
 def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:

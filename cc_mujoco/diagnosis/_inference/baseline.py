@@ -12,6 +12,7 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.bench_simulation import (
+    MIN_SEGMENTS,
     SimulatedRig,
     baseline_parameters,
 )
@@ -21,6 +22,7 @@ from cc_mujoco.diagnosis._inference.folds import (
     cross_validate,
     interleaved_folds,
 )
+from cc_mujoco.diagnosis._inference.jacobian import TorqueDerivatives
 from cc_mujoco.diagnosis._inference.noise_floor import noise_floor
 from cc_mujoco.diagnosis._inference.numerics import (
     MAX_NUMERICAL_ERROR,
@@ -28,9 +30,6 @@ from cc_mujoco.diagnosis._inference.numerics import (
 )
 from cc_mujoco.diagnosis._inference.records import Filtering, Record
 from cc_mujoco.estimation._least_squares import Fit, Tuned
-
-INITIAL_SEGMENTS = 8
-"""Segments per cable to begin with; see `numerics` for more."""
 
 MULTISTART_UNCERTAINTY = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""
@@ -67,7 +66,7 @@ def plant_of(
     return SimulatedRig(
         bench,
         records,
-        INITIAL_SEGMENTS,
+        MIN_SEGMENTS,
         instruments=dataset.instruments,
         constants=dataset.constants,
         given=given or {},
@@ -84,13 +83,14 @@ def fit_baseline(
     )
     counts = [record.free for record in records]
     x = np.zeros(len(free))
+    starts, slopes = _start_points(free, x), TorqueDerivatives()
     while True:
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
             for r in records
         )
-        problem = Problem(plant, free, (), flat, flat, 0.2)
-        tried = [fit(problem, start, counts) for start in _start_points(free, x)]
+        problem = Problem(plant, free, (), flat, flat, 0.2, slopes=slopes)
+        tried = [fit(problem, start, counts) for start in starts]
         x = min(tried, key=lambda found: found.cost).x
         floor = noise_floor(dataset, plant, filtering, problem.values(x), seed=seed)
         problem = replace(
@@ -105,7 +105,8 @@ def fit_baseline(
         change, finer = refinement_change(problem, whole.x)
         if change <= MAX_NUMERICAL_ERROR or finer is None:
             break
-        plant = finer
+        plant, starts = finer, [whole.x]
+        slopes = TorqueDerivatives(problem.slopes)
     division = interleaved_folds(records)
     crossed = cross_validate(problem, division, [whole.x] * len(division))
     return BaselineFit(problem, whole, crossed, change)

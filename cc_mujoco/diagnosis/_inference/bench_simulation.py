@@ -73,6 +73,10 @@ The offset is bounded by two deviations. A larger one is an effect.
 """
 RATIO_DEVIATION = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
+COARSENING = 8
+"""Factor by which segments and steps of a simulation are reduced for differences."""
+MIN_SEGMENTS = 8
+"""Least segments per cable of a simulation."""
 MIN_FITTED_FRICTION = 1e-3
 """Smallest coefficient of friction from which a fit starts."""
 MAX_FITTED_FRICTION = 3.5
@@ -491,6 +495,19 @@ class SimulatedRig:
         return replace(
             self, segments=self.segments * segments, substeps=self.substeps * substeps
         )
+
+    @cached_property
+    def coarse(self) -> SimulatedRig:
+        """Same rig with an eighth of the segments and steps, where it has many.
+
+        Differences of two simulations need no more: most of the numerical error is in
+        both.
+        """
+        segments = max(self.segments // COARSENING, min(self.segments, MIN_SEGMENTS))
+        substeps = max(self.substeps // COARSENING, 1)
+        if (segments, substeps) == (self.segments, self.substeps):
+            return self
+        return replace(self, segments=segments, substeps=substeps)
 
     def limited(self, records: Sequence[Record]) -> SimulatedRig:
         """Return the same plant for other records."""

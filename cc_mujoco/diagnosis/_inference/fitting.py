@@ -134,6 +134,20 @@ class Problem:
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
 
+    def simulated_by(self, plant: SimulatedRig) -> Problem:
+        """Return the same problem with another plant of the same records.
+
+        It begins with the derivatives of this one, which hardly depend on how finely
+        the rig is simulated.
+        """
+        return replace(self, plant=plant, slopes=TorqueDerivatives(self.slopes))
+
+    @property
+    def coarse(self) -> Problem:
+        """Same problem with the plant that suffices for differences."""
+        plant = self.plant.coarse
+        return self if plant is self.plant else replace(self, plant=plant)
+
     def form(self, name: str) -> str:
         """Return the form in which an effect is in the model, "" of only one."""
         return self.plant.library.effects[name].form(self.forms)

@@ -1,8 +1,9 @@
 """Derivatives of simulated torques by parameters: differenced once, then kept true.
 
 They hardly change over a few percent of a parameter, and every simulation elsewhere
-says how they did change along the way there (Broyden, Math. Comp. 19, 1965). So fits,
-folds and stages share them; a model with an effect more begins with those it had. What
+says how they did change along the way there (Broyden, Math. Comp. 19, 1965). They are
+differences of coarse simulations (`SimulatedRig.coarse`). Fits, folds and stages share
+them; a model with an effect more, or a finer one, begins with those it had. What
 changes only what is shown of a replay, say an offset, is differenced anew each time: it
 needs no simulation.
 """
@@ -112,11 +113,18 @@ class TorqueDerivatives:
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
             """Difference from a parameter on, what needs a replay or all else."""
+            wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
+            if not wanted:
+                return
+            used = problem.coarse if again else problem
+            chosen = [seen[p] for p in places]
+            here = (
+                [torques[p] for p in places]
+                if used is problem
+                else used.torques(x, chosen)
+            )
             columns = differences(
-                lambda there: problem.torques(there, [seen[p] for p in places]),
-                x,
-                {k: steps[k] for k in range(first, x.size) if inner[k] is again},
-                [torques[p] for p in places],
+                lambda there: used.torques(there, chosen), x, wanted, here
             )
             for k, column in columns.items():
                 for p, slope in zip(places, column, strict=True):

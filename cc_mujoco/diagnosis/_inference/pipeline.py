@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis._inference.agreement import (
     check_agreement,
 )
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit, fit_baseline, plant_of
+from cc_mujoco.diagnosis._inference.belief import belief_in_verdict
 from cc_mujoco.diagnosis._inference.effect_check import check_effects
 from cc_mujoco.diagnosis._inference.experiment import Rivals, propose
 from cc_mujoco.diagnosis._inference.fitting import (
@@ -142,11 +143,14 @@ def run_inference(
     rare = () if settings.ids else tuple(name for name in able if name not in names)
 
     def told(share: float, doing: str) -> None:
-        progress(0.2 + 0.5 * share, doing)
+        progress(0.2 + 0.4 * share, doing)
+
+    def told_of_rare(share: float, doing: str) -> None:
+        progress(0.6 + 0.1 * share, doing)
 
     division = interleaved_folds(records)
     found = search(baseline_fit.crossed, division, names, limits, told)
-    found = search_rare(found, division, rare, limits)
+    found = search_rare(found, division, rare, limits, told_of_rare)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
@@ -202,6 +206,8 @@ def _conclude(
             lambda share, doing: progress(0.7 + 0.12 * share, doing),
         )
     )
+    if agreed.interrupted:
+        found = found._replace(interrupted=True)
     progress(0.82, "fitting the result to all data")
     model = _drop_doubtful(baseline_fit, found, seed, progress)
     problem, x = model.problem, model.x
@@ -241,6 +247,9 @@ def _conclude(
     proposal = propose(_tied_refits(found, ties[0]), limits) if ties else None
     if ties and proposal is None:
         statement += undecidable_sentence(ties[0])
+    belief = None
+    if not found.interrupted:
+        belief = belief_in_verdict(found, kind, missing, ties)
     # What is added where nothing explains the error only stands in for it.
     arguments = (
         (baseline_fit.problem, baseline_fit.whole.x)
@@ -282,6 +291,7 @@ def _conclude(
         remaining=floor_ratios(model.held.gap)[1],
         occasions=compared,
         interrupted=found.interrupted,
+        belief=belief,
     )
     motion = proposal.motion if proposal else None
     return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit, motion)

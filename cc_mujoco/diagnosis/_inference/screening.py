@@ -97,7 +97,7 @@ class _Place(NamedTuple):
         x: where it was fitted.
         steep: change of the residual by the torques, see `residual_slopes`.
         seen: indices of the records of which samples count.
-        here: torques (2, samples) of these [N m].
+        here: torques (2, samples) of these, from the coarse simulation [N m].
         priors: number of residuals that are of priors.
         changes: of effects, kept.
     """
@@ -171,7 +171,7 @@ def screen(
     steep = residual_slopes(problem, here, masks)
     priors = error.size - sum(each.size for each, _ in steep)
     given = _Screen(
-        _Place(problem, x, steep, seen, here, priors, changes),
+        _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, changes),
         error,
         tangent,
         error - tangent @ (tangent.T @ error),
@@ -223,7 +223,8 @@ def changes_by_effects(
     changes.begin(here)
     priors = sum(np.isfinite(parameter.prior) for parameter in problem.tuned)
     steep = plain_residual_slopes(problem, masks)
-    place = _Place(problem, x, steep, seen, here, int(priors), changes)
+    base = _coarsely(problem, x, seen)
+    place = _Place(problem, x, steep, seen, base, int(priors), changes)
     library = problem.plant.library.effects
 
     def made(name: str) -> FloatArray | None:
@@ -240,11 +241,15 @@ def changes_by_effects(
     return {name: columns for name, columns in found if columns is not None}
 
 
+def _coarsely(problem: Problem, x: FloatArray, seen: list[int]) -> list[FloatArray]:
+    return problem.coarse.torques(x, seen)
+
+
 def _effect_columns(given: _Place, name: str, place: int) -> FloatArray:
     """Return the residual changes by a start of an effect (residuals, amplitudes)."""
     effect = given.problem.plant.library.effects[name]
     start = effect.starts[place]
-    wider = given.problem.with_effect(name, dict(start))
+    wider = given.problem.coarse.with_effect(name, dict(start))
     columns = []
     for parameter in filter(lambda each: each.linear, effect.parameters):
         size = start[parameter.name] / parameter.typical

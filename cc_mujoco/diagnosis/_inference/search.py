@@ -149,6 +149,43 @@ class Search(NamedTuple):
     interrupted: bool = False
 
 
+class _Course(NamedTuple):
+    """Effects that were added, before those that became redundant are dropped.
+
+    Attributes:
+        after: the model with all of them.
+        rounds: steps.
+        signatures: of every effect, on top of the baseline.
+        known: models that have been fitted.
+        changes: of torques by effects, kept.
+        interrupted: True if the user stopped it.
+    """
+
+    after: CrossValidation
+    rounds: tuple[Round, ...]
+    signatures: tuple[Signature, ...]
+    known: list[CrossValidation]
+    changes: Changes
+    interrupted: bool
+
+    def drop_redundant(
+        self,
+        baseline: CrossValidation,
+        division: Sequence[Fold],
+        thresholds: Thresholds,
+    ) -> Search:
+        """Return the search, without the effects that later ones made redundant."""
+        now, known = self.after, self.known
+        if not self.interrupted:
+            now = _prune(now, division, thresholds, known)
+        shares = gap_shares(baseline, now, division, known)
+        steps = _split_rivals(self.rounds)
+        return Search(
+            baseline, now, steps, self.signatures, shares, self.changes,
+            self.interrupted,
+        )  # fmt: skip
+
+
 def search(
     baseline: CrossValidation,
     division: Sequence[Fold],
@@ -159,6 +196,46 @@ def search(
     """Add effects while each is accepted, then drop those that became redundant.
 
     Where the user interrupts it, it ends with what was added until then.
+    """
+    course = _add_effects(baseline, division, ids, thresholds, progress)
+    return course.drop_redundant(baseline, division, thresholds)
+
+
+def names_found(
+    baseline: CrossValidation,
+    division: Sequence[Fold],
+    ids: Sequence[str],
+    thresholds: Thresholds,
+) -> list[set[str]]:
+    """Return the effects that a search finds, each with those it is in a tie with."""
+    course = _add_effects(
+        baseline, division, ids, thresholds, lambda share, doing: None
+    )
+    if course.interrupted:
+        raise KeyboardInterrupt
+    now = _prune(course.after, division, thresholds, course.known)
+    tied = {step.added: set(step.rivals) for step in _split_rivals(course.rounds)}
+    return [{name, *tied.get(name, ())} for name in now.problem.effects]
+
+
+def _add_effects(
+    baseline: CrossValidation,
+    division: Sequence[Fold],
+    ids: Sequence[str],
+    thresholds: Thresholds,
+    progress: Callable[[float, str], None],
+    earlier: Sequence[Round] = (),
+) -> _Course:
+    """Add effects while each is accepted.
+
+    Args:
+        baseline: the model to begin with.
+        division: of its data into folds.
+        ids: of the effects.
+        thresholds: of decisions.
+        progress: called with the share done and what is being done.
+        earlier: steps of a search for other effects; what was fitted in them is taken
+            over as long as both add the same effects.
     """
     now, rounds, changes = baseline, [], Changes()
     known = [baseline]
@@ -176,12 +253,18 @@ def search(
             progress(count / MAX_EFFECTS, f"screening {len(left)} effects")
             signatures = _screen_folds(now, division, left, changes)
             first = first or tuple(signatures)
+            place = next(
+                (k for k, step in enumerate(earlier) if step.before is now),
+                len(earlier),
+            )
+            same, following = earlier[place : place + 1], earlier[place + 1 :]
             candidates = _refit_candidates(
                 now,
                 division,
                 signatures if hopeful else [],
                 thresholds,
                 _part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
+                {c.id: c for past in same for c in past.candidates},
             )
             step = _decide(now, candidates, signatures, thresholds)
             rounds.append(step)
@@ -191,19 +274,18 @@ def search(
             if step.added is None:
                 break
             known += [c.crossed for c in candidates if c.crossed is not now]
-            now = with_own_noise_floor(
-                next(c.crossed for c in candidates if c.id == step.added), division
-            )
+            if following and same[0].added == step.added:
+                now = following[0].before
+            else:
+                now = with_own_noise_floor(
+                    next(c.crossed for c in candidates if c.id == step.added), division
+                )
             known.append(now)
     except KeyboardInterrupt:
         interrupted = True
         for crossed in known:  # their derivatives may be half taken
             crossed.problem.slopes.forget()
-    if not interrupted:
-        now = _prune(now, division, thresholds, known)
-    shares = gap_shares(baseline, now, division, known)
-    steps = _split_rivals(rounds)
-    return Search(baseline, now, steps, first, shares, changes, interrupted)
+    return _Course(now, tuple(rounds), first, known, changes, interrupted)
 
 
 def _part_of(
@@ -219,8 +301,12 @@ def _refit_candidates(
     signatures: Sequence[Signature],
     thresholds: Thresholds,
     progress: Callable[[float, str], None],
+    refitted: Mapping[str, Candidate],
 ) -> list[Candidate]:
-    """Return the effects that screening recommends, refitted, with their lookalikes."""
+    """Return the effects that screening recommends, refitted, with their lookalikes.
+
+    Those in `refitted` are not fitted again.
+    """
     chosen = _choose_candidates(signatures, MIN_PREDICTED_SHARE * thresholds.reduction)
     candidates: list[Candidate] = []
     while chosen:
@@ -228,13 +314,20 @@ def _refit_candidates(
             if _is_redundant(signature.id, candidates, thresholds):
                 continue
             progress(place / len(chosen), f"refitting {signature.id}")
-            candidates.append(_refit_forms(now, division, signature, thresholds))
+            candidates.append(
+                refitted.get(signature.id)
+                or _refit_forms(now, division, signature, thresholds)
+            )
         chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
     return candidates
 
 
 def search_rare(
-    found: Search, division: Sequence[Fold], rare: Sequence[str], thresholds: Thresholds
+    found: Search,
+    division: Sequence[Fold],
+    rare: Sequence[str],
+    thresholds: Thresholds,
+    progress: Callable[[float, str], None] = lambda share, doing: None,
 ) -> Search:
     """Return the search repeated with rare effects, where they explain more.
 
@@ -246,11 +339,18 @@ def search_rare(
         division: of its data into folds.
         rare: ids of the rare effects.
         thresholds: of decisions.
+        progress: called with the share done and what is being done.
     """
     if not rare or found.interrupted or found.after.misfit <= MAX_EXPLAINED_ERROR:
         return found
     tried = {c.id for step in found.rounds for c in step.candidates}
-    wider = search(found.before, division, [*sorted(tried), *rare], thresholds)
+    ids = [*sorted(tried), *rare]
+    course = _add_effects(
+        found.before, division, ids, thresholds, progress, found.rounds
+    )
+    if not set(rare) & {step.added for step in course.rounds}:
+        return found._replace(interrupted=course.interrupted)
+    wider = course.drop_redundant(found.before, division, thresholds)
     used = set(rare) & set(wider.after.problem.effects)
     if not used or wider.after.misfit >= found.after.misfit:
         return found
@@ -291,6 +391,9 @@ def with_own_noise_floor(
     place = np.mean([fit.x for fit in crossed.fits], axis=0)
     problem = crossed.problem.with_updated_floor(place, masks)
     while True:
+        # A refit at every step between would cost as much as all that follows.
+        while finer := refine_simulation(problem, place):
+            problem = finer
         starts = [fit.x for fit in crossed.fits]
         crossed = cross_validate(problem, division, starts)
         place = np.mean([fit.x for fit in crossed.fits], axis=0)

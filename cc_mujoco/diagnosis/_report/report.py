@@ -35,6 +35,7 @@ from cc_mujoco.report._html import sections as page_sections
 REPORT_PAGE = "report.html"
 
 SECTION_TITLES = {
+    "unknown": "What is known of it",
     "traces": "Measured and simulated",
     "gap": "How large the gap is",
     "occasions": "What changed between occasions",
@@ -87,6 +88,8 @@ def write_report(
 
 def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path) -> str:
     parts = _sections(diagnosis, evidence, names, figures)
+    if diagnosis.verdict != "unknown":
+        del parts["unknown"]
     there = {key: part for key, part in parts.items() if part is not None}
     first = FIRST_SECTION.get(
         diagnosis.verdict, "trials" if diagnosis.question else None
@@ -97,7 +100,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
         diagnosis.verdict,
         sections.header(diagnosis, names, _gap_picture(figures)),
         page_sections(SECTION_TITLES, {key: there[key] for key in order}),
-        _omitted_sections([key for key in SECTION_TITLES if key not in there]),
+        _omitted_sections([key for key, part in parts.items() if part is None]),
     )
 
 
@@ -134,6 +137,7 @@ def _sections(
         "plausible effect over the noise, grey where it is smaller.",
     )
     return {
+        "unknown": sections.unknown(diagnosis),
         "traces": join_pieces(seconds) if seconds else None,
         "gap": sections.gap(diagnosis),
         "occasions": sections.occasions(diagnosis, names),

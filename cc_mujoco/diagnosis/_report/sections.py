@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis._report.drawings import shown_maps
 from cc_mujoco.diagnosis._report.excerpt import Excerpt
 from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
 from cc_mujoco.diagnosis._report.steps import next_command, next_steps
+from cc_mujoco.diagnosis._report.unknown import four_answers
 from cc_mujoco.diagnosis._report_data import Evidence, Map
 from cc_mujoco.diagnosis._verdict import Diagnosis, RunnerUp
 from cc_mujoco.estimation._least_squares import Estimate
@@ -53,6 +54,7 @@ def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
         picture,
         next_command(diagnosis),
         next_steps(diagnosis, names),
+        *([paragraph(diagnosis.belief.statement)] if diagnosis.belief else []),
         folded(
             "The verdict in full",
             paragraph(diagnosis.statement),
@@ -167,6 +169,16 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
             join_pieces([each.statement, element("span", note, class_="small")])
         )
     return bullet_list(items, ranked=True)
+
+
+def unknown(diagnosis: Diagnosis) -> Html | None:
+    """Answer four questions on an effect that has no name."""
+    if diagnosis.verdict != "unknown":
+        return None
+    return bullet_list(
+        join_pieces([element("strong", question), f" {answer}"])
+        for question, answer in four_answers(diagnosis)
+    )
 
 
 def maps(evidence: Evidence) -> Html | None:

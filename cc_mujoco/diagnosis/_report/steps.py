@@ -13,6 +13,7 @@ from cc_mujoco.diagnosis._phrases import (
     gap_sentence,
     plain_name,
 )
+from cc_mujoco.diagnosis._report.unknown import isolating_trial
 from cc_mujoco.diagnosis._verdict import (
     Diagnosis,
     FoundEffect,
@@ -99,12 +100,15 @@ def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
     return [
         _step_item("Where to look", f"{where}{hint}"),
         _step_item(
+            "What to record",
+            f"{capitalise(isolating_trial(diagnosis))}; then {RUN_AGAIN} with it.",
+        ),
+        _step_item(
             "What to check first",
             diagnosis.question
             or "Units, signs and clocks of "
             "the columns, and whether anything was changed between trials.",
         ),
-        _question_step(diagnosis),
     ]
 
 

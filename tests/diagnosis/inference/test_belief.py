@@ -1,0 +1,64 @@
+"""Odds of a verdict, from squared errors of models in blocks."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis._inference.belief import comparison_z, probabilities
+from cc_mujoco.diagnosis._inference.search import FORM_ERROR_SHARE
+from cc_mujoco.diagnosis._phrases import format_odds
+
+BLOCKS = 64
+NOISE = np.tile([0.5, 1.5], BLOCKS // 2)
+
+
+def errors(size: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return squared errors of this mean, the same relative noise in each."""
+    return size * NOISE
+
+
+def test_without_noise_the_acceptance_threshold_is_two_deviations() -> None:
+    start = np.full(BLOCKS, 2.0)
+    z = comparison_z(0.9 * start, start, float(start.sum()))
+    assert math.isclose(z, 0.1 / FORM_ERROR_SHARE)
+
+
+def test_noise_and_discrepancy_add_as_squares() -> None:
+    better, worse = errors(1.0), errors(2.0)
+    before = 40.0 * BLOCKS
+    difference = worse - better
+    noise = np.std(difference) * math.sqrt(BLOCKS)
+    form = min(FORM_ERROR_SHARE * before, better.sum())
+    expected = difference.sum() / math.hypot(noise, form)
+    assert math.isclose(comparison_z(better, worse, before), expected)
+
+
+def test_a_model_that_leaves_little_has_little_discrepancy() -> None:
+    before, better, worse = 900.0 * BLOCKS, errors(2.0), errors(32.0)
+    assert comparison_z(better, worse, before) == 6.0  # the most that is given
+    assert comparison_z(20.0 * better, 20.0 * better + worse, before) < 1.0
+
+
+def test_effects_whose_forms_meet_stay_undecided() -> None:
+    before, better, worse = 900.0 * BLOCKS, errors(2.0), errors(32.0)
+    assert comparison_z(better, worse, before, 0.25) < 0.2
+
+
+def test_probabilities_add_up_and_agree_with_pairwise_odds() -> None:
+    found = probabilities({"a": 1.0, "b": 0.0, "c": 6.0})
+    assert math.isclose(sum(found.values()), 1.0)
+    assert math.isclose(found["b"], found[""])
+    odds = NormalDist().cdf(1.0) / NormalDist().cdf(-1.0)
+    assert math.isclose(found[""] / found["a"], odds)
+    assert found["c"] < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"), [(0.8, "80:20"), (1.0, "99:1"), (0.0, "1:99")]
+)
+def test_odds_are_never_certain(probability: float, words: str) -> None:
+    assert format_odds(probability) == words

@@ -11,15 +11,13 @@ gives which segments slip, in which direction, and which nodes are slack;
 loses the displacement where a graph is flat, and grows errors from segment to segment
 where drag is stiff.)
 
-Mostly what slips is what slipped in the step before, or nearly: then a few rounds of
-guess, solution and look (policy iteration, Howard 1960) find the same answer without
-the graph, and as there is only one, looking is proof.
+Policy iteration (`_policy_iteration.py`) nearly always finds the same answer in O(n) a
+round, so the graph is what is left where it does not settle.
 
 The graph is the dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph.
-Stat. 22, 2013) on a friction chain. It costs O(n) to O(n^2) and is needed where
-coefficients change while the cable is loaded or an end is driven by tension; else
-`_fronts.py` gives the same answer faster. Here a null point is resolved to a segment,
-not within it.
+Stat. 22, 2013) on a friction chain. It costs O(n) to O(n^2). Where friction is constant
+and both ends are driven by position, `_fronts.py` gives the same answer faster. Here a
+null point is resolved to a segment, not within it.
 """
 
 from __future__ import annotations
@@ -36,10 +34,13 @@ from cc_mujoco._utils.compilation import (
     internal,
     types,
 )
-from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
-from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
+from cc_mujoco.cable._fronts import LIMIT_TOLERANCE
+from cc_mujoco.cable._policy_iteration import (
+    solve_from_slips,
+    solve_marked,
+    solve_with_slack,
+)
 
-_MAX_GUESSES = 4
 _SLIPS_LEFT, _HELD, _SLACK = 0, 1, 2
 
 
@@ -98,7 +99,7 @@ def _read_solution(
 
 
 @internal
-def _solve_lines(
+def solve_by_graph(
     n: int,
     tension: FloatArray,
     stiffness: FloatArray,
@@ -106,144 +107,87 @@ def _solve_lines(
     hold_proximal: FloatArray,
     drag: FloatArray,
     viscosity: FloatArray,
-    slip_direction: FloatArray,
-    slack: FloatArray,
     proximal_p: float,
     proximal_q: float,
     distal_p: float,
     distal_q: float,
     shift: FloatArray,
     node: FloatArray,
-    lines: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve a step for displacements and tensions, slip and slack nodes known."""
-    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    """Solve one step from any state, coefficients fixed; arguments as in `sweep`."""
+    size = 2 * n + 3
+    # Knots, and what it means to be left of one, see `_read_solution`.
+    x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
+    marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
+    slip_direction, slack = marks[:n], marks[n:]
+    lines = work[: 3 * n]
+    proximal, distal = 0.0, proximal_q
+    x[0], y[0], label[0] = 0.0, proximal_p, -1.0
+    if proximal_q > 0.0:
+        x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, float(_SLACK)
+    count = 1
     for s in range(n):
-        if slip_direction[s] == 0.0:
-            own[s] = np.inf
-            continue
-        gain[s], offset[s], own[s] = slipping(
-            slip_direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-        )
-    solve(
-        n, tension, stiffness, gain, offset, own, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
-    )  # fmt: skip
-
-
-@internal
-def _solve_marked(
-    n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
-) -> None:
-    """Solve a step whose slip is known from `_read_solution`, and lay what is slack."""
-    for s in range(n - 1, -1, -1):
-        if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
-            slack[s] = 1.0
-        if slack[s] != 0.0 and slack[s + 1] != 0.0:
-            slip_direction[s] = 0.0
-    _solve_lines(
+        b, c = drag[s], viscosity[s]
+        at_rest = max(_evaluate_graph(x, y, count, proximal, distal, 0.0), 0.0)
+        # Knots left of zero, the gap of friction at zero, the other knots.
+        split = 0
+        while split < count and x[split] < 0.0:
+            split += 1
+        for i in range(count - 1, split - 1, -1):
+            x[i + 2] = x[i]
+            y[i + 2] = hold_distal[s] * y[i] + b + c * x[i]
+            label[i + 2] = label[i]
+        shrink = 1.0 / hold_proximal[s]
+        for i in range(split):
+            y[i] = (y[i] - b + c * x[i]) * shrink
+        x[split], y[split] = 0.0, (at_rest - b) / hold_proximal[s]
+        x[split + 1], y[split + 1] = 0.0, hold_distal[s] * at_rest + b
+        label[split] = float(3 * s + _SLIPS_LEFT)
+        label[split + 1] = float(3 * s + _HELD)
+        count += 2
+        proximal = (proximal + c) / hold_proximal[s]
+        distal = hold_distal[s] * distal + c
+        # A cable does not push: cut the graph at zero tension.
+        keep = -1
+        while keep + 1 < count and y[keep + 1] <= 0.0:
+            keep += 1
+        if keep < 0 and proximal > 0.0:
+            for i in range(count, 0, -1):
+                x[i], y[i], label[i] = x[i - 1], y[i - 1], label[i - 1]
+            x[0] -= y[0] / proximal
+            count += 1
+            keep = 0
+        elif keep >= 0:
+            if keep + 1 < count:
+                part = -y[keep] / (y[keep + 1] - y[keep])
+                x[keep] += (x[keep + 1] - x[keep]) * part
+            elif distal > 0.0:
+                x[keep] -= y[keep] / distal
+            count -= keep
+            if keep > 0:
+                for i in range(count):
+                    x[i], y[i] = x[i + keep], y[i + keep]
+                    label[i] = label[i + keep]
+        if keep >= 0:
+            y[0], label[0], proximal = 0.0, float(3 * (s + 1) + _SLACK), 0.0
+        if s + 1 < n:
+            k, t = stiffness[s + 1], tension[s + 1]
+            compliance = 1.0 / k
+            for i in range(count):
+                x[i] += (y[i] - t) * compliance
+            proximal = proximal * k / (k + proximal)
+            distal = distal * k / (k + distal)
+    # The distal end closes the graph: f(w) = distal_p - distal_q w.
+    passed = 0
+    while passed < count and y[passed] + distal_q * x[passed] < distal_p:
+        passed += 1
+    _read_solution(n, label, passed, count, slip_direction, slack)
+    solve_marked(
         n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
         slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-        shift, node, lines, work,
+        shift, node, lines, rest,
     )  # fmt: skip
-    for i in range(n + 1):
-        node[i] = max(node[i], 0.0)
-    free = lines[:n]
-    for s in range(n):
-        free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
-    lay_slack(
-        n, free, tension, stiffness, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift,
-    )  # fmt: skip
-
-
-@internal
-def _solve_from_guess(
-    n: int,
-    last: FloatArray,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    growth_distal: FloatArray,
-    growth_proximal: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Solve one step from the slips of the last one, where nothing is slack.
-
-    Returns:
-        Whether the solution was found; a segment that breaks away is left to the graph.
-    """
-    for i in range(n + 1):
-        if tension[i] <= 0.0:
-            return False
-        slack[i] = 0.0
-    for s in range(n):
-        slip_direction[s] = np.sign(last[s])
-    for _ in range(_MAX_GUESSES):
-        _solve_lines(
-            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-            shift, node, lines, work,
-        )  # fmt: skip
-        right = True
-        for s in range(n):
-            if not (node[s] > 0.0 and node[s + 1] > 0.0):
-                return False
-            way = slip_direction[s]
-            if way == 0.0:
-                now = overcome_direction(
-                    node[s], node[s + 1], hold_distal[s], hold_proximal[s], drag[s]
-                )
-                if now != 0:
-                    slip_direction[s] = float(now)
-                    right = False
-                    if now > 0 and hold_distal[s] != growth_distal[s]:
-                        return False
-                    if now < 0 and hold_proximal[s] != growth_proximal[s]:
-                        return False
-            elif shift[s] * way < 0.0:
-                slip_direction[s] = 0.0
-                right = False
-            elif way > 0.0 and hold_distal[s] != growth_distal[s]:
-                return False
-            elif way < 0.0 and hold_proximal[s] != growth_proximal[s]:
-                return False
-        if right:
-            for s in range(n):
-                load = node[s] + node[s + 1] + drag[s]
-                if abs(shift[s]) * stiffness[s] <= LIMIT_TOLERANCE * load:
-                    shift[s] = 0.0
-            return True
-    return False
 
 
 @exported(
@@ -271,7 +215,7 @@ def sweep(
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step, with the graph if necessary; arguments as in `_fronts.march`.
+    """Solve one step from any state; arguments as in `_fronts.march`.
 
     `last` is how each segment slipped in the step before (n,). `growth_distal` and
     `growth_proximal` are E of slip that way, and ends are T = proximal_p + proximal_q w
@@ -283,84 +227,29 @@ def sweep(
     hold_distal, hold_proximal = borrow(hold_distal), borrow(hold_proximal)
     drag, viscosity, work = borrow(drag), borrow(viscosity), borrow(work)
     shift, node = borrow(shift), borrow(node)
-    size = 2 * n + 3
-    # Knots, and what it means to be left of one, see `_read_solution`.
-    x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
-    marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
-    slip_direction, slack = marks[:n], marks[n:]
-    if _solve_from_guess(
+    size = 6 * n + 9  # what comes before it is free outside of the graph
+    marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
+    slip_direction, slack, lines = marks[:n], marks[n:], work[: 3 * n]
+    if solve_from_slips(
         n, last, tension, stiffness, growth_distal, growth_proximal, hold_distal,
         hold_proximal, drag, viscosity, slip_direction, slack, proximal_p, proximal_q,
-        distal_p, distal_q, shift, node, work[: 3 * n], rest,
+        distal_p, distal_q, shift, node, lines, rest,
     ):  # fmt: skip
         return
+    for i in range(n + 1):
+        slack[i] = 1.0 if tension[i] <= 0.0 else 0.0
+    for s in range(n):
+        slip_direction[s] = np.sign(last[s])
     for _ in range(n + 1):
-        proximal, distal = 0.0, proximal_q
-        x[0], y[0], label[0] = 0.0, proximal_p, -1.0
-        if proximal_q > 0.0:
-            x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, float(_SLACK)
-        count = 1
-        for s in range(n):
-            b, c = drag[s], viscosity[s]
-            at_rest = max(_evaluate_graph(x, y, count, proximal, distal, 0.0), 0.0)
-            # Knots left of zero, the gap of friction at zero, the other knots.
-            split = 0
-            while split < count and x[split] < 0.0:
-                split += 1
-            for i in range(count - 1, split - 1, -1):
-                x[i + 2] = x[i]
-                y[i + 2] = hold_distal[s] * y[i] + b + c * x[i]
-                label[i + 2] = label[i]
-            shrink = 1.0 / hold_proximal[s]
-            for i in range(split):
-                y[i] = (y[i] - b + c * x[i]) * shrink
-            x[split], y[split] = 0.0, (at_rest - b) / hold_proximal[s]
-            x[split + 1], y[split + 1] = 0.0, hold_distal[s] * at_rest + b
-            label[split] = float(3 * s + _SLIPS_LEFT)
-            label[split + 1] = float(3 * s + _HELD)
-            count += 2
-            proximal = (proximal + c) / hold_proximal[s]
-            distal = hold_distal[s] * distal + c
-            # A cable does not push: cut the graph at zero tension.
-            keep = -1
-            while keep + 1 < count and y[keep + 1] <= 0.0:
-                keep += 1
-            if keep < 0 and proximal > 0.0:
-                for i in range(count, 0, -1):
-                    x[i], y[i], label[i] = x[i - 1], y[i - 1], label[i - 1]
-                x[0] -= y[0] / proximal
-                count += 1
-                keep = 0
-            elif keep >= 0:
-                if keep + 1 < count:
-                    part = -y[keep] / (y[keep + 1] - y[keep])
-                    x[keep] += (x[keep + 1] - x[keep]) * part
-                elif distal > 0.0:
-                    x[keep] -= y[keep] / distal
-                count -= keep
-                if keep > 0:
-                    for i in range(count):
-                        x[i], y[i] = x[i + keep], y[i + keep]
-                        label[i] = label[i + keep]
-            if keep >= 0:
-                y[0], label[0], proximal = 0.0, float(3 * (s + 1) + _SLACK), 0.0
-            if s + 1 < n:
-                k, t = stiffness[s + 1], tension[s + 1]
-                compliance = 1.0 / k
-                for i in range(count):
-                    x[i] += (y[i] - t) * compliance
-                proximal = proximal * k / (k + proximal)
-                distal = distal * k / (k + distal)
-        # The distal end closes the graph: f(w) = distal_p - distal_q w.
-        passed = 0
-        while passed < count and y[passed] + distal_q * x[passed] < distal_p:
-            passed += 1
-        _read_solution(n, label, passed, count, slip_direction, slack)
-        _solve_marked(
+        if not solve_with_slack(
             n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
             slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-            shift, node, work[: 3 * n], rest,
-        )  # fmt: skip
+            shift, node, lines, rest,
+        ):  # fmt: skip
+            solve_by_graph(
+                n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
+                proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
+            )  # fmt: skip
         # A segment that breaks away follows the kinetic law: solve again with it. Slip
         # of rounding alone is none, or one that is about to slip would have.
         broke = False

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import BENDS, ENDS, PARAMETERS, PATHS, TERMS, Cable
+from cc_mujoco.cable._parameters import ENDS, PARAMETERS, TERMS, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import CableReading, Reader, from_mjcf
 from cc_mujoco.plugin._mjcf import instances
@@ -27,6 +27,13 @@ from cc_mujoco.warp._implicit_kernels import (
     moment_row,
 )
 from cc_mujoco.warp._kernels import ATTEMPTS, Rows, forget, kernels, write_rows
+from cc_mujoco.warp._model import (
+    end_actuators,
+    end_rate,
+    lengths_in_qpos0,
+    require_plain,
+    require_supported,
+)
 
 Floats = NDArray[np.float64]
 
@@ -89,21 +96,15 @@ class AttachedCables:
         cables = from_mjcf(source)
         if not cables:
             raise CableError("the scene has no cable to attach to mujoco_warp")
-        for name, cable in cables.items():
-            _require_supported(name, cable)
-        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_RK4:
-            raise CableError(
-                "cables in mujoco_warp take one evaluation a step; set the integrator "
-                "to Euler or implicitfast, not RK4"
-            )
+        require_supported(cables, int(m.opt.integrator))
         is_model = isinstance(source, mujoco.MjModel)
         self._model = source if is_model else compile_spec(source)
         self.names = tuple(cables)
         self._cables, self._worlds = tuple(cables.values()), int(d.nworld)
         self.terms = _terms_in_use(self._cables, terms)
         self._rest_in_pose = bool(rest_in_pose)
-        actuators = _end_actuators(self._model, self.names)
-        _require_plain(m, self._model, actuators)
+        actuators = end_actuators(self._model, self.names)
+        require_plain(m, self._model, actuators)
         self._actuators_of = actuators
         self._step: float | None = None
         if int(m.opt.integrator) != mujoco.mjtIntegrator.mjINT_DISCRETE:
@@ -128,7 +129,7 @@ class AttachedCables:
         if cable.ends != ENDS[0] or self._step is None:
             return 0.0
         rates = (
-            _end_rate(self._model, cable, actuator, end)
+            end_rate(self._model, cable, actuator, end)
             for end, actuator in enumerate(self._actuators_of[index])
         )
         return max(rates) * self._step**2
@@ -155,7 +156,7 @@ class AttachedCables:
             values[i] = own[: at.SCALARS]
         trn_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
         held = self._model.actuator_trntype[actuators] == trn_tendon
-        rest = _lengths_in_qpos0(self._model)[actuators]
+        rest = lengths_in_qpos0(self._model)[actuators]
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
         self._proximal = actuators[:, 0]
@@ -491,63 +492,9 @@ def _moments(d: mjw.Data) -> list[Any]:
     return [d.moment_rownnz, d.moment_rowadr, d.moment_colind, d.actuator_moment]
 
 
-def _require_supported(name: str, cable: Cable) -> None:
-    if cable.bend != BENDS[0]:
-        raise CableError(
-            f"cable {name!r}: bend={cable.bend!r} is not supported in mujoco_warp; use "
-            f"bend={BENDS[0]!r}, a conduit whose bends stay"
-        )
-    if cable.path != PATHS[0]:
-        raise CableError(
-            f"cable {name!r}: path={cable.path!r} is not supported in mujoco_warp; use "
-            f"path={PATHS[0]!r}, a conduit from end to end"
-        )
-
-
 def _terms_in_use(cables: tuple[Cable, ...], more: tuple[str, ...]) -> frozenset[str]:
     for name in more:
         if name not in TERMS:
             raise CableError.unknown("term", name, list(TERMS))
     on = {name for name in TERMS if any(getattr(cable, name) for cable in cables)}
     return frozenset(on | set(more))
-
-
-def _end_actuators(model: mujoco.MjModel, names: tuple[str, ...]) -> NDArray[np.int32]:
-    """Return the actuators at the proximal and the distal end of each cable."""
-    places: Mapping[str, int] = instances(model)
-    return np.array(
-        [np.flatnonzero(model.actuator_plugin == places[name]) for name in names],
-        np.int32,
-    )
-
-
-def _require_plain(
-    m: mjw.Model, model: mujoco.MjModel, actuators: NDArray[np.int32]
-) -> None:
-    kinds = m.actuator_biastype.numpy()
-    user = int(mujoco.mjtBias.mjBIAS_USER)
-    if kinds.size != model.actuator_plugin.size or np.any(kinds[actuators] != user):
-        raise CableError(
-            "this mujoco_warp model is not of the scene with its cables; make it of "
-            "cc_mujoco.warp.without_plugin(spec).compile()"
-        )
-
-
-def _lengths_in_qpos0(model: mujoco.MjModel) -> Floats:
-    data = mujoco.MjData(model)
-    mujoco.mj_fwdPosition(model, data)
-    return np.array(data.actuator_length)
-
-
-def _end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> float:
-    """Return the square of the frequency of an end that friction holds [1/s^2]."""
-    target = model.actuator_trnid[actuator, 0]
-    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-        dof = model.jnt_dofadr[target]
-        mobility = model.dof_invweight0[dof]
-        if model.dof_armature[dof] > 0.0:
-            mobility = min(mobility, 1.0 / model.dof_armature[dof])
-    else:
-        mobility = model.tendon_invweight0[target]
-    stiffness = kernel.end_stiffness(packed_parameters(cable), cable.segments, end == 1)
-    return float(mobility * model.actuator_gear[actuator, 0] ** 2 * stiffness)

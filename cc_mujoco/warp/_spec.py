@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import mujoco
 
+from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import require_spec
+from cc_mujoco.warp._model import require_supported
 
 
 def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -19,9 +21,11 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
         spec: specification with cables; not changed.
 
     Raises:
-        CableError: it is no specification.
+        CableError: it is no specification, or has a cable or an integrator that is not
+            supported in mujoco_warp.
     """
     require_spec(spec)
+    require_supported(from_mjcf(spec), int(spec.option.integrator))
     plain = spec.copy()
     for actuator in plain.actuators:
         if actuator.plugin.plugin_name == PLUGIN:

@@ -180,9 +180,14 @@ def test_what_is_not_supported_is_refused_in_one_sentence():
     ):
         with pytest.raises(CableError, match=what):
             attach(m, d, source)
-    rk4 = mjw.put_model(without_plugin(scene(CABLE, integrator="RK4")).compile())
+        if "not supported" in what:
+            with pytest.raises(CableError, match=what):
+                without_plugin(source)
     with pytest.raises(CableError, match="not RK4"):
-        attach(rk4, d, scene(CABLE))
+        without_plugin(scene(CABLE, integrator="RK4"))
+    m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    with pytest.raises(CableError, match="not RK4"):
+        attach(m, d, scene(CABLE))
     assert m.callback.act_bias is None
 
 

@@ -1,0 +1,83 @@
+"""What a model with cables says of their ends, and what cannot run in mujoco_warp."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._mjcf import instances
+
+Floats = NDArray[np.float64]
+
+
+def require_supported(cables: Mapping[str, Cable], integrator: int) -> None:
+    """Refuse cables and an integrator that cannot run in mujoco_warp.
+
+    Raises:
+        CableError: with what takes their place.
+    """
+    for name, cable in cables.items():
+        if cable.bend != BENDS[0]:
+            raise CableError(
+                f"cable {name!r}: bend={cable.bend!r} is not supported in mujoco_warp; "
+                f"use bend={BENDS[0]!r}, a conduit whose bends stay"
+            )
+        if cable.path != PATHS[0]:
+            raise CableError(
+                f"cable {name!r}: path={cable.path!r} is not supported in mujoco_warp; "
+                f"use path={PATHS[0]!r}, a conduit from end to end"
+            )
+    if cables and integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise CableError(
+            "cables in mujoco_warp take one evaluation a step; set the integrator to "
+            "Euler or implicitfast, not RK4"
+        )
+
+
+def end_actuators(model: mujoco.MjModel, names: tuple[str, ...]) -> NDArray[np.int32]:
+    """Return the actuators at the proximal and the distal end of each cable."""
+    places: Mapping[str, int] = instances(model)
+    return np.array(
+        [np.flatnonzero(model.actuator_plugin == places[name]) for name in names],
+        np.int32,
+    )
+
+
+def require_plain(
+    m: mjw.Model, model: mujoco.MjModel, actuators: NDArray[np.int32]
+) -> None:
+    kinds = m.actuator_biastype.numpy()
+    user = int(mujoco.mjtBias.mjBIAS_USER)
+    if kinds.size != model.actuator_plugin.size or np.any(kinds[actuators] != user):
+        raise CableError(
+            "this mujoco_warp model is not of the scene with its cables; make it of "
+            "cc_mujoco.warp.without_plugin(spec).compile()"
+        )
+
+
+def lengths_in_qpos0(model: mujoco.MjModel) -> Floats:
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.actuator_length)
+
+
+def end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> float:
+    """Return the square of the frequency of an end that friction holds [1/s^2]."""
+    target = model.actuator_trnid[actuator, 0]
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        dof = model.jnt_dofadr[target]
+        mobility = model.dof_invweight0[dof]
+        if model.dof_armature[dof] > 0.0:
+            mobility = min(mobility, 1.0 / model.dof_armature[dof])
+    else:
+        mobility = model.tendon_invweight0[target]
+    stiffness = kernel.end_stiffness(packed_parameters(cable), cable.segments, end == 1)
+    return float(mobility * model.actuator_gear[actuator, 0] ** 2 * stiffness)

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 DEFAULT_BASELINE = "pi"
 """The controller that others are compared with unless another is named."""
+MAX_DEVICES = 5
+"""Devices in the sentence and the table at the top."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval; and failed episodes:"
@@ -87,10 +89,15 @@ def all_tables(
         left_out: Devices that the suite has no more, and the reason.
     """
     errors = rms_errors(results)
+    first = next(iter(errors))
     parts = [
         "# Benchmark of torque controllers",
-        OVERVIEW_HEADING,
-        overview_table(results),
+        *best_entries(results, baseline)[:1],
+        _picture(first, "pareto"),
+        *best_entries(results, baseline)[1:],
+        _fold(
+            "All controllers and references", OVERVIEW_HEADING, overview_table(results)
+        ),
     ]
     parts += divergence_sentences(results)
     parts += [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
@@ -98,22 +105,87 @@ def all_tables(
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
+            *([] if scene == first else [_picture(scene, "pareto")]),
             "Ranks; a controller is better than another where the interval of their "
             "difference leaves out 0, for all pairs at once:",
             ranks_table(own, baseline),
-            "Normalised error by condition, mean over seeds:",
-            conditions_table(results, scene),
-            "All scores, mean over conditions and seeds:",
-            scores_table(results, scene),
-            "What was drawn in the ordinary condition, and in brackets what was "
-            "believed of it:",
-            plants_table(results, scene),
+            _fold(
+                "Conditions, scores and plants",
+                "Normalised error by condition, mean over seeds:",
+                _picture(scene, "levels"),
+                conditions_table(results, scene),
+                "All scores, mean over conditions and seeds:",
+                _picture(scene, "cycle"),
+                scores_table(results, scene),
+                "Plants sampled in the ordinary condition, in brackets the values that "
+                "controllers assume:",
+                plants_table(results, scene),
+            ),
         ]
     times = times_table(results)
     if times:
         parts += ["## Computing time of a step of one device", times]
-    parts += ["## What it all is", definitions()]
+    parts += ["## Definitions", _fold("References and scores", definitions())]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def best_entries(results: Results, baseline: str = DEFAULT_BASELINE) -> list[str]:
+    """Return one sentence, the next command, and the best controller per device."""
+    rows, sentences, played = [], [], ""
+    for scene, own in rms_errors(results).items():
+        places = rank_controllers(normalise_errors(own, SCALE_CONTROLLER), _plants(own))
+        places = [place for place in places if place.name not in REFERENCES]
+        best = min(places, key=lambda place: place.score)
+        known = {place.name: place for place in places}
+        compared = baseline in known and baseline != best.name
+        than = f" (`{baseline}`: {known[baseline].score:.3g})" if compared else ""
+        sentences.append(f"`{best.name}` at {scene}, {best.score:.3g}{than}")
+        played = played or f"cc-mujoco play {scene} --controller {best.name}"
+        rows.append(
+            [
+                scene,
+                f"`{best.name}`",
+                _score_with_interval(best),
+                f"{np.mean(_failures(results, scene, best.name)):.0%}",
+                _score_with_interval(known[baseline]) if baseline in known else "-",
+            ]
+        )
+    head = [
+        "device",
+        "least error",
+        "normalised error (95 %)",
+        "failed",
+        f"`{baseline}`",
+    ]
+    few = table(head, rows[:MAX_DEVICES])
+    rest = [_fold("All devices", table(head, rows))] if len(rows) > MAX_DEVICES else []
+    return [
+        "Least error (`none` is 1): " + "; ".join(sentences[:MAX_DEVICES]) + ".",
+        f"Next: `{played}`",
+        few,
+        *rest,
+    ]
+
+
+def _failures(results: Results, scene: str, law: str) -> Array:
+    """Return whether the episodes of a controller on a device failed."""
+    return np.concatenate(
+        [
+            played.scores["failed"]
+            for cell, played in results
+            if (cell.condition.label, cell.controller) == (scene, law)
+        ]
+    )
+
+
+def _picture(scene: str, stem: str) -> str:
+    """Return a figure beside the page."""
+    return f"![{scene}: {stem}]({scene}-{stem}.png)"
+
+
+def _fold(title: str, *parts: str) -> str:
+    """Return parts below a title that opens them."""
+    return "\n\n".join([f"<details><summary>{title}</summary>", *parts, "</details>"])
 
 
 def divergence_sentences(results: Results) -> list[str]:
@@ -174,13 +246,7 @@ def overview_table(results: Results) -> str:
             if law not in own:
                 row += ["-", "-"]
                 continue
-            failed = np.concatenate(
-                [
-                    played.scores["failed"]
-                    for cell, played in results
-                    if (cell.condition.label, cell.controller) == (scene, law)
-                ]
-            )
+            failed = _failures(results, scene, law)
             row += [_score_with_interval(places[law]), f"{np.mean(failed):.0%}"]
     return table(head, rows.values())
 

@@ -59,7 +59,7 @@ class Benchmark:
     """Number of rows that --verify draws; all of their cells are compared."""
 
     def run(self) -> None:
-        """Play what is not done yet; print the tables."""
+        """Play what is not done yet; print the best controllers."""
         for name, value in (("seeds", self.seeds), ("workers", self.workers)):
             if value < 0:
                 raise CableError(f"--{name} must be 0 or greater, not {value}.")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.design._pareto import Objective, column
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._sensitivity import Sensitivity
-from cc_mujoco.design._study_metrics import metric_of
+from cc_mujoco.design._study_metrics import known_metric, metric_of
 from cc_mujoco.design._surface import DesignAxis
 from cc_mujoco.device._variables import describe
 from cc_mujoco.report._figures import (
@@ -33,8 +33,59 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 HEAT_MAP_CELLS = 41
 """Cells along each side of the heat map of a surface."""
+PAGE_WIDTH = 4.8
+"""Width of a figure whose text can be read where the page is 390 px wide [inch]."""
 LABEL_PLACE = -0.38
 """Place of the labels of main effects, in widths of a panel from its left side."""
+
+
+def answer_plot(
+    table: pa.Table,
+    x: str,
+    objective: Objective,
+    best: NDArray[np.bool_],
+    marked: Sequence[int],
+) -> Figure:
+    """Return one objective over another, or over a variable, with designs marked.
+
+    Args:
+        table: of the study.
+        x: column of the abscissa: a metric or a variable.
+        objective: of the ordinate.
+        best: members of the Pareto set.
+        marked: rows of the designs that are marked by number, the best first.
+    """
+    drawing = figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
+    axes = drawing.add_subplot()
+    y = column(table, objective.name)
+    levels: list[object] = []
+    if any(isinstance(value, str) for value in table[x].to_pylist()):
+        places = table[x].to_pylist()
+        levels = list(dict.fromkeys(places))
+        across = np.array([levels.index(place) for place in places], dtype=float)
+    else:
+        across = column(table, x)
+    _scatter(axes, across, y, best)
+    for place, row in enumerate(marked):
+        axes.plot(
+            across[row], y[row], "s" if place else "*", markersize=7 if place else 12,
+            color=BLUE, label=None if place else "best",
+        )  # fmt: skip
+        axes.annotate(
+            str(table["design"][row].as_py()), (across[row], y[row]),
+            xytext=(6, 6), textcoords="offset points", fontsize=9, fontweight="bold",
+        )  # fmt: skip
+    known = x in table.column_names and known_metric(x) is not None
+    axes.set(
+        xlabel=_label(x, metric_of(x).high) if known else _variable(x),
+        ylabel=_label(objective.name, objective.high),
+    )
+    if levels:
+        axes.set_xticks(range(len(levels)), [str(level) for level in levels])
+    else:
+        _log_where_wide(axes, across, y)
+    axes.legend(loc="best")
+    return drawing
 
 
 def pareto_plot(
@@ -42,35 +93,39 @@ def pareto_plot(
 ) -> Figure:
     """Return every pair of objectives: all designs, and the Pareto set over it."""
     pairs = list(itertools.combinations(objectives, 2))
-    columns = min(len(pairs), 3)
-    rows = math.ceil(len(pairs) / columns)
-    drawing = figure(4.6 * columns if columns > 1 else 6.0, 3.9 * rows)
-    panels = drawing.subplots(rows, columns, squeeze=False).ravel()
-    for axes, (one, other) in zip(panels, pairs, strict=False):
+    drawing = figure(PAGE_WIDTH, 3.2 * len(pairs))
+    panels = drawing.subplots(len(pairs), squeeze=False)[:, 0]
+    for axes, (one, other) in zip(panels, pairs, strict=True):
         x, y = (column(table, o.name) for o in (one, other))
-        axes.plot(x[~best], y[~best], ".", color=GREY, alpha=0.45, markersize=4,
-                  label="designs")  # fmt: skip
-        axes.plot(x[best], y[best], "o", color=ORANGE, markersize=4.5,
-                  label="Pareto set")  # fmt: skip
+        _scatter(axes, x, y, best)
         axes.set(
             xlabel=_label(one.name, one.high), ylabel=_label(other.name, other.high)
         )
         _log_where_wide(axes, x, y)
-    for axes in panels[len(pairs) :]:
-        axes.set_axis_off()
     panels[0].legend(loc="best")
-    several = "" if len(objectives) == 2 else f" of {len(objectives)} objectives"
-    drawing.suptitle(
-        f"Pareto set{several}: {int(best.sum())} of {len(best)} designs",
-        x=0.012, ha="left", fontsize=12,
-    )  # fmt: skip
+    panels[0].set_title(f"Pareto set: {int(best.sum())} of {len(best)} designs")
     return drawing
 
 
-def effects_plot(found: Sequence[Sensitivity]) -> Figure:
-    """Return the mean of each metric (a row) along each variable (a column)."""
-    names = list(found[0].effects)
-    drawing = figure(1.2 + 2.1 * len(names), 0.9 + 1.35 * len(found))
+def _scatter(axes: Axes, x: Array, y: Array, best: NDArray[np.bool_]) -> None:
+    axes.plot(x[~best], y[~best], ".", color=GREY, alpha=0.45, markersize=4,
+              label="designs")  # fmt: skip
+    axes.plot(x[best], y[best], "o", color=ORANGE, markersize=4.5,
+              label="Pareto set")  # fmt: skip
+
+
+def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figure:
+    """Return the mean of each metric (a row) along each variable (a column).
+
+    Args:
+        found: sensitivities, one per metric.
+        most: variables that are drawn, those with the largest shares; None is all.
+    """
+    names = sorted(
+        found[0].effects, key=lambda name: -max(one.total[name] for one in found)
+    )[:most]
+    width = 1.2 + 2.1 * len(names) if most is None else PAGE_WIDTH
+    drawing = figure(width, 0.9 + 1.35 * len(found))
     panels = drawing.subplots(len(found), len(names), squeeze=False, sharey="row")
     for row, one in zip(panels, found, strict=True):
         for axes, name in zip(row, names, strict=True):
@@ -78,20 +133,17 @@ def effects_plot(found: Sequence[Sensitivity]) -> Figure:
             axes.plot(x, y, "o-", color=BLUE, markersize=2.5)
             axes.set_title(f"{max(one.first[name], 0.0):.0%}", fontsize=8, loc="right",
                            y=1.0, color=GREY, fontweight="normal", pad=2)  # fmt: skip
+            axes.locator_params(axis="x", nbins=3)
             if name in one.levels:
                 axes.set_xticks(x, one.levels[name], fontsize=6)
         metric = metric_of(one.metric)
         row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
         # `align_ylabels` measures every label against all others: quadratic.
-        row[0].yaxis.set_label_coords(LABEL_PLACE, 0.5)
+        row[0].yaxis.set_label_coords(LABEL_PLACE if most is None else -0.5, 0.5)
     for axes, name in zip(panels[-1], names, strict=True):
         axes.set_xlabel(_variable(name))
     for axes in panels[:-1].ravel():
         axes.tick_params(labelbottom=False)
-    drawing.suptitle(
-        "Main effects (mean over the other variables; share of variance, first order)",
-        x=0.012, ha="left", fontsize=10,
-    )  # fmt: skip
     return drawing
 
 
@@ -190,8 +242,8 @@ def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
 
 
 def _label(name: str, high: bool) -> str:
-    arrow = "more is better" if high else "less is better"
-    return f"{name.replace('_', ' ')} [{metric_of(name).unit}]  ({arrow})"
+    better = "more is better" if high else "less is better"
+    return f"{name.replace('_', ' ')} [{metric_of(name).unit}], {better}"
 
 
 def _wrapped_label(name: str, unit: str) -> str:

@@ -51,10 +51,13 @@ def column_title(name: str) -> str:
 
 
 def format_cell(value: object) -> str:
-    """Return a value as it is written in a table, `-` if there is none."""
+    """Return a value to three significant digits, `-` if there is none."""
     if value is None:
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    text = f"{value:.3g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
 
 
 def plain_name(name: str) -> str:

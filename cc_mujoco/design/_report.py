@@ -13,7 +13,12 @@ import pyarrow.parquet as pq
 from cc_mujoco._utils import provenance
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.design import _report_text as report_text
-from cc_mujoco.design._charts import effects_plot, heat_maps, pareto_plot
+from cc_mujoco.design._charts import (
+    answer_plot,
+    effects_plot,
+    heat_maps,
+    pareto_plot,
+)
 from cc_mujoco.design._local_sensitivity import Around
 from cc_mujoco.design._phrases import (
     PRICES_NOTE,
@@ -34,10 +39,12 @@ from cc_mujoco.report._html import (
     Html,
     element,
     embed_picture,
+    folded,
     illustrated,
     join_pieces,
     page,
     paragraph,
+    scrolled,
 )
 from cc_mujoco.report._html import sections as page_sections
 from cc_mujoco.report._markdown import table as table_of
@@ -48,8 +55,10 @@ RANKING_FILE, PARETO_FILE, SOBOL_FILE, EFFECTS_FILE = (
     "sobol.parquet",
     "effects.parquet",
 )
-EFFECTS_FIGURE, HEAT_MAPS_FIGURE, PARETO_FIGURE = (
+ANSWER_FIGURE, EFFECTS_FIGURE, ALL_EFFECTS_FIGURE, HEAT_MAPS_FIGURE, PARETO_FIGURE = (
+    "answer.png",
     "effects.png",
+    "effects_all.png",
     "heatmaps.png",
     "pareto.png",
 )
@@ -61,7 +70,9 @@ REPORT_FILES = (
     PARETO_FILE,
     SOBOL_FILE,
     EFFECTS_FILE,
+    ANSWER_FIGURE,
     EFFECTS_FIGURE,
+    ALL_EFFECTS_FIGURE,
     HEAT_MAPS_FIGURE,
     PARETO_FIGURE,
 )
@@ -69,6 +80,8 @@ REPORT_FILES = (
 
 RANKED_DESIGNS = 20
 """Designs in the ranking."""
+DRAWN_VARIABLES = 3
+"""Variables whose effects on the objectives are drawn unfolded."""
 
 
 def write_report(
@@ -110,10 +123,21 @@ def write_report(
         if finding.front.any():
             _write_table(folder / PARETO_FILE, table.filter(pa.array(finding.front)))
             written.append(folder / PARETO_FILE)
-        if len(finding.goals) > 1 and finding.front.any():
+        if finding.best is not None and finding.varied:
+            drawings[ANSWER_FIGURE] = answer_plot(
+                table,
+                _answer_abscissa(finding, found),
+                finding.goals[0],
+                finding.front,
+                finding.marked,
+            )
+        if len(finding.goals) > 2 and finding.front.any():
             drawings[PARETO_FIGURE] = pareto_plot(table, finding.goals, finding.front)
         if found:
-            drawings[EFFECTS_FIGURE] = effects_plot(found)
+            goals = {goal.name for goal in finding.goals}
+            if shown := [one for one in found if one.metric in goals]:
+                drawings[EFFECTS_FIGURE] = effects_plot(shown, DRAWN_VARIABLES)
+            drawings[ALL_EFFECTS_FIGURE] = effects_plot(found)
             if (maps := heat_maps(plan, table, found)) is not None:
                 drawings[HEAT_MAPS_FIGURE] = maps
         for name, drawing in drawings.items():
@@ -131,6 +155,16 @@ def write_report(
             (folder / name).unlink(missing_ok=True)
     write_manifest(folder, REPORT_FILES)
     return files
+
+
+def _answer_abscissa(
+    finding: report_text.RankedStudy, found: Sequence[Sensitivity]
+) -> str:
+    """Return what the first objective is drawn over: the second, or a variable."""
+    if len(finding.goals) > 1:
+        return finding.goals[1].name
+    shares = {one.metric: one.total for one in found}.get(finding.goals[0].name, {})
+    return max(finding.varied, key=lambda name: shares.get(name, 0.0))
 
 
 SECTION_TITLES = {
@@ -165,13 +199,26 @@ def _page(
     def shown(name: str, words: str) -> Html:
         return embed_picture(folder / name, words) if name in drawn else Html()
 
-    front = shown(PARETO_FIGURE, "All designs, and those that nothing beats.")
+    answer = shown(
+        ANSWER_FIGURE,
+        "All designs; the star is the best, squares are best in one objective.",
+    )
+    front = _more(
+        "Every pair of objectives",
+        shown(PARETO_FIGURE, "All designs, and those that nothing beats."),
+    )
     effects = shown(
         EFFECTS_FIGURE,
-        "Mean of every metric along every variable; above each, its share alone.",
+        "Mean over the other variables; above each, the share of variance it explains "
+        "alone.",
     )
-    maps = shown(
-        HEAT_MAPS_FIGURE, "Every metric over the two variables that matter most."
+    every = _more(
+        "All metrics and variables",
+        scrolled(shown(ALL_EFFECTS_FIGURE, "The same of every metric.")),
+    )
+    maps = _more(
+        "Maps over the two variables that matter most",
+        scrolled(shown(HEAT_MAPS_FIGURE, "Every metric over these two variables.")),
     )
     versions = ", ".join(
         f"{name} {text}" for name, text in provenance.versions().items()
@@ -188,13 +235,13 @@ def _page(
         "controllers": report_text.controllers(finding),
         "trade": illustrated(report_text.trade_offs(finding), front),
         "matters": illustrated(
-            report_text.deciding_variables(found, finding.goals), effects, maps
+            report_text.deciding_variables(found, finding.goals), effects, every, maps
         ),
         "limits": report_text.limit_slack(finding),
         "nearby": report_text.local_values(nearby),
         "failures": report_text.failures(finding),
-        "fixed": report_text.common_values(finding),
-        "words": report_text.variable_meanings(finding),
+        "fixed": folded("All values", report_text.common_values(finding)),
+        "words": folded("All names", report_text.variable_meanings(finding)),
         "made": made,
     }
     there = {key: part for key, part in parts.items() if part is not None}
@@ -203,9 +250,14 @@ def _page(
     return page(
         f"What if: {finding.plan.protocol.scene}",
         "named" if finding.best is not None else "fix-data",
-        report_text.header(finding),
+        report_text.header(finding, answer),
         page_sections(SECTION_TITLES, there),
     )
+
+
+def _more(title: str, picture: Html) -> Html:
+    """Return a picture folded below a title; nothing where there is none."""
+    return folded(title, picture) if "<img" in picture else Html()
 
 
 def markdown(

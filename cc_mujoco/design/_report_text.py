@@ -61,6 +61,7 @@ from cc_mujoco.report._html import (
     list_words,
     paragraph,
     share_bar,
+    short_table,
     table,
 )
 
@@ -129,6 +130,17 @@ class RankedStudy:
         return None if np.isnan(self.cost[first]).any() else self.rows[first]
 
     @property
+    def marked(self) -> tuple[int, ...]:
+        """Rows of the best design and of the best in each objective, each once."""
+        members = np.flatnonzero(self.front)
+        if not members.size:
+            return (int(self.order[0]),)
+        ends = [
+            members[np.argmin(self.cost[members, k])] for k in range(len(self.goals))
+        ]
+        return tuple(dict.fromkeys(map(int, (self.order[0], *ends))))
+
+    @property
     def varied(self) -> tuple[str, ...]:
         """Variables that take several values."""
         return self.plan.varied
@@ -152,8 +164,8 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
     return tuple(Objective(name, metric_of(name).high) for name in chosen)
 
 
-def header(found: RankedStudy) -> Html:
-    """State the question and the answer."""
+def header(found: RankedStudy, picture: Html) -> Html:
+    """State the answer, show it, and give the next command; then the question."""
     meaning = found.plan.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
@@ -183,14 +195,14 @@ def header(found: RankedStudy) -> Html:
         first = "The best compromise"
         if int(found.front.sum()) == 1:
             first = "Best in all objectives of those tried"
-    lead = f"{first} is design {best['design']}: {_setting_text(found, best)}."
     gives = list_words([f"{plain_name(g.name)} {format_quantity(g.name, best[g.name])}"
                     for g in found.goals])  # fmt: skip
+    lead = f"{first} is design {best['design']}, {_setting_text(found, best)}: {gives}."
     return element(
         "header",
         title,
         paragraph(lead, kind="lead"),
-        paragraph(f"It gives {gives}.", kind="lead"),
+        picture,
         _summary_answer(found),
         *request,
     )
@@ -201,18 +213,13 @@ def _summary_answer(found: RankedStudy) -> Html:
     row, edges = found.best, variables_at_ends(found)
     assert row is not None
     show = element("code", f"cc-mujoco whatif-show STUDY {row['design']}")
-    following = ["see it at work with ", show]
+    sure = join_pieces([element("b", "How sure: "), f"{near_best_sentence(found)}."])
+    items: list[Html] = [sure]
     if edges:
         names = list_words([plain_name(name) for name, _ in edges])
-        following = [
-            f"vary {names} further, as the best lies at an end; and ",
-            *following,
-        ]
-    return element(
-        "ul",
-        element("li", element("b", "How sure: "), near_best_sentence(found), "."),
-        element("li", element("b", "What next: "), *following, "."),
-    )
+        wider = f"vary {names} further, as the best lies at an end."
+        items.append(join_pieces([element("b", "Wider: "), wider]))
+    return join_pieces([paragraph(element("b", "Next: "), show), bullet_list(items)])
 
 
 def near_best_sentence(found: RankedStudy) -> str:
@@ -291,7 +298,8 @@ def best_designs(found: RankedStudy) -> Html | None:
         names.append(CONTROLLER_COLUMN)
     if found.plan.protocol.across.several:
         names += [f"{goal.name}@{WORST_CASE_SUFFIX}" for goal in found.goals]
-    columns = ["design", *found.varied, *names]
+    goals = len(found.goals)
+    columns = ["design", *names[:goals], *found.varied, *names[goals:]]
     rows = []
     for place in found.order[:LISTED_DESIGNS]:
         if np.isnan(found.cost[place]).any():
@@ -306,7 +314,7 @@ def best_designs(found: RankedStudy) -> Html | None:
         else "The order is by the objective."
     )
     return join_pieces(
-        [paragraph(words), table([column_title(n) for n in columns], rows)]
+        [paragraph(words), short_table([_heading(n) for n in columns], rows)]
     )
 
 
@@ -439,7 +447,7 @@ def controllers(found: RankedStudy) -> Html | None:
         "alone would have ordered the designs as they are ordered here; where it is "
         "far from 1, the number is as much the controller's as the design's."
     )
-    return join_pieces([paragraph(words), table(head, rows)])
+    return join_pieces([paragraph(words), short_table(head, rows)])
 
 
 def trade_offs(found: RankedStudy) -> Html | None:
@@ -447,28 +455,23 @@ def trade_offs(found: RankedStudy) -> Html | None:
     members = np.flatnonzero(found.front)
     if len(found.goals) < 2 or members.size < 2:
         return None
-    sentences: list[str | Html] = []
+    ends = {"best compromise": int(found.order[0])}
     for column, goal in enumerate(found.goals):
-        row = found.rows[int(members[np.argmin(found.cost[members, column])])]
-        rest = list_words(
-            [
-                f"{plain_name(other.name)} "
-                f"{format_quantity(other.name, row[other.name])}"
-                for other in found.goals
-                if other is not goal
-            ]
-        )
-        word = "most" if goal.high else "least"
-        sentences.append(
-            f"The {word} {plain_name(goal.name)}, "
-            f"{format_quantity(goal.name, row[goal.name])}, has design {row['design']} "
-            f"({_setting_text(found, row)}), with {rest}."
-        )
+        title = f"{'most' if goal.high else 'least'} {plain_name(goal.name)}"
+        ends[title] = int(members[np.argmin(found.cost[members, column])])
+    names = [goal.name for goal in found.goals]
+    columns = ["design", *names, *found.varied]
+    rows = [
+        [title, *(format_cell(found.rows[row][name]) for name in columns)]
+        for title, row in ends.items()
+    ]
     opening = (
-        f"{members.size} designs are such that nothing beats them in all objectives: "
-        "to gain in one, another has to give."
+        f"No design beats the {members.size} of the Pareto set in all objectives: to "
+        "gain in one, another has to give."
     )
-    return join_pieces([paragraph(opening), bullet_list(sentences)])
+    return join_pieces(
+        [paragraph(opening), short_table(["", *map(_heading, columns)], rows)]
+    )
 
 
 def deciding_variables(
@@ -488,9 +491,9 @@ def deciding_variables(
         rows = []
         for name in names:
             values, means = one.effects[name]
-            text = one.levels.get(name) or [f"{value:.4g}" for value in values]
+            text = one.levels.get(name) or [format_cell(float(v)) for v in values]
             low, high = int(np.argmin(means)), int(np.argmax(means))
-            ends = [f"{means[k]:.4g} at {text[k]}" for k in (low, high)]
+            ends = [f"{format_cell(float(means[k]))} at {text[k]}" for k in (low, high)]
             if means[low] == means[high]:  # the surface does without it
                 ends = ["-", "-"]
             share = one.total[name]
@@ -501,7 +504,7 @@ def deciding_variables(
         unit = metric_of(one.metric).unit
         head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
         how = paragraph(f"{one.how[:1].upper()}{one.how[1:]}.", kind="small")
-        parts += [element("h3", plain_name(one.metric)), table(head, rows), how]
+        parts += [element("h3", plain_name(one.metric)), short_table(head, rows), how]
     words = (
         "The share of the differences between designs that goes when a variable is "
         "held (Sobol's total index; shares overlap where variables act together). "
@@ -544,7 +547,7 @@ def limit_slack(found: RankedStudy) -> Html | None:
     head = ["limit", "designs that keep it", "that only this one excludes"]
     if row is not None:
         head += [f"design {row['design']}", "left over"]
-    return table(head, rows)
+    return short_table(head, rows)
 
 
 def local_values(found: Around | None) -> Html | None:
@@ -554,9 +557,9 @@ def local_values(found: Around | None) -> Html | None:
     return join_pieces(
         [
             paragraph(SLOPES_NOTE),
-            table(*slope_table(found)),
+            short_table(*slope_table(found)),
             *(
-                [paragraph(PRICES_NOTE), table(*price_table(found))]
+                [paragraph(PRICES_NOTE), short_table(*price_table(found))]
                 if found.prices
                 else ()
             ),
@@ -721,6 +724,11 @@ def variable_meanings(found: RankedStudy) -> Html:
         thing = known_metric(name) or describe(name)
         rows.append((name, thing.unit, thing.meaning))
     return table(("name", "unit", "meaning"), rows)
+
+
+def _heading(name: str) -> str:
+    """Return the title of a column that may break into lines."""
+    return column_title(name).replace("_", " ")
 
 
 def _setting_text(found: RankedStudy, row: Row) -> str:

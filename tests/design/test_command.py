@@ -35,12 +35,13 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     out = tmp_path / "study"
     assert sorted(path.name for path in out.iterdir()) == [
         ".written",
+        "answer.png",
         "around.parquet",
         "effects.parquet",
         "effects.png",
+        "effects_all.png",
         "heatmaps.png",
         "pareto.parquet",
-        "pareto.png",
         "ranking.md",
         "report.html",
         "sobol.parquet",

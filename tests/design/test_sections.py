@@ -26,6 +26,7 @@ from cc_mujoco.design._report_text import (
     limit_slack,
 )
 from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
+from cc_mujoco.report._html import Html
 
 GOALS = ("rms_torque_error", "peak_tension")
 
@@ -86,14 +87,13 @@ def test_the_page_without_objectives_names_those_it_ranks_by(tmp_path: Path) -> 
     page = said(written(tmp_path, found, table))
     assert "least rms torque error and least peak tension (no objective" in page
     assert found.front.sum() == 2
-    assert (tmp_path / "pareto.png").exists()
+    assert (tmp_path / "answer.png").exists()
 
 
 def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None:
     found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0])
-    written(tmp_path, found, table)
-    assert (tmp_path / "pareto.png").exists()
-    (tmp_path / "mine.parquet").touch()
+    for name in ("pareto.png", "mine.parquet"):
+        (tmp_path / name).touch()
     one = replace(found.plan, objectives=found.plan.objectives[:1])
     write_report(tmp_path, one, table)
     assert not (tmp_path / "pareto.png").exists()
@@ -109,9 +109,9 @@ def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "<script" not in page and "default-src 'none'" in page
     text = " ".join(said(page).split())
-    lead = "Best in all objectives of those tried is design 2: friction 0.3 and "
+    lead = "Best in all objectives of those tried is design 2, friction 0.3 and "
     assert lead in text and "with peak_tension<=55, which 2 keep" in text
-    assert text.index(lead) < text.index("2* 0.3 12 2 40") < text.index("0 0.1 10 3 50")
+    assert text.index(lead) < text.index("2* 2 40 0.3 12") < text.index("0 3 50 0.1 10")
     assert "cc-mujoco <x>" in text
 
 
@@ -149,18 +149,19 @@ def test_a_best_design_at_the_end_of_a_range_is_said_to_be(
     found, _ = finding(errors, [1.0] * 4, goals=GOALS[:1])
     text = said(confidence(found))
     assert ends in text and ("wider range" in text) == bool(ends)
-    top = said(header(found))
+    top = said(header(found, Html()))
     assert ("vary friction and pretension further" in top) == bool(ends)
 
 
 def test_the_first_screen_says_how_sure_it_is_and_what_is_next() -> None:
     errors = [1.0, 1.01, 3.0, 4.0]
-    top = said(header(finding(errors, [1.0] * 4, goals=GOALS[:1])[0]))
+    top = said(header(finding(errors, [1.0] * 4, goals=GOALS[:1])[0], Html()))
     top = " ".join(top.split())
     assert "How sure: 1 other design is as good to within 5%" in top
-    assert "What next: " in top
+    assert "Next: " in top
     assert "cc-mujoco whatif-show STUDY 0" in top
-    alone = said(header(finding([1.0, 2.0, 3.0, 4.0], [1.0] * 4, goals=GOALS[:1])[0]))
+    lone, _ = finding([1.0, 2.0, 3.0, 4.0], [1.0] * 4, goals=GOALS[:1])
+    alone = said(header(lone, Html()))
     assert "0 other designs" in alone and "stands alone" in alone
 
 

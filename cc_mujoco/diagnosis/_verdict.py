@@ -293,7 +293,7 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Belief:
+class VerdictOdds:
     """Calibrated probability that the verdict is right.
 
     Attributes:
@@ -352,7 +352,7 @@ class Diagnosis:
     """Comparison of occasions, None where there is one."""
     interrupted: bool = False
     """True if the search was stopped before all effects were tried."""
-    belief: Belief | None = None
+    belief: VerdictOdds | None = None
     """Probability that the verdict is right; None where no search was made or it was
     stopped."""
 

@@ -31,7 +31,7 @@ from cc_mujoco.diagnosis._inference.folds import CrossValidation, blocks
 from cc_mujoco.diagnosis._inference.plausibility import IMPLAUSIBLE_PREFIX
 from cc_mujoco.diagnosis._inference.search import FORM_ERROR_SHARE, Round, Search
 from cc_mujoco.diagnosis._phrases import format_odds
-from cc_mujoco.diagnosis._verdict import Alternative, Belief, Verdict
+from cc_mujoco.diagnosis._verdict import Alternative, Verdict, VerdictOdds
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.report._html import list_words
 
@@ -89,7 +89,7 @@ def belief_in_verdict(
     kind: Verdict,
     missing: Sequence[str],
     ties: Sequence[Sequence[str]],
-) -> Belief:
+) -> VerdictOdds:
     """Return the probability that a verdict is right, with what else may be true.
 
     A name is right if its effect is the one that acts, a tie if one of its effects is.
@@ -144,7 +144,9 @@ def _alternatives(
     return found_z
 
 
-def _worded(kind: Verdict, probability: float, others: Sequence[Alternative]) -> Belief:
+def _worded(
+    kind: Verdict, probability: float, others: Sequence[Alternative]
+) -> VerdictOdds:
     """Return the belief with its sentence."""
     shown = sorted(
         (each for each in others if each.probability >= _MIN_SHOWN),
@@ -169,4 +171,4 @@ def _worded(kind: Verdict, probability: float, others: Sequence[Alternative]) ->
     statement = f"Odds {format_odds(probability)} that {subject}"
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"
-    return Belief(probability, f"{statement}.", tuple(shown))
+    return VerdictOdds(probability, f"{statement}.", tuple(shown))

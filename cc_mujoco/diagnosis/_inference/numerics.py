@@ -11,8 +11,11 @@ from cc_mujoco.diagnosis._inference.fitting import Problem, huber_residual
 MAX_NUMERICAL_ERROR = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
 MAX_NUMERICAL_SHARE = 0.15
-"""Harmless change over the RMS error of the model. Halved steps show half of an error of first
-order, so at most 9 % of the squared error is numerical, less than any effect takes."""
+"""Harmless change over the RMS error of the model.
+
+Halved steps show half of an error of first order, so at most 9 % of the squared error
+is numerical, less than any effect takes.
+"""
 MAX_CABLE_SEGMENTS = 64
 """Most segments per cable."""
 MAX_SUBSTEPS = 8

@@ -1,4 +1,4 @@
-"""What a set of instruments can show: stated, and true on simulated rigs."""
+"""The statement of what a set of instruments can show is true on simulated rigs."""
 
 from __future__ import annotations
 

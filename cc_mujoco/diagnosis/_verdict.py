@@ -347,7 +347,7 @@ class Diagnosis:
     remaining: float = math.nan
     """RMS error of the repaired model on held-out data, over the noise floor."""
     instruments: str = ""
-    """Effects that the instruments show and do not show; empty of two torque sensors."""
+    """Limits of the instruments in words; empty of two torque sensors."""
     occasions: Occasions | None = None
     """Comparison of occasions, None where there is one."""
     interrupted: bool = False

@@ -60,7 +60,7 @@ PAGES = {
     "parameters": ROOT / "cc_mujoco" / "cable" / "README.md",
     "materials": ROOT / "cc_mujoco" / "design" / "README.md",
     "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
-    "effects": ROOT / "cc_mujoco" / "diagnosis" / "concepts.md",
+    "effects": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
     "dataset": ROOT / "cc_mujoco" / "diagnosis" / "reference.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",

@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
 )
 from cc_mujoco.diagnosis._inference.fitting import tuned_effect_parameter
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
-from cc_mujoco.diagnosis.effects import RigGeometry, TrialConditions
+from cc_mujoco.diagnosis.effects import RigGeometry, TrialConditions, form_key
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction grease_drag stribeck_friction presliding
@@ -157,7 +157,8 @@ def test_entries_are_complete(name: str) -> None:
     assert any(parameter.admits(0.0) for parameter in known)
     assert all(parameter.unit and parameter.meaning for parameter in known)
     for start in effect.starts:
-        assert set(start) == {parameter.name for parameter in effect.parameters}
+        own = {parameter.name for parameter in effect.parameters}
+        assert set(start) - {form_key(effect.id)} == own
         for parameter in effect.parameters:
             assert parameter.parameter.admits(start[parameter.name])
     in_scene = effect.cables is not None or name in REALISATIONS

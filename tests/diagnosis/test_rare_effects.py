@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._inference.effect_check import check_effects
 from cc_mujoco.diagnosis._inference.folds import interleaved_folds
 from cc_mujoco.diagnosis._inference.search import Thresholds, search, search_rare
-from cc_mujoco.diagnosis.effects import usual_effects
+from cc_mujoco.diagnosis.effects import EXIT_FORMS, usual_effects
 from diagnosis.recorded import BENCH, dataset
 
 RARE = [name for name, effect in EFFECTS.items() if effect.rare]
@@ -127,3 +127,16 @@ def test_an_effect_of_the_library_is_fitted_in_its_best_form(
     (named,) = found.diagnosis.effects
     assert (named.id, named.form) == (effect, form)
     assert named.parameters[effect].value == pytest.approx(values[effect], rel=0.1)
+
+
+def test_an_eccentric_pulley_is_named_whatever_the_exit_angle() -> None:
+    sizes = {"eccentricity_cosine": 1e-3, "eccentricity_sine": 5e-4}
+    sizes |= {"ovality_cosine": 0.0, "ovality_sine": 0.0}
+    name = "pulley_eccentricity"
+    together = replace(BENCH, exit_angle=0.0)
+    data = dataset({name: sizes}, 2.5, bench=together)
+    found = run_inference(data, BENCH, Options((name,))).diagnosis
+    (named,) = found.missing
+    assert (named.id, named.form) == (name, EXIT_FORMS[1])
+    wanted = pytest.approx(1e-3, rel=0.1)
+    assert named.parameters["eccentricity_cosine"].value == wanted

@@ -20,6 +20,7 @@ from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis.effects import (
     ANTAGONIST,
     EFFECTS,
+    EXIT_FORMS,
     Effect,
     EffectParameter,
     form_key,
@@ -124,14 +125,29 @@ def available_effects(
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
         else:
-            names = {parameter.name for parameter in kept}
-            names.add(form_key(name))
-            starts = tuple(
-                {key: value for key, value in start.items() if key in names}
-                for start in effect.starts
-            )
-            effects[name] = replace(effect, parameters=kept, starts=starts)
+            effects[name] = _with_parameters(effect, kept, cables, constants)
     return Library(effects, hidden, declared)
+
+
+def _with_parameters(
+    effect: Effect,
+    kept: tuple[EffectParameter, ...],
+    cables: int,
+    constants: Mapping[str, Constant],
+) -> Effect:
+    """Return an effect with these parameters, in the forms that the rig may have."""
+    key = form_key(effect.id)
+    forms, starts = effect.forms, effect.starts
+    if forms == EXIT_FORMS and (cables == 1 or "exit_angle" in constants):
+        forms, starts = (), tuple(s for s in starts if s[key] == 0.0)
+    names = {parameter.name for parameter in kept}
+    if forms:
+        names.add(key)
+    starts = tuple(
+        {name: value for name, value in start.items() if name in names}
+        for start in starts
+    )
+    return replace(effect, parameters=kept, starts=starts, forms=forms)
 
 
 def _excluding_fact(name: str, constants: Mapping[str, Constant]) -> str:

@@ -263,7 +263,7 @@ def motions(
                 free(sweep),
                 0.0,
                 known_torques=(weights[0], weights[1]),
-                usual=False,
+                standard=True,
             )
         )
     if instruments == TORQUE_SENSORS:

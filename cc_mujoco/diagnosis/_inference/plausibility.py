@@ -50,6 +50,9 @@ def implausibility(problem: Problem, x: FloatArray) -> str:
                     f"{IMPLAUSIBLE_PREFIX} {parameter.name} {value:.3g}{unit}, which "
                     f"is beyond {low:.3g} to {high:.3g}{unit}"
                 )
+        together = problem.plant.library.effects[name].implausible
+        if together is not None and (reason := together(values)):
+            return f"{IMPLAUSIBLE_PREFIX} {reason}"
     return ""
 
 

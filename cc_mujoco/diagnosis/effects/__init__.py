@@ -9,6 +9,7 @@ at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has
 
 from cc_mujoco.diagnosis.effects._drive_effects import (
     BACKLASH_BOUNDS,
+    EXIT_FORMS,
     acceleration,
 )
 from cc_mujoco.diagnosis.effects._effect import (
@@ -44,6 +45,7 @@ __all__ = [
     "ANTAGONIST",
     "BACKLASH_BOUNDS",
     "EFFECTS",
+    "EXIT_FORMS",
     "GAIN_BOUNDS",
     "JOINT_DELAY",
     "USUAL_CONDITIONS",

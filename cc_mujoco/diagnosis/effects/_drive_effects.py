@@ -26,6 +26,10 @@ _ROUNDNESS_BOUNDS = (-0.25, 0.25)
 """Eccentricity and ovality over the radius of a pulley that anybody would use."""
 _AT_MOST_MEASURED = (-1.0, 1.0)
 """Share of the largest torque at the joint; more would show in the readings."""
+MAX_REST_ANGLE = 2.0 * math.pi
+"""Largest angle between a joint's 0 and where a spring on it rests [rad]."""
+EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a turn off")
+"""Forms of an eccentric pulley: the exit angle, and half a turn more."""
 _POSITIVE = (0.0, math.inf)
 
 
@@ -38,14 +42,15 @@ def _eccentric(
         size = min(math.hypot(cosine, sine), 0.45 * rig.motor_radius)
         return size, math.atan2(sine, cosine)
 
+    turn = rig.exit_angle + math.pi * values.get(form_key("pulley_eccentricity"), 0.0)
     size, phase = wave("eccentricity")
     ovality, second = wave("ovality")
     return tuple(
         cable.replace(
             eccentricity=size,
-            eccentricity_phase=_rotate_phase(phase, side * rig.exit_angle),
+            eccentricity_phase=_rotate_phase(phase, side * turn),
             ovality=ovality,
-            ovality_phase=_rotate_phase(second, 2.0 * side * rig.exit_angle),
+            ovality_phase=_rotate_phase(second, 2.0 * side * turn),
         )
         for side, cable in enumerate(given)
     )
@@ -97,6 +102,15 @@ def _gravity(s: Signals, v: Values) -> Signals:
 def _spring(s: Signals, v: Values) -> Signals:
     moment = v["joint_stiffness"] * s.joint_angle + v["joint_stiffness_moment"]
     return s.added(joint=-moment)
+
+
+def _far_rest(v: Values) -> str:
+    """Return where a spring rests that is so far away that it only adds an offset."""
+    stiffness, moment = abs(v["joint_stiffness"]), abs(v["joint_stiffness_moment"])
+    if moment <= MAX_REST_ANGLE * stiffness:
+        return ""
+    angle = moment / max(stiffness, 1e-300)
+    return f"a spring that rests {angle:.3g} rad from joint angle 0, over a turn"
 
 
 DRIVE_EFFECTS = (
@@ -183,19 +197,22 @@ DRIVE_EFFECTS = (
                 "motor_radius",
             ),
         ),
-        starts=(
+        starts=tuple(
             {
                 "eccentricity_cosine": 5e-4,
                 "eccentricity_sine": 5e-4,
                 "ovality_cosine": 2e-4,
                 "ovality_sine": 2e-4,
-            },
+                form_key("pulley_eccentricity"): form,
+            }
+            for form in (0.0, 1.0)
         ),
         required_excitation="half a turn of the motor pulley or more",
         confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
         mujoco=PLUGIN_KEYS,
         source="geometry",
         cables=_eccentric,
+        forms=EXIT_FORMS,
     ),
     Effect(
         id="motor_cogging",
@@ -330,6 +347,7 @@ DRIVE_EFFECTS = (
         source="statics",
         torques=_spring,
         form_of=("joint_gravity",),  # a band softens as a weight turns
+        implausible=_far_rest,
     ),
     Effect(
         id="joint_inertia",

@@ -232,6 +232,8 @@ class Effect:
             error unexplained.
         forms: names of the forms in which it is offered; the value `form_key(id)` is
             the index of the one that is simulated, 0 where there is none.
+        implausible: why sizes that are plausible by themselves are not together, in
+            words after "fits only with"; "" if they are.
     """
 
     id: str
@@ -258,6 +260,7 @@ class Effect:
     by_trial: bool = False
     rare: bool = False
     forms: tuple[str, ...] = ()
+    implausible: Callable[[Values], str] | None = None
 
     def form(self, values: Values) -> str:
         """Return the form that values select, "" of an effect with only one."""

@@ -69,6 +69,10 @@ def facts_of(trials: str, seed: int) -> str:
         ]
         if trial.tilt:
             lines.append(f"tilt = {trial.tilt:g}")
+        if any(trial.known_torques):
+            motor, joint = trial.known_torques
+            lines.append(f"known_motor_torque = {motor:g}")
+            lines.append(f"known_joint_torque = {joint:g}")
         if trial.repeat_of is not None:
             lines.append(f'repeat_of = "trial_{trial.repeat_of:02d}"')
         lines.append("")

@@ -25,6 +25,10 @@ LOCKED = (3000.0, 2.0)
 A loose or a firm human hand, a spring, no load, a clamp."""
 
 
+WEIGHTS = (2.0, 2.0)
+"""Torques of the known weights at motor and joint [N m]."""
+
+
 @dataclass(frozen=True)
 class Trial:
     """One trial, lead-in included.
@@ -101,11 +105,15 @@ def asked(motor: Array, joint: Array, load: str) -> Trial:
 
 
 def standard(trials: list[Trial]) -> list[Trial]:
-    """Return trials with one more of the rig turned, and one with the cables off."""
+    """Return trials with one more of the rig turned, and two with the cables off.
+
+    The second of these has known weights in place of the cables.
+    """
     sweep = go.speed_ladder(np.full(2, 0.4), 0.8)
     turned = replace(asked(sweep, sweep, "free"), tilt=0.5 * np.pi, motion="turned")
     off = replace(asked(sweep, -sweep, "human"), unhooked=True, motion="cables off")
-    return [*trials, turned, off]
+    weights = replace(off, known_torques=WEIGHTS, motion="cables off, weights")
+    return [*trials, turned, off, weights]
 
 
 def rich(rng: Generator) -> list[Trial]:

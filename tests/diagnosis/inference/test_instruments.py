@@ -31,6 +31,7 @@ from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,
 )
+from cc_mujoco.diagnosis.effects import EXIT_FORMS, form_key
 from cc_mujoco.errors import CableError
 from diagnosis.instrumented import (
     ANKLE,
@@ -165,7 +166,7 @@ def test_every_effect_is_either_seen_or_told_why_not(motor, joint, cables) -> No
     for name, effect in seen.effects.items():
         kept = {parameter.name for parameter in effect.parameters}
         assert kept and kept <= {p.name for p in EFFECTS[name].parameters}
-        assert all(start.keys() == kept for start in effect.starts)
+        assert all(start.keys() - {form_key(name)} == kept for start in effect.starts)
         if joint in (None, "known load"):
             assert not any(each.startswith("joint_torque_") for each in kept)
 
@@ -195,6 +196,19 @@ def test_a_declared_fact_removes_or_bounds_effects() -> None:
     assert "joint_spring = false" in bound.declared["joint_stiffness"]
     assert "gain_uncertainty = 0.01" in bound.declared["torque_sensor_gain"]
     assert not declared_sentence(free.declared)
+
+
+def test_a_pulley_is_eccentric_in_either_geometry_unless_one_is_declared() -> None:
+    declared = {"exit_angle": Constant(np.pi)}
+    free, one, known = (
+        available_effects(cables, TORQUE_SENSORS, constants=constants).effects[
+            "pulley_eccentricity"
+        ]
+        for cables, constants in ((2, {}), (1, {}), (2, declared))
+    )
+    assert free.forms == EXIT_FORMS and len(free.starts) == 2
+    for effect in (one, known):
+        assert effect.forms == () and len(effect.starts) == 1
 
 
 def test_a_load_takes_the_torque_of_its_parts() -> None:

@@ -76,6 +76,16 @@ def test_sizes_that_no_rig_has_are_told(
     assert f"fits only with {name}" in implausibility(wider, place(wider, **impossible))
 
 
+def test_a_spring_that_rests_out_of_reach_is_an_offset(baseline: Problem) -> None:
+    wider = baseline.with_effect(
+        "joint_stiffness", EFFECTS["joint_stiffness"].starts[0]
+    )
+    for stiffness, reason in ((0.02, ""), (0.002, "rests 50 rad from joint angle 0")):
+        x = place(wider, joint_stiffness=stiffness, joint_stiffness_moment=-0.1)
+        found = implausibility(wider, x)
+        assert reason in found and bool(found) is bool(reason)
+
+
 @pytest.mark.parametrize(
     ("name", "most"), [("end_compliance", 0.06), ("load_independent_friction", 0.015)]
 )

@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.occasions import (
@@ -158,6 +160,10 @@ def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
     """Return the comparison of one size with the shared one."""
     unit = found.parameter.unit
+    name = plain_name(found.parameter.name)
+    if not np.all(np.isfinite(found.value)):
+        text = f"{name}: the fit to each occasion fails, so agreement is not known."
+        return OccasionSize(effect, found.parameter.name, {}, True, text)
     sizes = {
         name: Estimate(value, unit, (value - _SIGMAS * error, value + _SIGMAS * error))
         for name, value, error in zip(
@@ -171,7 +177,7 @@ def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionS
     ]
     missing = [n for n in able if sizes[n].holds(0.0) or sizes[n].value * shared < 0.0]
     words = [f"{format_fitted(size)} on {name}" for name, size in sizes.items()]
-    text = f"{plain_name(found.parameter.name)} [{unit or '1'}]: {list_words(words)}"
+    text = f"{name} [{unit or '1'}]: {list_words(words)}"
     if missing:
         text += f"; {list_words(missing)} could show it and does not"
     elif len(able) < len(sizes):

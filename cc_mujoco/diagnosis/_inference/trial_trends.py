@@ -47,6 +47,8 @@ MIN_TREND_SHARE = 0.3
 _MAX_FITTED = 2
 """Parameters that are fitted by simulation, the best to first order."""
 _MAX_STEPS = 4
+_MISSED_SIGMAS = 2.0
+"""First-order change, in standard errors, that no step reaches where a fit fails."""
 _DAMPINGS = (0.0, 1e-3, 0.03, 1.0)
 """Damping of a step that is tried, relative to the diagonal (Marquardt 1963)."""
 _MAX_LOG_STEP = math.log(2.0)
@@ -62,7 +64,8 @@ class TrialConstants(NamedTuple):
             else in its unit.
         error: (trials,) standard errors of these.
         share: of the squared error beyond the floor that these values take.
-        value: (trials,) in the unit of the parameter, of one that is no logarithm.
+        value: (trials,) in the unit of the parameter, of one that is no logarithm; NaN
+            where the fit by trial fails.
         value_error: (trials,) standard errors of these.
     """
 
@@ -234,6 +237,7 @@ class _ByTrial:
         torques, error = self._torques, self._error
         best = self._cost(error, place, index)
         slopes = self._jacobian
+        proposed = self._solve(self._design(slopes, index), error, place, index)
         for _ in range(_MAX_STEPS):
             design = self._design(slopes, index)
             for damping in _DAMPINGS:
@@ -251,7 +255,11 @@ class _ByTrial:
             slopes = self._derivatives(torques)
             if done:
                 break
-        return self._told(index, place, torques, error, slopes)
+        found = self._told(index, place, torques, error, slopes)
+        own = np.abs(proposed[shared:]) * self._problem.tuned[index].scale
+        if not place.any() and np.any(own > _MISSED_SIGMAS * found.value_error):
+            found = found._replace(value=np.full(own.size, np.nan))
+        return found
 
     def _limited(self, step: FloatArray, index: int) -> FloatArray:
         """Return a step along which no logarithm changes by more than a factor of 2."""

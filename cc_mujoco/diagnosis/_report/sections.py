@@ -103,6 +103,8 @@ def occasions(diagnosis: Diagnosis, names: Names) -> Html | None:
     parts.append(table(("between", "change"), rows))
     for each in found.sizes:
         verb = "agrees" if each.agree else "does not agree"
+        if not each.sizes:
+            verb = "is not known to agree"
         title = f"{capitalise(names(each.effect))} {verb} between occasions"
         parts += [element("h3", title), paragraph(each.statement)]
     key = (

@@ -112,6 +112,10 @@ def test_an_occasion_that_could_show_an_effect_and_does_not_disputes_it() -> Non
     gone = compare_size("viscous_friction", constants((20.0, 0.1), (1.0, 1.0)), 10.0)
     assert not gone.agree
     assert "June could show it and does not" in gone.statement
+    lost = compare_size(
+        "viscous_friction", constants((np.nan, np.nan), (1.0, 1.0)), 10.0
+    )
+    assert lost.sizes == {} and "agreement is not known" in lost.statement
     blind = compare_size("viscous_friction", constants((10.0, 0.1), (1.0, 8.0)), 10.0)
     assert blind.agree
     assert "June cannot show a size of 10.0" in blind.statement

@@ -10,47 +10,23 @@ MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import fields
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import compiled
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.cable._reading import CableReading as CableReading
+from cc_mujoco.cable._reading import guided_compliance, read_states
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._instance_data import STATE_PATH
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._registration import plugin_function
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class CableReading:
-    """State of one cable, or of one cable in many simulations (leading axes).
-
-    Attributes:
-        tension: tension of the nodes from proximal to distal, (..., n + 1) [N].
-        slip: direction in which each segment slips, 0 where it rests, (..., n).
-        tension_proximal: tension at the motor's end [N].
-        tension_distal: tension at the joint's end [N].
-        moving_fraction: fraction of the segments that slip.
-        slack: length of cable that lies slack in the conduit [m].
-        dissipated: energy that friction has taken since reset [J].
-    """
-
-    tension: Floats
-    slip: NDArray[np.int8]
-    tension_proximal: float | Floats
-    tension_distal: float | Floats
-    moving_fraction: float | Floats
-    slack: float | Floats
-    dissipated: float | Floats
 
 
 def cables(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -91,11 +67,7 @@ def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableR
 
 
 class Reader:
-    """Reader of one cable of a model, with its lookups done once.
-
-    Each number is computed in the same way for one simulation and for many, so it has
-    the same bits in both.
-    """
+    """Reader of one cable of a model, with its lookups done once."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
         """Look the cable up.
@@ -117,8 +89,8 @@ class Reader:
         """Places of the tensions of the nodes [N], below 0 where the cable is slack."""
         self.energy = self.start + 2
         """Place of the energy dissipated since reset [J]."""
-        self._segments = cable.segments
-        self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
+        self._compliance, self._strain = guided_compliance(cable), 0.0
+        self._lengths = -1
         if cable.path != PATHS[0]:
             # The first that is remembered of a path, see `_instance_data.path_memory`.
             self._lengths = self.start + kernel.state_size(cable.segments) + STATE_PATH
@@ -137,58 +109,14 @@ class Reader:
                 f"this model has {self._total}"
             )
         states = plugin_state.reshape(-1, self._total)
-        shape, n = plugin_state.shape[:-1], self._segments
-        tension = np.empty((len(states), n + 1))
-        slip = np.empty((len(states), n), np.int8)
-        numbers = np.empty((5, len(states)))
-        _read(
-            states, self.start, self._lengths, self._compliance, self._strain, tension,
-            slip, numbers,
-        )  # fmt: skip
-        return CableReading(
-            tension.reshape(*shape, n + 1),
-            slip.reshape(*shape, n),
-            *(row.reshape(shape) for row in numbers),
+        found = read_states(
+            states, self.start, self._compliance, self._strain, self._lengths
         )
-
-
-@compiled
-def _read(
-    states: Floats,
-    start: int,
-    lengths: int,
-    compliance: Floats,
-    strain: float,
-    tension: Floats,
-    slip: NDArray[np.int8],
-    numbers: Floats,
-) -> None:
-    """Read a cable whose state begins at `start` in each of some states (k, m).
-
-    `lengths` is where they have the lengths of an open path's nodes, or -1; then a
-    slack node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
-    `CableReading`.
-    """
-    n = slip.shape[1]
-    for row in range(states.shape[0]):
-        state = states[row, start:]
-        node, slipped = at.tensions(state, n), at.slips(state, n)
-        moving, slack = 0, 0.0
-        # A separate loop without calls, so that the compiler can vectorise it.
-        for i in range(n + 1):
-            tension[row, i] = 0.0 if node[i] < 0.0 else node[i]
-        for i in range(n + 1):
-            if not node[i] >= 0.0:
-                slack -= node[i] * compliance[i]
-                if lengths >= 0:
-                    stretched = 1.0 + node[i] * strain
-                    slack += states[row, lengths + i] * (1.0 / stretched - 1.0)
-        for j in range(n):
-            slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
-            moving += slipped[j] != 0.0
-        numbers[0, row], numbers[1, row] = tension[row, 0], tension[row, n]
-        numbers[2, row], numbers[3, row] = moving / n, slack
-        numbers[4, row] = state[2]
+        shape = plugin_state.shape[:-1]
+        parts = (getattr(found, field.name) for field in fields(found))
+        return CableReading(
+            *(part.reshape((*shape, *part.shape[1:])) for part in parts)
+        )
 
 
 def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
@@ -285,12 +213,6 @@ def _instance(model: mujoco.MjModel, name: str) -> int:
     if name not in found:
         raise CableError.unknown("cable", name, found)
     return found[name]
-
-
-@lru_cache(maxsize=256)
-def _compliance(cable: Cable) -> Floats:
-    """Return the compliance of the nodes [m/N]."""
-    return 1.0 / kernel.node_stiffness(packed_parameters(cable), cable.segments)
 
 
 def _slack_compliance(cable: Cable) -> tuple[Floats, float]:

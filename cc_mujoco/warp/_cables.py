@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -16,10 +17,9 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import ENDS, PARAMETERS, TERMS, Cable
+from cc_mujoco.cable._reading import CableReading, guided_compliance, read_states
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin import CableReading, Reader, from_mjcf
-from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._spec import compile_spec
+from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import (
     STABILITY_LIMIT,
     add_forces,
@@ -28,7 +28,6 @@ from cc_mujoco.warp._implicit_kernels import (
 )
 from cc_mujoco.warp._kernels import ATTEMPTS, Rows, forget, kernels, write_rows
 from cc_mujoco.warp._model import (
-    end_actuators,
     end_rate,
     lengths_in_qpos0,
     require_plain,
@@ -38,6 +37,8 @@ from cc_mujoco.warp._model import (
 Floats = NDArray[np.float64]
 
 _INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+_DISCRETE = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
+"""Integrator whose step holds ends by itself; older MuJoCo has none."""
 _IMPLICIT_LIMIT = 1.0
 """Square of step times frequency, in `qpos0`, above which ends look ahead."""
 
@@ -47,6 +48,7 @@ def attach(
     d: mjw.Data,
     source: mujoco.MjSpec | mujoco.MjModel,
     *,
+    cables: Mapping[str, HeldCable] | None = None,
     terms: tuple[str, ...] = (),
     rest_in_pose: bool = False,
 ) -> AttachedCables:
@@ -61,6 +63,8 @@ def attach(
         m: model of `without_plugin(spec)`.
         d: its data.
         source: the scene with its cables, a specification or a compiled model.
+        cables: cables by name, where `source` has none: then it is the compiled model
+            that `m` was made of, on any release of MuJoCo that mujoco_warp takes.
         terms: parameters of `Cable` that are off and may be switched on by `vary`.
         rest_in_pose: whether a reset lays the cables at their pretension in the pose of
             the world, as `settle` does, and not in `qpos0`.
@@ -69,7 +73,18 @@ def attach(
         CableError: no cable, an end or integrator that is not supported, or a model
             that is not that of `without_plugin`.
     """
-    return AttachedCables(m, d, source, terms, rest_in_pose)
+    if cables is None:
+        # Of a MuJoCo that can run the plugin, which other scenes do not need.
+        scene = import_module("cc_mujoco.warp._scene")
+        model, cables = scene.held_cables(source)
+    elif isinstance(source, mujoco.MjModel):
+        model = source
+    else:
+        raise CableError(
+            "cables given by name are attached to the compiled model that `m` was made "
+            f"of, an MjModel, not {type(source).__name__}"
+        )
+    return AttachedCables(m, d, model, cables, terms, rest_in_pose)
 
 
 class AttachedCables:
@@ -82,32 +97,32 @@ class AttachedCables:
             end at the last evaluation [N].
         values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
             of the table in `cable/README.md`; call `repack` after a change.
+        is_evaluated: whether steps or a graph of them have had the cables in them.
     """
 
     def __init__(
         self,
         m: mjw.Model,
         d: mjw.Data,
-        source: mujoco.MjSpec | mujoco.MjModel,
+        model: mujoco.MjModel,
+        cables: Mapping[str, HeldCable],
         terms: tuple[str, ...],
         rest_in_pose: bool,
     ) -> None:
         """Make the arrays of the cables and set the callback; see `attach`."""
-        cables = from_mjcf(source)
         if not cables:
             raise CableError("the scene has no cable to attach to mujoco_warp")
-        require_supported(cables, int(m.opt.integrator))
-        is_model = isinstance(source, mujoco.MjModel)
-        self._model = source if is_model else compile_spec(source)
-        self.names = tuple(cables)
-        self._cables, self._worlds = tuple(cables.values()), int(d.nworld)
+        plain = {name: held.cable for name, held in cables.items()}
+        require_supported(plain, int(m.opt.integrator))
+        self._model, self.names = model, tuple(cables)
+        self._cables, self._worlds = tuple(plain.values()), int(d.nworld)
         self.terms = _terms_in_use(self._cables, terms)
         self._rest_in_pose = bool(rest_in_pose)
-        actuators = end_actuators(self._model, self.names)
-        require_plain(m, self._model, actuators)
+        actuators = actuators_of(model, cables)
+        require_plain(m, model, actuators)
         self._actuators_of = actuators
         self._step: float | None = None
-        if int(m.opt.integrator) != mujoco.mjtIntegrator.mjINT_DISCRETE:
+        if int(m.opt.integrator) != _DISCRETE:
             self._step = float(m.opt.timestep.numpy().max())
         self._look = [
             self._stiffness(cable, index) > _IMPLICIT_LIMIT
@@ -117,6 +132,7 @@ class AttachedCables:
         self._kernels = kernels(self.terms, self._implicit)
         self._looks = wp.array(self._look, dtype=int, device=d.time.device)
         self._allocate(d, actuators)
+        self.is_evaluated = False
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
         m.callback.act_bias = self._act
 
@@ -196,6 +212,7 @@ class AttachedCables:
 
     def _act(self, m: mjw.Model, d: mjw.Data) -> None:
         """Evaluate all cables at the positions in `d`, and write their forces."""
+        self.is_evaluated = True
         if self._before is not None:
             self._before(m, d)
         if d.nworld != self._worlds:
@@ -301,19 +318,22 @@ class AttachedCables:
             device=d.time.device,
         )  # fmt: skip
 
-    def reset(self, worlds: ArrayLike | None = None) -> None:
+    def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
         """Lay the cables of some worlds at rest at their next evaluation.
 
         `mujoco_warp.reset_data` needs no call of it; a reset that keeps the time does.
 
         Args:
-            worlds: flags (worlds,); all if omitted.
+            worlds: flags (worlds,), which may lie on the device; all if omitted.
 
         Raises:
             CableError: they are no flags of all worlds.
         """
-        flags = np.ones(self._worlds, bool) if worlds is None else np.asarray(worlds)
-        if flags.dtype != bool or flags.shape != (self._worlds,):
+        flags: Any = np.ones(self._worlds, bool) if worlds is None else worlds
+        if not isinstance(flags, wp.array):
+            flags = np.asarray(flags)
+        kind = wp.bool if isinstance(flags, wp.array) else np.dtype(bool)
+        if flags.dtype != kind or flags.shape != (self._worlds,):
             raise CableError(
                 f"worlds is {worlds!r}; it must be true or false for each of the "
                 f"{self._worlds} worlds."
@@ -340,8 +360,27 @@ class AttachedCables:
             CableError: an unknown cable or parameter, a value out of its range, or a
                 term that is off in the kernel.
         """
+        self.values.assign(self._varied(name, parameters))
+        self.repack()
+
+    def require_allowed(self, name: str, parameters: Mapping[str, ArrayLike]) -> None:
+        """Refuse what `vary` refuses, and change nothing.
+
+        Args:
+            name: the cable.
+            parameters: as those of `vary`, by name.
+
+        Raises:
+            CableError: see `vary`.
+        """
+        self._varied(name, parameters)
+
+    def _varied(
+        self, name: str, parameters: Mapping[str, ArrayLike]
+    ) -> NDArray[np.float32]:
+        """Return `values` with some parameters of a cable replaced; see `vary`."""
         index = self._index(name)
-        values = self.values.numpy().copy()
+        values: NDArray[np.float32] = self.values.numpy().copy()
         for key, given in parameters.items():
             if key not in _INDEX:
                 raise CableError.unknown("parameter", key, list(_INDEX))
@@ -360,9 +399,8 @@ class AttachedCables:
                 wanted_cable = self._cables[index].replace(**own)
             except CableError as error:
                 raise CableError(f"cable {name!r}: {error}") from None
-            self._require_allowed(index, wanted_cable)
-        self.values.assign(values)
-        self.repack()
+            self._require_round_pulley(index, wanted_cable)
+        return values
 
     def assign(self, name: str, cables: Mapping[int, Cable]) -> None:
         """Give some worlds cables of their own, conduits too; nothing is compiled.
@@ -390,7 +428,7 @@ class AttachedCables:
                     )
             for term in cable.terms:
                 self._require_compiled(name, term)
-            self._require_allowed(index, cable)
+            self._require_round_pulley(index, cable)
             self._require_followed(index, cable)
             packed = packed_parameters(cable)
             row[: packed.size] = packed
@@ -438,7 +476,7 @@ class AttachedCables:
             "attach the cable that is stiffest, or shorten the time step"
         )
 
-    def _require_allowed(self, index: int, cable: Cable) -> None:
+    def _require_round_pulley(self, index: int, cable: Cable) -> None:
         """Refuse a pulley whose axis lies outside of it, as the plugin does."""
         swing = cable.eccentricity + cable.ovality
         radius = abs(float(self._model.actuator_gear[self._proximal[index], 0]))
@@ -457,20 +495,32 @@ class AttachedCables:
         Raises:
             CableError: there is no cable of that name.
         """
-        self._index(name)
-        return Reader(self._model, name).read(self.plugin_state())
+        index = self._index(name)
+        compliance = guided_compliance(self._cables[index])
+        return read_states(self._pending(index), 0, compliance)
 
     def plugin_state(self) -> Floats:
-        """Return the states as the plugin has them, a copy (worlds, npluginstate)."""
+        """Return the states as the plugin has them, a copy (worlds, npluginstate).
+
+        Raises:
+            CableError: cables were attached by name, to a model without the plugin.
+        """
+        if self._model.npluginstate == 0:
+            raise CableError("the model of these cables has no state of a plugin")
         found = np.zeros((self._worlds, self._model.npluginstate))
-        now, states = self._now.numpy(), self._state.numpy()
-        for index, (name, cable) in enumerate(
-            zip(self.names, self._cables, strict=True)
-        ):
-            start = int(self._model.plugin_stateadr[instances(self._model)[name]])
-            size = kernel.state_size(cable.segments)
-            rows = index * self._worlds + np.arange(self._worlds)
-            found[:, start : start + size] = states[1 - now[rows], rows, :size]
+        for index, actuators in enumerate(self._actuators_of):
+            state = self._pending(index)
+            instance = self._model.actuator_plugin[actuators[0]]
+            start = int(self._model.plugin_stateadr[instance])
+            found[:, start : start + state.shape[1]] = state
+        return found
+
+    def _pending(self, index: int) -> Floats:
+        """Return the states of a cable after its last evaluation (worlds, size)."""
+        size = kernel.state_size(self._cables[index].segments)
+        rows = index * self._worlds + np.arange(self._worlds)
+        now = self._now.numpy()[rows]
+        found: Floats = self._state.numpy()[1 - now, rows, :size].astype(float)
         return found
 
     def _index(self, name: str) -> int:

@@ -13,7 +13,6 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._mjcf import instances
 
 Floats = NDArray[np.float64]
 
@@ -40,15 +39,6 @@ def require_supported(cables: Mapping[str, Cable], integrator: int) -> None:
             "cables in mujoco_warp take one evaluation a step; set the integrator to "
             "Euler or implicitfast, not RK4"
         )
-
-
-def end_actuators(model: mujoco.MjModel, names: tuple[str, ...]) -> NDArray[np.int32]:
-    """Return the actuators at the proximal and the distal end of each cable."""
-    places: Mapping[str, int] = instances(model)
-    return np.array(
-        [np.flatnonzero(model.actuator_plugin == places[name]) for name in names],
-        np.int32,
-    )
 
 
 def require_plain(

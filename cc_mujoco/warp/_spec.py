@@ -7,6 +7,7 @@ import mujoco
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import require_spec
+from cc_mujoco.warp._ends import force_of_callback
 from cc_mujoco.warp._model import require_supported
 
 
@@ -32,9 +33,7 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
             actuator.plugin.active = False
             actuator.plugin.name = ""
             actuator.plugin.plugin_name = ""
-            actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-            actuator.gainprm[0] = 0.0
-            actuator.biastype = mujoco.mjtBias.mjBIAS_USER
+            force_of_callback(actuator)
     for plugin in list(plain.plugins):
         if plugin.plugin_name == PLUGIN:
             plain.delete(plugin)

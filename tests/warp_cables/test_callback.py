@@ -8,6 +8,7 @@ import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import pytest
+import warp as wp
 
 import cc_mujoco
 from cc_mujoco.cable import Cable, Section
@@ -15,7 +16,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.errors import CableError
-from cc_mujoco.warp import attach, without_plugin
+from cc_mujoco.warp import HeldCable, add_end, attach, without_plugin
 
 CABLE = Cable(friction=0.2, static_friction=0.3, conduit=(Section(1.0, 0.3),))
 SHORT = CABLE.replace(segments=8)
@@ -118,9 +119,50 @@ def test_a_reset_at_the_same_time_is_a_call(rig):
     moved = lengths(20, 4)
     for k in range(20):
         rig.evaluate(k, moved[k])
-    rig.cables.reset([False, True, False])
-    found = rig.evaluate(19, 0.0 * moved[0])
-    assert (found[1] == 10.0).all() and (found[0] != 10.0).all()
+    for flags in ([False, True, False], wp.array([False, True, False], dtype=wp.bool)):
+        rig.cables.reset(flags)
+        found = rig.evaluate(19, 0.0 * moved[0])
+        assert (found[1] == 10.0).all() and (found[0] != 10.0).all()
+        rig.evaluate(19, moved[19])
+
+
+def test_cables_by_name_need_no_plugin(rig):
+    spec = mujoco.MjSpec.from_string(f"<mujoco><option timestep='{DT}'/></mujoco>")
+    for name in ("motor", "wrist"):
+        body = spec.worldbody.add_body(mass=50.0, inertia=[9.0, 9.0, 9.0])
+        body.add_joint(name=name)
+    held = {}
+    for i, cable in enumerate((CABLE, SHORT)):
+        for joint, radius in (("motor", -0.02), ("wrist", -0.05)):
+            add_end(spec, f"{joint}{i}", (-1) ** i * radius, joint=joint)
+        held[f"cable{i}"] = HeldCable(cable, f"motor{i}", 2 * i + 1)
+    model = spec.compile()
+    other = object.__new__(Rig)
+    other.m, other.d = mjw.put_model(model), mjw.make_data(model, nworld=WORLDS)
+    other.cables = attach(other.m, other.d, model, cables=held)
+    for k, u in enumerate(lengths(30, 4)):
+        np.testing.assert_array_equal(other.evaluate(k, u), rig.evaluate(k, u))
+    with pytest.raises(CableError, match=r"actuator 'motor2'.*motor1"):
+        wrong = {"cable0": HeldCable(CABLE, "motor2", "wrist0")}
+        attach(other.m, other.d, model, cables=wrong)
+    with pytest.raises(CableError, match="an MjModel, not MjSpec"):
+        attach(other.m, other.d, spec, cables=held)
+
+
+@pytest.mark.parametrize(
+    ("target", "what"),
+    [
+        ({"joint": "moter"}, "motor"),
+        ({"tendon": "cord"}, "tendon"),
+        ({}, "either a joint or a tendon"),
+        ({"joint": "motor", "tendon": "cord"}, "either a joint or a tendon"),
+    ],
+)
+def test_ends_that_cannot_be_are_refused(target, what):
+    with pytest.raises(CableError, match=what):
+        add_end(scene(), "end", 0.02, **target)
+    with pytest.raises(CableError, match="not 0"):
+        add_end(scene(), "end", 0.0, joint="motor")
 
 
 def test_every_world_has_parameters_of_its_own(rig):

@@ -133,7 +133,7 @@ def test_a_world_that_is_reset_leaves_the_others():
 
 
 def test_the_example_of_the_page(capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)
+    code = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[0]
     names = {}
     exec(compile(code, str(PAGE), "exec"), names)
     tensions = names["cables"].tensions.numpy()[:, 0]

@@ -1,0 +1,112 @@
+"""State of a cable, read from arrays of kernel states of any number of simulations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import compiled
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._parameters import Cable
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CableReading:
+    """State of one cable, or of one cable in many simulations (leading axes).
+
+    Attributes:
+        tension: tension of the nodes from proximal to distal, (..., n + 1) [N].
+        slip: direction in which each segment slips, 0 where it rests, (..., n).
+        tension_proximal: tension at the motor's end [N].
+        tension_distal: tension at the joint's end [N].
+        moving_fraction: fraction of the segments that slip.
+        slack: length of cable that lies slack in the conduit [m].
+        dissipated: energy that friction has taken since reset [J].
+    """
+
+    tension: Floats
+    slip: NDArray[np.int8]
+    tension_proximal: float | Floats
+    tension_distal: float | Floats
+    moving_fraction: float | Floats
+    slack: float | Floats
+    dissipated: float | Floats
+
+
+def read_states(
+    states: Floats,
+    start: int,
+    compliance: Floats,
+    strain: float = 0.0,
+    lengths: int = -1,
+) -> CableReading:
+    """Return the reading of a cable in some simulations.
+
+    Each number is computed in the same way for one simulation and for many, so it has
+    the same bits in both.
+
+    Args:
+        states: states (k, m).
+        start: where that of the cable begins in each.
+        compliance: compliance of the nodes (n + 1,) [m/N].
+        strain: strain of slack cable by tension [1/N]; only on an open path.
+        lengths: where the lengths of an open path's nodes begin, or -1.
+    """
+    n = len(compliance) - 1
+    tension = np.empty((len(states), n + 1))
+    slip = np.empty((len(states), n), np.int8)
+    numbers = np.empty((5, len(states)))
+    _read(states, start, lengths, compliance, strain, tension, slip, numbers)
+    return CableReading(tension, slip, *numbers)
+
+
+@lru_cache(maxsize=256)
+def guided_compliance(cable: Cable) -> Floats:
+    """Return the compliance of the nodes of a cable in a guiding conduit [m/N]."""
+    return 1.0 / kernel.node_stiffness(packed_parameters(cable), cable.segments)
+
+
+@compiled
+def _read(
+    states: Floats,
+    start: int,
+    lengths: int,
+    compliance: Floats,
+    strain: float,
+    tension: Floats,
+    slip: NDArray[np.int8],
+    numbers: Floats,
+) -> None:
+    """Read a cable whose state begins at `start` in each of some states (k, m).
+
+    `lengths` is where they have the lengths of an open path's nodes, or -1; then a
+    slack node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
+    `CableReading`.
+    """
+    n = slip.shape[1]
+    for row in range(states.shape[0]):
+        state = states[row, start:]
+        node, slipped = at.tensions(state, n), at.slips(state, n)
+        moving, slack = 0, 0.0
+        # A separate loop without calls, so that the compiler can vectorise it.
+        for i in range(n + 1):
+            tension[row, i] = 0.0 if node[i] < 0.0 else node[i]
+        for i in range(n + 1):
+            if not node[i] >= 0.0:
+                slack -= node[i] * compliance[i]
+                if lengths >= 0:
+                    stretched = 1.0 + node[i] * strain
+                    slack += states[row, lengths + i] * (1.0 / stretched - 1.0)
+        for j in range(n):
+            slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
+            moving += slipped[j] != 0.0
+        numbers[0, row], numbers[1, row] = tension[row, 0], tension[row, n]
+        numbers[2, row], numbers[3, row] = moving / n, slack
+        numbers[4, row] = state[2]

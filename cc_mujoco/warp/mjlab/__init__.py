@@ -1,0 +1,14 @@
+"""Cables in mjlab: an actuator, terms of its managers, and a task.
+
+Raises:
+    ImportError: mjlab is not installed.
+"""
+
+from importlib.util import find_spec
+
+import lazy_loader
+
+if find_spec("mjlab") is None:
+    raise ImportError("cc_mujoco.warp.mjlab needs mjlab: pip install mjlab")
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,223 @@
+"""Motors of mjlab that pull joints through Bowden cables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import torch
+import warp as wp
+from mjlab.actuator.actuator import (
+    Actuator,
+    ActuatorCfg,
+    ActuatorCmd,
+    TransmissionType,
+)
+from mjlab.utils.spec import create_motor_actuator
+
+from cc_mujoco.cable import Cable
+from cc_mujoco.errors import CableError
+from cc_mujoco.warp import AttachedCables, HeldCable, add_end, attach
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenCable:
+    """A cable from the drum of a motor to a joint."""
+
+    cable: Cable
+    """Conduit, friction and stiffness; its bends stay (`bend="fixed"`)."""
+    motor: str
+    """Joint of the motor, in the specification of the entity."""
+    drum: float
+    """Radius on which a positive turn of the motor winds the cable up [m]; negative if
+    a negative turn does."""
+    joint: str | None = None
+    """Joint with a round pulley that the cable drives."""
+    pulley: float | None = None
+    """Radius of that pulley [m]; the cable pulls `joint` in the positive sense, or in
+    the negative sense if it is negative."""
+    tendon: str | None = None
+    """Spatial tendon instead of a pulley: the free rope from the conduit to a lever."""
+
+    def __post_init__(self) -> None:
+        """Require one kind of distal end.
+
+        Raises:
+            CableError: neither or both are given, or a joint without a pulley.
+        """
+        if (self.joint is None) == (self.tendon is None):
+            raise CableError("a DrivenCable needs either a joint or a tendon")
+        if (self.joint is None) != (self.pulley is None):
+            raise CableError(
+                "a DrivenCable needs the radius `pulley` with `joint`, and only then"
+            )
+
+
+@dataclass(kw_only=True)
+class CableActuatorCfg(ActuatorCfg):  # type: ignore[misc]
+    """Motors that drive joints through cables, commanded by effort.
+
+    The targets are the joints of the motors. Delays are those of mjlab's `ActuatorCfg`
+    and act on the command, before `motor_lag`; cable forces have no delay.
+    """
+
+    cables: dict[str, DrivenCable]
+    """Cables by name."""
+    effort_limit: float
+    """Largest torque of a motor, at its drum [N m]."""
+    motor_lag: float = 0.0
+    """Time constant of the motor's torque behind its command [s]."""
+    terms: tuple[str, ...] = ()
+    """Parameters of `Cable` that are 0 and that an event may raise."""
+    rest_in_pose: bool = True
+    """Whether a reset lays the cables at their pretension in the pose of the world; if
+    not, in the pose `qpos0`, and the world starts with what that pose makes of it."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no drive.
+
+        Raises:
+            CableError: no cables, a negative lag, or targets that are no joints.
+        """
+        super().__post_init__()
+        if self.transmission_type != TransmissionType.JOINT:
+            raise CableError("the targets of CableActuatorCfg are joints of motors")
+        if not self.cables:
+            raise CableError("CableActuatorCfg has no cables")
+        if not 0.0 <= self.motor_lag < math.inf:
+            raise CableError(f"motor_lag is {self.motor_lag!r}; it must be at least 0")
+
+    def build(
+        self, entity: Any, target_ids: list[int], target_names: list[str]
+    ) -> CableActuator:
+        """Return the actuator."""
+        return CableActuator(self, entity, target_ids, target_names)
+
+
+class CableActuator(Actuator):  # type: ignore[misc]
+    """Actuator of a `CableActuatorCfg`.
+
+    Attributes:
+        cables: the cables in all worlds, once mjlab has initialised the actuator.
+        names: of the cables, in the order of `tension`.
+    """
+
+    cfg: CableActuatorCfg
+
+    def __init__(
+        self,
+        cfg: CableActuatorCfg,
+        entity: Any,
+        target_ids: list[int],
+        target_names: list[str],
+    ) -> None:
+        """Take over the configuration."""
+        super().__init__(cfg, entity, target_ids, target_names)
+        self._ends: dict[str, tuple[Any, Any]] = {}
+        self._computed = 0
+        self._has_missed_graph = False
+
+    def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
+        """Add the motors named, and the ends of the cables that they wind.
+
+        Raises:
+            CableError: a cable names no target as its motor, or no joint or tendon.
+        """
+        for drive in self.cfg.cables.values():
+            if drive.motor.split("/")[-1] not in self.target_names:
+                raise CableError.unknown("motor", drive.motor, self.target_names)
+        for motor in target_names:
+            self._mjs_actuators.append(
+                create_motor_actuator(
+                    spec,
+                    motor,
+                    effort_limit=self.cfg.effort_limit,
+                    armature=self.cfg.armature,
+                    frictionloss=self.cfg.frictionloss,
+                    viscous_damping=self.cfg.viscous_damping,
+                )
+            )
+            for name, drive in self.cfg.cables.items():
+                if drive.motor == motor:
+                    self._ends[name] = _add_ends(spec, name, drive)
+
+    def initialize(
+        self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str
+    ) -> None:
+        """Attach the cables; a graph captured before does not have them."""
+        super().initialize(mj_model, model, data, device)
+        held = {
+            name: HeldCable(drive.cable, *(int(end.id) for end in self._ends[name]))
+            for name, drive in self.cfg.cables.items()
+        }
+        self.names = tuple(held)
+        # mjlab passes views of the structures of mujoco_warp.
+        self.cables: AttachedCables = attach(
+            model.struct,
+            data.struct,
+            mj_model,
+            cables=held,
+            terms=self.cfg.terms,
+            rest_in_pose=self.cfg.rest_in_pose,
+        )
+        self._tension = wp.to_torch(self.cables.tensions)
+        self._values = wp.to_torch(self.cables.values)
+        shape = (data.nworld, len(self._mjs_actuators))
+        self._target = torch.zeros(shape, device=device)
+        self._effort = torch.zeros(shape, device=device)
+
+    @property
+    def tension(self) -> torch.Tensor:
+        """Tension at the proximal and distal ends (worlds, cables, 2) [N]; no copy."""
+        return self._tension
+
+    @property
+    def values(self) -> torch.Tensor:
+        """Parameters (cables, worlds, parameters), see `AttachedCables.values`."""
+        return self._values
+
+    def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
+        """Return the torques of the motors (worlds, motors) [N m].
+
+        Raises:
+            CableError: the steps that mjlab captured do not have the cables in them.
+        """
+        self._computed += 1
+        if self._computed > 1 and not self.cables.is_evaluated:
+            raise CableError(
+                "mjlab captured its graph before the cables were attached; add an "
+                "event EventTermCfg(func=capture_cables, mode='startup')"
+            )
+        limit = self.cfg.effort_limit
+        self._target = cmd.effort_target.clamp(-limit, limit)
+        return self._effort if self.cfg.motor_lag > 0.0 else self._target
+
+    def update(self, dt: float) -> None:
+        """Let the torques follow their commands over a step."""
+        if self.cfg.motor_lag > 0.0:
+            share = -math.expm1(-dt / self.cfg.motor_lag)
+            self._effort += share * (self._target - self._effort)
+
+    def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
+        """Lay the cables of some worlds at rest, and let their motors go."""
+        super().reset(env_ids)
+        worlds = slice(None) if env_ids is None else env_ids
+        self._effort[worlds] = 0.0
+        self._target[worlds] = 0.0
+        flags = torch.zeros(
+            len(self._effort), dtype=torch.bool, device=self._effort.device
+        )
+        flags[worlds] = True
+        self.cables.reset(wp.from_torch(flags))
+
+
+def _add_ends(spec: mujoco.MjSpec, name: str, drive: DrivenCable) -> tuple[Any, Any]:
+    """Add the actuators at both ends of a cable."""
+    proximal = add_end(spec, f"{name}_proximal", -drive.drum, joint=drive.motor)
+    if drive.pulley is None:
+        distal = add_end(spec, f"{name}_distal", 1.0, tendon=drive.tendon)
+    else:
+        distal = add_end(spec, f"{name}_distal", -drive.pulley, joint=drive.joint)
+    return proximal, distal

@@ -1,4 +1,4 @@
-"""Write a reference of all modules, made of their docstrings; `scripts/docs` calls it.
+"""Write the public names, all pages and the examples as a site for `scripts/docs`.
 
 python -W error scripts/reference.py
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import shutil
+import sys
 import tomllib
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,10 @@ import pdoc
 
 from cc_mujoco.errors import CableError
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from pages_site import write_site
+
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "build" / "docs"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -25,12 +30,20 @@ PACKAGES: list[str] = SETTINGS["tool"]["setuptools"]["packages"]
 
 
 def opened(package: str) -> list[ModuleType]:
-    """Return the modules of a package and itself, as pdoc has to see them."""
+    """Return the public modules of a package and itself, as pdoc has to see them."""
     module = importlib.import_module(package)
     folder = str(Path(module.__file__ or "").parent)
-    inside = [entry.name for entry in pkgutil.iter_modules([folder])]
+    inside = [
+        entry.name
+        for entry in pkgutil.iter_modules([folder])
+        if not entry.name.startswith("_")
+    ]
     # Environments and scenes lie beside the package that they are part of.
-    inside += [p.split(".")[-1] for p in PACKAGES if p.rpartition(".")[0] == package]
+    inside += [
+        name
+        for parent, _, name in (other.rpartition(".") for other in PACKAGES)
+        if parent == package and not name.startswith("_")
+    ]
     modules = {name: there for name in inside if (there := found(f"{package}.{name}"))}
     if public := getattr(module, "__all__", None):
         # What a package gives on request is not in it before, where pdoc looks; and
@@ -61,13 +74,16 @@ def resolve(module: ModuleType) -> None:
 
 
 def main() -> None:
-    """Write the reference."""
+    """Write the reference of the public packages, and the pages around it."""
     for package in PACKAGES:
+        if any(part.startswith("_") for part in package.split(".")):
+            continue
         for module in opened(package):
             resolve(module)
     shutil.rmtree(OUT, ignore_errors=True)
     pdoc.render.configure(docformat="google", math=True, show_source=False)
     pdoc.pdoc("cc_mujoco", output_directory=OUT)
+    write_site(OUT)
     print(f"written: {(OUT / 'index.html').relative_to(ROOT)}")
 
 

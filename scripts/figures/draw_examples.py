@@ -1,4 +1,4 @@
-"""Draw a picture of every example, `scripts/examples/NAME.webp`.
+"""Draw a picture of every example, beside it.
 
 python scripts/figures/draw_examples.py [NAME ...]
 """

@@ -1,0 +1,43 @@
+"""The site: public names grouped as on the front page, links that lead somewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pages_site
+import pytest
+
+import cc_mujoco
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    pages_site.write_site(folder)
+    return folder
+
+
+def test_the_front_page_groups_every_public_name_once() -> None:
+    grouped = pages_site.topics((pages_site.ROOT / "README.md").read_text("utf-8"))
+    names = [name for own, _ in grouped.values() for name in own]
+    assert sorted(names) == sorted(set(cc_mujoco.__all__) - {"__version__"})
+
+
+def test_every_page_and_example_is_there_and_is_found(site: Path) -> None:
+    text = (site / "index.js").read_text("utf-8")
+    index = json.loads(text.partition("=")[2].strip().rstrip(";"))
+    known = {url.partition("#")[0] for _, url in index}
+    examples = (pages_site.ROOT / "scripts" / "examples").glob("*.py")
+    for path in (*pages_site.pages(), *examples):
+        assert (site / pages_site.address(path)).is_file()
+        assert pages_site.address(path) in known
+    assert ["simulate", "cc_mujoco.html#simulate"] in index
+
+
+def test_links_and_pictures_of_the_site_are_there(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        for target in re.findall(r'(?:href|src)="([^"#]+)', page.read_text("utf-8")):
+            if "://" not in target and target.rpartition("/")[2] != "cc_mujoco.html":
+                assert (page.parent / target).exists(), (page, target)

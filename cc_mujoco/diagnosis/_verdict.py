@@ -294,10 +294,10 @@ class Alternative:
 
 @dataclass(frozen=True)
 class VerdictOdds:
-    """Calibrated probability that the verdict is right.
+    """Probability that the verdict is right, scaled by rates of verdicts on study rigs.
 
     Attributes:
-        probability: 0 to 1; of verdicts given 0.9 about nine in ten are right.
+        probability: 0 to 1; no independent sample shows yet how often it holds.
         statement: one sentence, with odds.
         alternatives: what else may be true, the likeliest first.
     """

@@ -26,7 +26,7 @@ from cc_mujoco.warp._implicit_kernels import (
     look_ahead_kernel,
     moment_row,
 )
-from cc_mujoco.warp._kernels import ATTEMPTS, Rows, forget, kernels, write_rows
+from cc_mujoco.warp._kernels import ATTEMPTS, CableRows, forget, kernels, write_rows
 from cc_mujoco.warp._model import (
     end_rate,
     lengths_in_qpos0,
@@ -195,9 +195,9 @@ class AttachedCables:
         self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
         self._flags = wp.ones(worlds, dtype=bool, device=device)
         self.tensions = wp.zeros((worlds, count, 2), **reals)
-        self._rows = Rows()
+        self._rows = CableRows()
         self._rows.worlds, self._rows.tensions = worlds, self.tensions
-        fields: Any = Rows
+        fields: Any = CableRows
         for name in set(fields.vars) - {"worlds", "tensions"}:
             setattr(self._rows, name, getattr(self, f"_{name}"))
         if self._implicit:

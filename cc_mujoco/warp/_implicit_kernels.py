@@ -9,7 +9,7 @@ import warp as wp
 
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.warp._build import functions
-from cc_mujoco.warp._kernels import OPTIONS, Rows
+from cc_mujoco.warp._kernels import OPTIONS, CableRows
 
 _TENSIONS = at.STATE_HEADER
 STABILITY_LIMIT = 2.5
@@ -24,7 +24,7 @@ def look_ahead_kernel(terms: frozenset[str]) -> Any:
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def look_ahead(
-        rows: Rows,
+        rows: CableRows,
         timestep: wp.array(dtype=float),
         rownnz: wp.array2d(dtype=int),
         rowadr: wp.array2d(dtype=int),

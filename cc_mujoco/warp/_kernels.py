@@ -38,7 +38,7 @@ _DRAW = 0.01
 
 
 @wp.struct
-class Rows:
+class CableRows:
     """Arrays that an evaluation reads and writes, a row for each cable and world.
 
     Attributes:
@@ -170,7 +170,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
             initialize(prm[row], segments[cable], first, second, state[now[row], row])
 
     @wp.func
-    def try_fronts(rows: Rows, row: int, n: int, h: float, attempt: int):
+    def try_fronts(rows: CableRows, row: int, n: int, h: float, attempt: int):
         """Take the first part of the step, the ends where this attempt has them."""
         if attempt == 0:
             for i in range(4):
@@ -185,7 +185,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         )  # fmt: skip
 
     @wp.func
-    def solve_rest(rows: Rows, row: int, n: int, h: float):
+    def solve_rest(rows: CableRows, row: int, n: int, h: float):
         """Take the second part, if the fronts did not apply."""
         if rows.status[row] == _UNSOLVED:
             solve_step(
@@ -195,7 +195,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
             )  # fmt: skip
 
     @wp.func
-    def asks_again(rows: Rows, row: int, n: int, attempt: int):
+    def asks_again(rows: CableRows, row: int, n: int, attempt: int):
         """Return whether an end becomes taut or slack, and aim the next attempt.
 
         See `plugin/_slack_passage.py`.
@@ -246,7 +246,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
 
     @wp.func
     def finish(
-        rows: Rows,
+        rows: CableRows,
         force: wp.array2d(dtype=float),
         cable: int,
         world: int,
@@ -278,7 +278,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         rows.status[row] = _DONE
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def fronts(rows: Rows, timestep: wp.array(dtype=float), attempt: int):
+    def fronts(rows: CableRows, timestep: wp.array(dtype=float), attempt: int):
         """Take the first part of the step in all worlds."""
         cable, world = wp.tid()
         row = cable * rows.worlds + world
@@ -287,7 +287,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
             try_fronts(rows, row, rows.segments[cable], h, attempt)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def graph(rows: Rows, timestep: wp.array(dtype=float)):
+    def graph(rows: CableRows, timestep: wp.array(dtype=float)):
         """Take the second part in the worlds where the fronts did not apply."""
         cable, world = wp.tid()
         row = cable * rows.worlds + world
@@ -295,7 +295,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def commit(
-        rows: Rows,
+        rows: CableRows,
         timestep: wp.array(dtype=float),
         attempt: int,
         force: wp.array2d(dtype=float),
@@ -308,7 +308,7 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def evaluate(
-        rows: Rows, timestep: wp.array(dtype=float), force: wp.array2d(dtype=float)
+        rows: CableRows, timestep: wp.array(dtype=float), force: wp.array2d(dtype=float)
     ):
         """Take all parts of the step, one cable after the other."""
         cable, world = wp.tid()

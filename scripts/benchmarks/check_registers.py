@@ -28,8 +28,8 @@ _FRAME_SIZE, _REGISTERS = 0x11, 0x2F
 """Attributes in the section `.nv.info`: words of a symbol and of a value."""
 
 
-class Use(NamedTuple):
-    """What one kernel takes.
+class KernelUse(NamedTuple):
+    """Registers, stack and code that one kernel takes.
 
     Attributes:
         registers: per thread.
@@ -76,7 +76,7 @@ def main(
         raise SystemExit(1)
 
 
-def compiled_use(kernel: wp.Kernel, arch: int) -> Use:
+def compiled_use(kernel: wp.Kernel, arch: int) -> KernelUse:
     """Compile a kernel for a GPU; return what it takes."""
     with tempfile.TemporaryDirectory() as folder:
         (cubin,) = wp.compile_aot_module(
@@ -85,7 +85,7 @@ def compiled_use(kernel: wp.Kernel, arch: int) -> Use:
         return _read(Path(cubin).read_bytes())
 
 
-def _read(cubin: bytes) -> Use:
+def _read(cubin: bytes) -> KernelUse:
     """Return what the kernel in a file of machine code takes."""
     sections = dict(_sections(cubin))
     code = sum(len(part) for name, part in sections.items() if name[:6] == ".text.")
@@ -99,7 +99,7 @@ def _read(cubin: bytes) -> Use:
                 _, value = struct.unpack_from("<II", info, at)
                 values[attribute] = max(values[attribute], value)
             at += size
-    return Use(values[_REGISTERS], values[_FRAME_SIZE], code)
+    return KernelUse(values[_REGISTERS], values[_FRAME_SIZE], code)
 
 
 def _sections(elf: bytes) -> Iterator[tuple[str, bytes]]:

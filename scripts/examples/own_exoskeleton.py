@@ -12,7 +12,7 @@ KNOWN = {
     "rope": {"strength": 3000.0, "diameter": 2e-3},  # N, m
     "axis": {"safe_torque": 20.0},  # N m
 }
-"""The same keys may stand in `knee_exo.device.toml`."""
+"""Facts that no scene states; `knee_exo.device.toml` takes the same keys."""
 
 
 def run():

@@ -1,4 +1,4 @@
-r"""Belief in a verdict: odds that it is right, on one calibrated scale.
+r"""Belief in a verdict: odds that it is right, scaled by rates on study rigs.
 
 Two models are compared by the difference D of their held-out squared errors. Its
 standard deviation has two parts: s by noise, from blocks of a second, and a model

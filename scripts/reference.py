@@ -11,6 +11,7 @@ import shutil
 import sys
 import tomllib
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import get_type_hints
@@ -31,7 +32,8 @@ PACKAGES: list[str] = SETTINGS["tool"]["setuptools"]["packages"]
 
 def opened(package: str) -> list[ModuleType]:
     """Return the public modules of a package and itself, as pdoc has to see them."""
-    module = importlib.import_module(package)
+    if (module := found(package)) is None:
+        return []
     folder = str(Path(module.__file__ or "").parent)
     inside = [
         entry.name
@@ -57,11 +59,12 @@ def opened(package: str) -> list[ModuleType]:
     return [module, *modules.values()]
 
 
+@cache
 def found(name: str) -> ModuleType | None:
     """Return a module, unless it needs a package that is not installed."""
     try:
         return importlib.import_module(name)
-    except CableError as error:
+    except (CableError, ImportError) as error:
         print(f"left out: {name}: {error}")
         return None
 

@@ -129,6 +129,14 @@ def all_tables(
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
+def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
+    """Return what the console shows: the best, the next command, all controllers."""
+    parts = best_entries(results, baseline)[:2]
+    parts += [OVERVIEW_HEADING, overview_table(results)]
+    parts += [*divergence_sentences(results), *unknown_limits(results)]
+    return "\n\n".join(parts)
+
+
 def best_entries(results: Results, baseline: str = DEFAULT_BASELINE) -> list[str]:
     """Return one sentence, the next command, and the best controller per device."""
     rows, sentences, played = [], [], ""

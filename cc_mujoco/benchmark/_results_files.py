@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.benchmark import _figures as drawing
-from cc_mujoco.benchmark._report import DEFAULT_BASELINE, all_tables, best_entries
+from cc_mujoco.benchmark._report import DEFAULT_BASELINE, all_tables, summary
 from cc_mujoco.benchmark._results import Results, write_results
 from cc_mujoco.benchmark._runner import (
     FIGURE_STEMS,
@@ -42,4 +42,4 @@ def write(
                 draw = getattr(drawing, stem)
                 save(out / f"{scene}-{stem}.png", draw(results, scene))
     write_manifest(out, [TABLES_FILE])
-    return "\n\n".join(best_entries(results, baseline)[:3])
+    return summary(results, baseline)

@@ -728,7 +728,7 @@ def variable_meanings(found: RankedStudy) -> Html:
 
 def _heading(name: str) -> str:
     """Return the title of a column that may break into lines."""
-    return column_title(name).replace("_", " ")
+    return column_title(name).replace("@", ", ").replace("_", " ")
 
 
 def _setting_text(found: RankedStudy, row: Row) -> str:

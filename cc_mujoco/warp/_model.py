@@ -1,4 +1,4 @@
-"""What a model with cables says of their ends, and what cannot run in mujoco_warp."""
+"""Ends of the cables of a model, and the features that mujoco_warp cannot run."""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ def test_an_axis_has_its_own_settings_and_otherwise_those_of_all(
 
 def test_the_example_of_the_page_drives_two_axes(tmp_path: Path) -> None:
     page = PAGE.read_text("utf-8")
-    section = page.partition("\n## Several axes\n")[2]
+    section = page.partition("\n### Several axes\n")[2]
     example = section.partition("```toml\n")[2].partition("```")[0]
     axes = RigAxes(read_axes(file_of(tmp_path, example)))
     assert axes.names == ("hip", "ankle")

@@ -72,8 +72,8 @@ class CableActuatorCfg(ActuatorCfg):  # type: ignore[misc]
     terms: tuple[str, ...] = ()
     """Parameters of `Cable` that are 0 and that an event may raise."""
     rest_in_pose: bool = True
-    """Whether a reset lays the cables at their pretension in the pose of the world; if
-    not, in the pose `qpos0`, and the world starts with what that pose makes of it."""
+    """True if a reset lays the cables at their pretension in the pose of the world;
+    else in the pose `qpos0`, and the world starts with what that pose makes of it."""
 
     def __post_init__(self) -> None:
         """Refuse what is no drive.

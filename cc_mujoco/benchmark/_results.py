@@ -137,6 +137,8 @@ def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
     Raises:
         CableError: If it is no such file, or was changed after it was written.
     """
+    if not Path(path).exists():
+        raise CableError(f"there is no file {path} of results.")
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException):

@@ -43,6 +43,8 @@ class WhatIf:
         from cc_mujoco.design._plan import make_plan
         from cc_mujoco.design._report import REPORT_FILES, write_report
         from cc_mujoco.design._report_text import (
+            RankedStudy,
+            answer_sentence,
             controllers_out,
             goals_of,
             timestep_sentence,
@@ -103,6 +105,7 @@ class WhatIf:
         if limits:
             kept = int(within_limits(table, limits).sum())
             print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")
+        print(answer_sentence(RankedStudy.of(plan, table)))
         if half is not None and half.unsettled:
             print(f"WARNING: {timestep_sentence(half)}")
         print(f"table:    {folder / 'table.parquet'}")

@@ -195,7 +195,11 @@ def make_plan(
     goals = read_objectives(spec.objectives)
     vary = _assigned("vary", "VARIABLE", spec.vary)
     if (not vary) == (spec.designs is None):
-        raise CableError("give what to vary, or a list of designs, and not both.")
+        raise CableError(
+            f"{'neither' if not vary else 'both'} `vary` (--vary VARIABLE=VALUES) "
+            f"{'nor' if not vary else 'and'} `designs` (--designs FILE) "
+            f"{'is' if not vary else 'are'} given; give one of them."
+        )
     rows: Sequence[Mapping[str, object]] = []
     if isinstance(spec.designs, (str, Path)):
         rows = from_file(spec.designs)

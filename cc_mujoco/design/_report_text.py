@@ -181,15 +181,17 @@ def header(found: RankedStudy, picture: Html) -> Html:
         request.append(paragraph(axes_sentence(axes)))
     if found.plan.protocol.across.several:
         request.append(paragraph(cases_sentence(found.plan)))
+    lead = paragraph(answer_sentence(found), kind="lead")
+    if found.best is None:
+        return element("header", title, lead, *_least_violating(found), *request)
+    return element("header", title, lead, picture, _summary_answer(found), *request)
+
+
+def answer_sentence(found: RankedStudy) -> str:
+    """State the best design and what it gives."""
     best = found.best
     if best is None:
-        return element(
-            "header",
-            title,
-            paragraph("No design is good enough.", kind="lead"),
-            *_least_violating(found),
-            *request,
-        )
+        return "No design is good enough."
     first = "The best design"
     if len(found.goals) > 1:
         first = "The best compromise"
@@ -197,15 +199,7 @@ def header(found: RankedStudy, picture: Html) -> Html:
             first = "Best in all objectives of those tried"
     gives = list_words([f"{plain_name(g.name)} {format_quantity(g.name, best[g.name])}"
                     for g in found.goals])  # fmt: skip
-    lead = f"{first} is design {best['design']}, {_setting_text(found, best)}: {gives}."
-    return element(
-        "header",
-        title,
-        paragraph(lead, kind="lead"),
-        picture,
-        _summary_answer(found),
-        *request,
-    )
+    return f"{first} is design {best['design']}, {_setting_text(found, best)}: {gives}."
 
 
 def _summary_answer(found: RankedStudy) -> Html:

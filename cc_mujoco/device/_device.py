@@ -304,6 +304,8 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         table = scene.with_suffix(ENDING)
         return name, scene, table if table.is_file() else None
     path = Path(source)
+    if path.suffix not in FILE_ENDINGS and path.is_file():
+        raise CableError(f"{name} is no MJCF file of a device (.xml) or TOML file.")
     if path.suffix not in FILE_ENDINGS:
         raise CableError(
             f"{CableError.unknown('device', name, SCENES)} A device of your own is "

@@ -131,7 +131,7 @@ def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
             ["--vary", "friction=0:1", "--optimise", "0", *GOAL],
             "at least 1 design, not 0",
         ),
-        ([], "what to vary"),
+        ([], "neither `vary`"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(

@@ -552,7 +552,7 @@ def test_a_task_of_the_phase_alone_is_asked_of_every_design(
         ({"seed": -1}, "seed"),
         ({"sampling": "random"}, "sampling"),
         ({"sampling": "lhs"}, "number of samples"),
-        ({"designs": [{"friction": 0.1}]}, "not both"),
+        ({"designs": [{"friction": 0.1}]}, "both `vary`"),
         ({"scheduler": "nowhere"}, "no Dask scheduler|needs Dask"),
         ({"vary": {"friction": "1.5:2.5:3"}}, r"design 1 .*\(2 of 3 are impossible\)"),
     ],

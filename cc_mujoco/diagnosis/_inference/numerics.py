@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
-from cc_mujoco.diagnosis._inference.fitting import Masks, Problem, huber_residual
-from cc_mujoco.diagnosis._inference.jacobian import jacobian
+from cc_mujoco.diagnosis._inference.fitting import Problem, huber_residual
 
 MAX_NUMERICAL_ERROR = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
@@ -18,12 +15,6 @@ MAX_NUMERICAL_SHARE = 0.15
 
 Halved steps show half of an error of first order, so at most 9 % of the squared error
 is numerical, less than any effect takes.
-"""
-MAX_NUMERICAL_SHIFT = 1.0
-"""Harmless shift of fitted parameters, in standard deviations.
-
-A change that is harmless at every sample adds up over thousands: it may move parameters
-that are told apart poorly, friction and pretension without slack, by several.
 """
 MAX_CABLE_SEGMENTS = 64
 """Most segments per cable."""
@@ -49,33 +40,6 @@ def refine_simulation(problem: Problem, x: FloatArray) -> Problem | None:
     return problem.simulated_by(finer)
 
 
-def refine_for_parameters(problem: Problem, x: FloatArray, masks: Masks) -> Problem:
-    """Return the same problem simulated finely enough for its fitted parameters."""
-    while True:
-        shift, finer = parameter_shift(problem, x, masks)
-        if shift <= MAX_NUMERICAL_SHIFT or finer is None:
-            return problem
-        problem = problem.simulated_by(finer)
-
-
-def parameter_shift(
-    problem: Problem, x: FloatArray, masks: Masks
-) -> tuple[float, SimulatedRig | None]:
-    """Return by how much a finer plant moves the fitted parameters, and that plant.
-
-    To first order, in standard deviations, along the direction in which they move. The
-    plant is None as in `refinement_change`.
-    """
-    slopes = jacobian(problem, x, masks)
-    here = problem.residual(x, masks)
-    tried = []
-    for finer in _finer_plants(problem.plant):
-        change = replace(problem, plant=finer).residual(x, masks) - here
-        step = np.linalg.lstsq(slopes, change, 1e-10)[0]
-        tried.append((float(np.linalg.norm(slopes @ step)), _allowed(finer)))
-    return max(tried, key=lambda each: each[0])
-
-
 def refinement_change(
     problem: Problem, x: FloatArray
 ) -> tuple[float, SimulatedRig | None]:
@@ -88,7 +52,7 @@ def refinement_change(
     values = problem.values(x)
     here = plant.simulate(values, problem.effects)
     tried = []
-    for finer in _finer_plants(plant):
+    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
         there = finer.simulate(values, problem.effects)
         changes = [
             huber_residual((a - b) / floor)[:, record.counts].ravel()
@@ -97,16 +61,6 @@ def refinement_change(
             )
         ]
         change = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
-        tried.append((change, _allowed(finer)))
+        fine = finer.segments > MAX_CABLE_SEGMENTS or finer.substeps > MAX_SUBSTEPS
+        tried.append((change, None if fine else finer))
     return max(tried, key=lambda each: each[0])
-
-
-def _finer_plants(plant: SimulatedRig) -> tuple[SimulatedRig, SimulatedRig]:
-    """Return the plant with half as long segments, and half as long steps."""
-    return plant.finer(segments=2), plant.finer(substeps=2)
-
-
-def _allowed(plant: SimulatedRig) -> SimulatedRig | None:
-    """Return the plant, None if it is finer than any is simulated."""
-    fine = plant.segments > MAX_CABLE_SEGMENTS or plant.substeps > MAX_SUBSTEPS
-    return None if fine else plant

@@ -60,10 +60,7 @@ from cc_mujoco.diagnosis._inference.location import (
     trial_ordinates,
 )
 from cc_mujoco.diagnosis._inference.measurement_mode import describe_mode
-from cc_mujoco.diagnosis._inference.numerics import (
-    MAX_NUMERICAL_ERROR,
-    refine_for_parameters,
-)
+from cc_mujoco.diagnosis._inference.numerics import MAX_NUMERICAL_ERROR
 from cc_mujoco.diagnosis._inference.occasion_report import (
     agreement_shares,
     compare_occasions,
@@ -365,8 +362,6 @@ def _drop_doubtful(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     start = np.mean([f.x for f in found.after.fits], axis=0)
-    if problem.effects:
-        problem = refine_for_parameters(problem, start, counts)
     holding = _Holding(baseline_fit, seed)
     while problem.effects:
         x = fit_until_settled(problem, start, counts).x

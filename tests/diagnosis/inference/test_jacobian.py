@@ -19,11 +19,6 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
     baseline_parameters,
 )
 from cc_mujoco.diagnosis._inference.jacobian import jacobian
-from cc_mujoco.diagnosis._inference.numerics import (
-    MAX_NUMERICAL_SHIFT,
-    parameter_shift,
-    refine_for_parameters,
-)
 from cc_mujoco.estimation._least_squares import Tuned
 from diagnosis.recorded import BENCH, dataset
 
@@ -182,15 +177,3 @@ def test_a_fit_ends_where_plain_least_squares_does() -> None:
         max_nfev=12,
     )
     assert fit(one, np.zeros(len(FREE)), COUNTS).cost <= 1.01 * plain.cost
-
-
-def test_a_finer_simulation_moves_fitted_parameters_as_far_as_foretold() -> None:
-    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8), 0.01)
-    x = fit(one, np.zeros(len(FREE)), COUNTS).x
-    shift, finer = parameter_shift(one, x, COUNTS)
-    assert finer is not None
-    moved = jacobian(one, x, COUNTS) @ (fit(one.simulated_by(finer), x, COUNTS).x - x)
-    assert np.linalg.norm(moved) == pytest.approx(shift, rel=0.3)
-    assert shift > MAX_NUMERICAL_SHIFT
-    fine = refine_for_parameters(one, x, COUNTS)
-    assert parameter_shift(fine, x, COUNTS)[0] < MAX_NUMERICAL_SHIFT

@@ -25,7 +25,7 @@ CELL = 0.3
 
 
 def motions(duration: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Motor and joint angle of three trials: strokes, locked joint, both moved."""
+    """Motor and joint angle of strokes, a locked joint, both moved, locked again."""
     time = np.arange(0.0, duration, DT)
     random = np.random.default_rng(seed)
     phase = random.uniform(0.0, 6.0, 4)
@@ -33,7 +33,13 @@ def motions(duration: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     locked = 0.06 * np.sin(3.0 * time) + 0.03 * np.sin(7.0 * time + phase[1])
     fast = 0.3 * np.sin(6.0 * time + phase[2]) - 0.3 * np.sin(phase[2])
     wind = 0.03 * np.sin(1.7 * time + phase[3]) - 0.03 * np.sin(phase[3])
-    return [(stroke, 0.97 * stroke), (locked, 0.0 * locked), (fast, fast + wind)]
+    again = 0.05 * np.sin(4.0 * time) + 0.04 * np.sin(1.3 * time)
+    return [
+        (stroke, 0.97 * stroke),
+        (locked, 0.0 * locked),
+        (fast, fast + wind),
+        (again, 0.0 * again),
+    ]
 
 
 def dataset(

@@ -22,6 +22,7 @@ from cc_mujoco.diagnosis._verdict import (
 from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
 
 OPEN_RECORDING = "rerun evidence.rrd"
+CONTINUE = "cc-mujoco diagnose NEW_TRIALS --continue . --out NEW_FOLDER"
 RUN_AGAIN = "run the same command again"
 NO_LOCATION = (
     "No quantity that was recorded explains more of the error than chance does."
@@ -35,7 +36,8 @@ def next_command(diagnosis: Diagnosis) -> Html:
     command = {
         "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
         "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
-        "tie": "cc-mujoco diagnose NEW_TRIALS --continue . --out NEW_FOLDER",
+        # A diagnosis of several occasions is run again with the trial in their folders.
+        "tie": again if diagnosis.occasions is not None else CONTINUE,
         "unknown": OPEN_RECORDING,
         "fix-data": again,
         "fix-numerics": again,
@@ -172,11 +174,14 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
             "the verdict says what to declare or to measure instead.",
         )
     either = names.list(planned.separates, "or")
+    then = f"record it as {planned.trial}, then continue this diagnosis with it"
+    if diagnosis.occasions is not None:
+        then = f"record it into the folder of the last occasion, then {RUN_AGAIN}"
     return _step_item(
         "What to record",
         f"{capitalise(planned.description)}. It tells whether it is {either}. Folder "
-        f"{next_folder(planned)} has the motion and the lines of dataset.toml; record "
-        f"it as {planned.trial}, then continue this diagnosis with it.",
+        f"{next_folder(planned)} has the motion and the lines of dataset.toml; "
+        f"{then}.",
     )
 
 

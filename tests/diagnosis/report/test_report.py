@@ -18,8 +18,9 @@ from cc_mujoco.diagnosis import Diagnosis
 from cc_mujoco.diagnosis._phrases import MINUS, Names, headline
 from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
 from cc_mujoco.diagnosis._report.report import write_report
+from cc_mujoco.diagnosis._report.steps import next_command
 from cc_mujoco.diagnosis._report_data import Evidence
-from cc_mujoco.diagnosis._verdict import Gap, NotTestable
+from cc_mujoco.diagnosis._verdict import Gap, NotTestable, Occasions
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import Html, element
 from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps
@@ -242,3 +243,11 @@ def test_text_is_escaped_and_markup_is_not(text: str, value: str) -> None:
     inside = made.partition(">")[2].removesuffix("</p>").removesuffix("<br>")
     assert "<" not in inside and '"' not in inside
     assert made.startswith('<p class="') and made.partition(">")[0].count('"') == 2
+
+
+def test_a_tie_of_several_occasions_is_run_again_and_not_continued() -> None:
+    tie = replace(DIAGNOSES["tie"], provenance={"command": "cc-mujoco diagnose S A B"})
+    assert "--continue" in str(next_command(tie))
+    occasions = Occasions(("A", "B"), (), (), "Nothing changed.")
+    several = str(next_command(replace(tie, occasions=occasions)))
+    assert "--continue" not in several and "cc-mujoco diagnose S A B" in several

@@ -120,7 +120,7 @@ def test_a_search_finds_designs_that_keep_the_limit() -> None:
     assert curves("search")["o keeps the limit"][0].size
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_hidden_drag_is_named() -> None:
     verdict, _ = run("diagnose_csv", seconds=6.0)
     assert [each.id for each in verdict.effects] == ["viscous_friction"]

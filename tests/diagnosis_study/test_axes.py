@@ -63,7 +63,7 @@ def test_what_other_axes_pull_at_the_joint_is_taken_off_or_refused(
     assert "jiont_angle_rad" in wrong[0] and "joint_angle_rad" in wrong[0]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("scene", "axis", "hidden"),
     [

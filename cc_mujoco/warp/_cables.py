@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import ENDS, PARAMETERS, TERMS, Cable
+from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._parameters import ENDS, TERMS, Cable
 from cc_mujoco.cable._reading import CableReading, guided_compliance, read_states
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp._ends import HeldCable, actuators_of
@@ -36,7 +37,6 @@ from cc_mujoco.warp._model import (
 
 Floats = NDArray[np.float64]
 
-_INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 _DISCRETE = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 """Integrator whose step holds ends by itself; older MuJoCo has none."""
 _IMPLICIT_LIMIT = 1.0
@@ -382,8 +382,8 @@ class AttachedCables:
         index = self._index(name)
         values: NDArray[np.float32] = self.values.numpy().copy()
         for key, given in parameters.items():
-            if key not in _INDEX:
-                raise CableError.unknown("parameter", key, list(_INDEX))
+            if key not in INDEX:
+                raise CableError.unknown("parameter", key, list(INDEX))
             wanted = np.asarray(given, float)
             if wanted.shape not in ((), (1,), (self._worlds,)):
                 raise CableError(
@@ -392,9 +392,9 @@ class AttachedCables:
                 )
             if key in TERMS and np.any(wanted != 0.0):
                 self._require_compiled(name, key)
-            values[index, :, _INDEX[key]] = wanted
+            values[index, :, INDEX[key]] = wanted
         for row in np.unique(values[index], axis=0):
-            own = dict(zip(_INDEX, row.astype(float).tolist(), strict=True))
+            own = dict(zip(INDEX, row.astype(float).tolist(), strict=True))
             try:
                 wanted_cable = self._cables[index].replace(**own)
             except CableError as error:

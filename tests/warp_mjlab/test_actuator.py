@@ -11,31 +11,32 @@ import mujoco
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
 pytest.importorskip("mjlab")
 
-from mjlab.entity import EntityArticulationInfoCfg, EntityCfg  # noqa: E402
-from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # noqa: E402
-from mjlab.envs.mdp.actions import JointEffortActionCfg  # noqa: E402
-from mjlab.managers import (  # noqa: E402
+import torch
+from mjlab.entity import Entity, EntityArticulationInfoCfg, EntityCfg
+from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp
+from mjlab.envs.mdp.actions import JointEffortActionCfg
+from mjlab.managers import (
     EventTermCfg,
     ObservationGroupCfg,
     ObservationTermCfg,
     TerminationTermCfg,
 )
-from mjlab.scene import SceneCfg  # noqa: E402
-from mjlab.sim import MujocoCfg, SimulationCfg  # noqa: E402
+from mjlab.scene import SceneCfg
+from mjlab.sim import MujocoCfg, SimulationCfg
 
-from cc_mujoco.cable import _layout as at  # noqa: E402
-from cc_mujoco.errors import CableError  # noqa: E402
-from cc_mujoco.warp.mjlab import (  # noqa: E402
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.errors import CableError
+from cc_mujoco.warp.mjlab import (
     CableActuatorCfg,
     DrivenCable,
     cable_tension,
     capture_cables,
     randomize_cables,
 )
-from warp_mjlab import rig  # noqa: E402
+from warp_mjlab import rig
 
 RIG = Path(rig.__file__)
 WORLDS = 3
@@ -160,7 +161,7 @@ def test_worlds_get_parameters_of_their_own_at_a_reset():
     env = ManagerBasedRlEnv(configuration({"vary": vary}), device="cpu")
     env.reset()
     values = cables_of(env).values.numpy()
-    names = [parameter.name for parameter in rig_parameters()]
+    names = [parameter.name for parameter in PARAMETERS]
     for name, (low, high) in ranges.items():
         drawn = values[0, :, names.index(name)]
         assert (
@@ -171,25 +172,22 @@ def test_worlds_get_parameters_of_their_own_at_a_reset():
     np.testing.assert_allclose(laid, values[0, :, names.index("pretension")], rtol=1e-4)
 
 
-def rig_parameters():
-    from cc_mujoco.cable import PARAMETERS
-
-    return PARAMETERS
-
-
 @pytest.mark.parametrize(
     ("ranges", "what"),
     [
         ({"frictoin": (0.1, 0.2)}, "friction"),
         ({"friction": (0.1, 9.0)}, r"friction.* 9.0"),
         ({"friction": (0.2, 0.1)}, "empty"),
-        ({"viscous_friction": (0.0, 5.0), "grease": (0.0, 1.0)}, "."),
+        ({"viscous_friction": (0.0, 5.0), "grease": (0.0, 1.0)}, "parameter 'grease'"),
+        ({"grease_drag": (0.0, 1.0)}, r"terms=\('grease_drag',\)"),
+        ({"static_friction": (0.1, 0.3), "friction": (0.05, 0.2)}, "at least"),
     ],
 )
 def test_ranges_that_cannot_be_are_refused(ranges, what):
     vary = EventTermCfg(func=randomize_cables, mode="reset", params={"ranges": ranges})
+    made = configuration({"vary": vary}, terms=("static_friction",))
     with pytest.raises(CableError, match=what):
-        ManagerBasedRlEnv(configuration({"vary": vary}), device="cpu")
+        ManagerBasedRlEnv(made, device="cpu")
 
 
 def test_a_motor_follows_its_command_with_delay_and_lag():
@@ -231,8 +229,6 @@ def test_a_graph_without_the_cables_is_refused(env, monkeypatch):
     ],
 )
 def test_drives_that_cannot_be_are_refused(change, what):
-    from mjlab.entity import Entity
-
     with pytest.raises(CableError, match=what):
         cables = {"flexor": replace(drives()["flexor"], **change)}
         actuators = (

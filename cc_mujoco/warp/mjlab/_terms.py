@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import product
 from typing import Any, Literal
 
 import torch
 
-from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp.mjlab._actuator import CableActuator
-
-_INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 
 
 def cable_actuators(env: Any, entity: str = "robot") -> tuple[CableActuator, ...]:
@@ -80,13 +79,13 @@ class randomize_cables:
         if not self._chosen:
             raise CableError(f"no cable is named like {wanted!r}")
         for name, (low, high) in ranges.items():
-            if name not in _INDEX:
-                raise CableError.unknown("parameter", name, list(_INDEX))
+            if name not in INDEX:
+                raise CableError.unknown("parameter", name, list(INDEX))
             if not low <= high:
                 raise CableError(f"{name}: the range {low:g} to {high:g} is empty")
         for actuator, i in self._chosen:
-            for side in range(2):
-                values = {name: bounds[side] for name, bounds in ranges.items()}
+            for corner in product(*ranges.values()):
+                values = dict(zip(ranges, corner, strict=True))
                 actuator.cables.require_allowed(actuator.names[i], values)
 
     def __call__(
@@ -102,7 +101,7 @@ class randomize_cables:
         for actuator, i in self._chosen:
             for name, (low, high) in ranges.items():
                 share = torch.rand(len(worlds), device=actuator.values.device)
-                actuator.values[i, worlds, _INDEX[name]] = low + (high - low) * share
+                actuator.values[i, worlds, INDEX[name]] = low + (high - low) * share
         for actuator in dict.fromkeys(actuator for actuator, _ in self._chosen):
             actuator.cables.repack()
 

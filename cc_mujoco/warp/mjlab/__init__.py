@@ -1,4 +1,4 @@
-"""Cables in mjlab: an actuator, terms of its managers, and a task.
+"""Cables in mjlab: an actuator, an observation, and events of its managers.
 
 Raises:
     ImportError: mjlab is not installed.

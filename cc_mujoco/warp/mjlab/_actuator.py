@@ -56,7 +56,7 @@ class DrivenCable:
 
 
 @dataclass(kw_only=True)
-class CableActuatorCfg(ActuatorCfg):  # type: ignore[misc]
+class CableActuatorCfg(ActuatorCfg):
     """Motors that drive joints through cables, commanded by effort.
 
     The targets are the joints of the motors. Delays are those of mjlab's `ActuatorCfg`
@@ -96,7 +96,7 @@ class CableActuatorCfg(ActuatorCfg):  # type: ignore[misc]
         return CableActuator(self, entity, target_ids, target_names)
 
 
-class CableActuator(Actuator):  # type: ignore[misc]
+class CableActuator(Actuator):
     """Actuator of a `CableActuatorCfg`.
 
     Attributes:

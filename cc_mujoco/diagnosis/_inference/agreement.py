@@ -15,16 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis._inference.acceptance import MAX_EXPLAINED_ERROR, Thresholds
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit
 from cc_mujoco.diagnosis._inference.fitting import Masks
 from cc_mujoco.diagnosis._inference.folds import Fold, cross_validate, interleaved_folds
 from cc_mujoco.diagnosis._inference.records import Record
-from cc_mujoco.diagnosis._inference.search import (
-    MAX_EXPLAINED_ERROR,
-    Search,
-    Thresholds,
-    names_found,
-)
+from cc_mujoco.diagnosis._inference.search import Search, names_found
 from cc_mujoco.diagnosis.effects import EFFECTS
 
 MIN_SPLIT_TRIALS = 4

@@ -1,4 +1,4 @@
-r"""Belief in a verdict: odds that it is right, scaled by rates on study rigs.
+r"""Odds that a verdict is right: comparisons of models, scaled by rates on study rigs.
 
 Two models are compared by the difference D of their held-out squared errors. Its
 standard deviation has two parts: s by noise, from blocks of a second, and a model
@@ -27,9 +27,14 @@ from statistics import NormalDist
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
-from cc_mujoco.diagnosis._inference.folds import CrossValidation, blocks
+from cc_mujoco.diagnosis._inference.acceptance import FORM_ERROR_SHARE, Round
+from cc_mujoco.diagnosis._inference.folds import (
+    CrossValidation,
+    block_sum_deviation,
+    blocks,
+)
 from cc_mujoco.diagnosis._inference.plausibility import IMPLAUSIBLE_PREFIX
-from cc_mujoco.diagnosis._inference.search import FORM_ERROR_SHARE, Round, Search
+from cc_mujoco.diagnosis._inference.search import Search
 from cc_mujoco.diagnosis._phrases import format_odds
 from cc_mujoco.diagnosis._verdict import Alternative, Verdict, VerdictOdds
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -44,7 +49,11 @@ RELIABILITY: Mapping[Verdict, float] = {
     "none": 0.94,
     "unknown": 0.91,
 }
-"""Share of right verdicts on the 247 rigs of the fourteenth sealed set."""
+"""Share of right verdicts on the 247 rigs of the fourteenth sealed set.
+
+`scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. No other set has
+checked it.
+"""
 _MAX_Z = 6.0
 """Largest z that odds are given for."""
 _MIN_SHOWN = 0.02
@@ -64,7 +73,7 @@ def comparison_z(
         share: discrepancy over `before`; default c, at most what the better one leaves.
     """
     difference = worse - better
-    noise = float(np.std(difference)) * math.sqrt(difference.size)
+    noise = block_sum_deviation(difference)
     left = float(np.sum(better))
     form = min(FORM_ERROR_SHARE * before, left) if share is None else share * before
     z = float(np.sum(difference)) / max(math.hypot(noise, form), 1e-300)
@@ -137,7 +146,7 @@ def _alternatives(
             continue
         if c.reason.startswith(IMPLAUSIBLE_PREFIX):
             continue
-        meet = leader in EFFECTS[c.id].form_of or c.id in EFFECTS[leader].form_of
+        meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
         errors = blocks(models[c.id]).sum(axis=1)
         share = MEETING_FORM_SHARE if meet else None
         found_z[c.id] = comparison_z(best, errors, before, share)

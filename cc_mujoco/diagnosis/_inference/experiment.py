@@ -11,6 +11,11 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.diagnosis._inference.acceptance import (
+    FORM_ERROR_SHARE,
+    Thresholds,
+    tie_reason,
+)
 from cc_mujoco.diagnosis._inference.fitting import Problem, huber_residual
 from cc_mujoco.diagnosis._inference.folds import CrossValidation
 from cc_mujoco.diagnosis._inference.jacobian import TorqueDerivatives, jacobian
@@ -21,11 +26,6 @@ from cc_mujoco.diagnosis._inference.motions import (
     trial_table,
 )
 from cc_mujoco.diagnosis._inference.records import Record
-from cc_mujoco.diagnosis._inference.search import (
-    FORM_ERROR_SHARE,
-    Thresholds,
-    tie_reason,
-)
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS

@@ -191,5 +191,9 @@ def excess(crossed: CrossValidation) -> float:
     problem = crossed.problem
     noise = [n / f for n, f in zip(problem.sensed, problem.floor, strict=True)]
     beyond = (blocks(crossed) - _block_sums(crossed, noise)).sum(axis=1)
-    scatter = np.std(beyond) * np.sqrt(beyond.size)
-    return float(beyond.sum() / max(scatter, 1e-300))
+    return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
+
+
+def block_sum_deviation(values: FloatArray) -> float:
+    """Return the standard deviation of the sum of independent blocks (blocks,)."""
+    return float(np.std(values)) * math.sqrt(values.size)

@@ -13,6 +13,7 @@ import numpy as np
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._inference.acceptance import Round, are_confusable
 from cc_mujoco.diagnosis._inference.agreement import (
     AGREEMENT_SHARE,
     Agreement,
@@ -21,6 +22,7 @@ from cc_mujoco.diagnosis._inference.agreement import (
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis._inference.belief import belief_in_verdict
 from cc_mujoco.diagnosis._inference.effect_check import check_effects
+from cc_mujoco.diagnosis._inference.elimination import gap_shares
 from cc_mujoco.diagnosis._inference.experiment import Rivals, propose
 from cc_mujoco.diagnosis._inference.fitting import (
     Masks,
@@ -76,14 +78,7 @@ from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.residual_maps import error_maps
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
 from cc_mujoco.diagnosis._inference.screening import Signature, signature_cosine
-from cc_mujoco.diagnosis._inference.search import (
-    Round,
-    Search,
-    are_confusable,
-    gap_shares,
-    search,
-    search_rare,
-)
+from cc_mujoco.diagnosis._inference.search import Search, search, search_rare
 from cc_mujoco.diagnosis._inference.start_values import prepare_start
 from cc_mujoco.diagnosis._inference.trial_trends import trial_constants
 from cc_mujoco.diagnosis._inference.unit_check import unit_or_sign_error

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from cc_mujoco.diagnosis._inference.acceptance import MAX_EXPLAINED_ERROR, Thresholds
 from cc_mujoco.diagnosis._inference.folds import CrossValidation, excess
 from cc_mujoco.diagnosis._inference.heldout_error import floor_ratios, overall_share
 from cc_mujoco.diagnosis._inference.plausibility import IMPLAUSIBLE_PREFIX
-from cc_mujoco.diagnosis._inference.search import (
-    MAX_EXPLAINED_ERROR,
-    Search,
-    Thresholds,
-)
+from cc_mujoco.diagnosis._inference.search import Search
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,

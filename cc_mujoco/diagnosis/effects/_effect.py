@@ -272,6 +272,10 @@ class Effect:
         """Return whether either is easily confused with the other."""
         return other.id in self.confounded_with or self.id in other.confounded_with
 
+    def forms_meet(self, other: Effect) -> bool:
+        """Return whether either has the form of the other on some rigs."""
+        return other.id in self.form_of or self.id in other.form_of
+
 
 def form_key(effect: str) -> str:
     """Return the name of the value that selects the form of an effect."""

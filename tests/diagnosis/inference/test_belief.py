@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis._inference.belief import comparison_z, probabilities
-from cc_mujoco.diagnosis._inference.search import FORM_ERROR_SHARE
+from cc_mujoco import diagnosis
+from cc_mujoco.diagnosis._inference.acceptance import FORM_ERROR_SHARE
+from cc_mujoco.diagnosis._inference.belief import (
+    MEETING_FORM_SHARE,
+    RELIABILITY,
+    comparison_z,
+    probabilities,
+)
 from cc_mujoco.diagnosis._phrases import format_odds
 
 BLOCKS = 64
@@ -45,7 +53,7 @@ def test_a_model_that_leaves_little_has_little_discrepancy() -> None:
 
 def test_effects_whose_forms_meet_stay_undecided() -> None:
     before, better, worse = 900.0 * BLOCKS, errors(2.0), errors(32.0)
-    assert comparison_z(better, worse, before, 0.25) < 0.2
+    assert comparison_z(better, worse, before, MEETING_FORM_SHARE) < 0.2
 
 
 def test_probabilities_add_up_and_agree_with_pairwise_odds() -> None:
@@ -55,6 +63,13 @@ def test_probabilities_add_up_and_agree_with_pairwise_odds() -> None:
     odds = NormalDist().cdf(1.0) / NormalDist().cdf(-1.0)
     assert math.isclose(found[""] / found["a"], odds)
     assert found["c"] < 1e-8
+
+
+def test_rates_are_those_of_the_page() -> None:
+    page = Path(diagnosis.__file__).with_name("validation.md").read_text("utf-8")
+    rows = re.findall(r"\| `(\w+)`, .*?(\d+):\d+ \| \d+ \| (\d+) % \(", page)
+    assert {name: int(rate) / 100 for name, rate, _ in rows} == RELIABILITY
+    assert all(rate == share for _, rate, share in rows)
 
 
 @pytest.mark.parametrize(

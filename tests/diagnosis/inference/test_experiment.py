@@ -21,6 +21,7 @@ from cc_mujoco.diagnosis import (
     prepare,
 )
 from cc_mujoco.diagnosis._inference import experiment
+from cc_mujoco.diagnosis._inference.acceptance import Thresholds
 from cc_mujoco.diagnosis._inference.experiment import (
     Rivals,
     propose,
@@ -28,7 +29,6 @@ from cc_mujoco.diagnosis._inference.experiment import (
     refit_difference,
 )
 from cc_mujoco.diagnosis._inference.motions import CataloguedTrial
-from cc_mujoco.diagnosis._inference.search import Thresholds
 from cc_mujoco.estimation._least_squares import Fit
 from diagnosis.recorded import BENCH, dataset
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cc_mujoco.diagnosis._inference import verdict_rules
-from cc_mujoco.diagnosis._inference.search import Round, Thresholds
+from cc_mujoco.diagnosis._inference.acceptance import Round, Thresholds
 from cc_mujoco.diagnosis._inference.verdict_rules import (
     FINDING_ERROR,
     Judgement,

@@ -12,13 +12,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._inference import search
-from cc_mujoco.diagnosis._inference.screening import bounded_least_squares
-from cc_mujoco.diagnosis._inference.search import (
+from cc_mujoco.diagnosis._inference import acceptance
+from cc_mujoco.diagnosis._inference.acceptance import (
     FORM_ERROR_SHARE,
     Thresholds,
     parted_by_form,
+    tie_reason,
 )
+from cc_mujoco.diagnosis._inference.screening import bounded_least_squares
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
@@ -129,22 +130,22 @@ def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
         seconds = np.array([[1.0, 0.0]] * 30 + [[each, 0.0] for each in last])
         return SimpleNamespace(misfit=misfit, seconds=seconds)
 
-    monkeypatch.setattr(search, "blocks", lambda crossed: crossed.seconds)
-    monkeypatch.setattr(search, "parted_by_form", lambda *_: True)
+    monkeypatch.setattr(acceptance, "blocks", lambda crossed: crossed.seconds)
+    monkeypatch.setattr(acceptance, "parted_by_form", lambda *_: True)
     before, best, other = model(30.0, 30e3), model(1.4, 1.0), model(5.7, 900.0)
     friction = "load_independent_friction", "tension_dependent_friction"
-    assert search.tie_reason(before, best, other, friction, True, limits) == ""
+    assert tie_reason(before, best, other, friction, True, limits) == ""
     # Neither explains the data: that one second decides nothing.
     worse = best.__class__(misfit=3.0, seconds=best.seconds)
-    assert search.tie_reason(before, worse, other, friction, True, limits) == "noise"
+    assert tie_reason(before, worse, other, friction, True, limits) == "noise"
     near = other.__class__(misfit=2.0, seconds=other.seconds)
-    assert search.tie_reason(before, best, near, friction, True, limits) == "noise"
+    assert tie_reason(before, best, near, friction, True, limits) == "noise"
     # A band that softens pulls like a weight, however well a weight fits.
     pull = "joint_gravity", "joint_stiffness"
     sure = model(5.7, *([30.0] * 30))
     longer = model(1.4, *([1.0] * 30))
-    assert search.tie_reason(before, longer, sure, pull, True, limits) == "form"
-    assert search.tie_reason(before, longer, sure, pull[::-1], True, limits) == "form"
+    assert tie_reason(before, longer, sure, pull, True, limits) == "form"
+    assert tie_reason(before, longer, sure, pull[::-1], True, limits) == "form"
 
 
 def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:

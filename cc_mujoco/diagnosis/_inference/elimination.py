@@ -1,0 +1,83 @@
+"""Backward elimination: models without one of their effects, and what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cc_mujoco.diagnosis._inference.acceptance import Thresholds
+from cc_mujoco.diagnosis._inference.folds import CrossValidation, Fold, cross_validate
+
+
+def gap_shares(
+    baseline: CrossValidation,
+    now: CrossValidation,
+    division: Sequence[Fold],
+    known: Sequence[CrossValidation] = (),
+) -> dict[str, float]:
+    """Return the share of the gap that reopens without each effect, by id.
+
+    Args:
+        baseline: the model without any.
+        now: the model.
+        division: of both.
+        known: models that have been fitted already.
+    """
+    inflation = baseline.problem.inflation
+    beyond = max(baseline.misfit**2 - 1.0, 1e-12)
+    left = now.misfit_by(inflation) ** 2
+    slim = _reduced_models(now, division, known)
+    return {
+        name: (crossed.misfit_by(inflation) ** 2 - left) / beyond
+        for name, crossed in slim.items()
+    }
+
+
+def eliminate(
+    now: CrossValidation,
+    division: Sequence[Fold],
+    thresholds: Thresholds,
+    known: list[CrossValidation],
+) -> CrossValidation:
+    """Remove the effects that later ones have made redundant.
+
+    What is fitted for that joins `known`, models that have been fitted already.
+    """
+    while True:
+        slim = _reduced_models(now, division, known)
+        known += slim.values()
+        useless = (1.0 + 0.5 * thresholds.reduction) * now.held_out_mse
+        idle = [
+            name
+            for name in now.problem.effects[:-1]
+            if slim[name].held_out_mse <= useless
+        ]
+        if not idle:
+            return now
+        now = slim[idle[0]]
+
+
+def _reduced_models(
+    now: CrossValidation, division: Sequence[Fold], known: Sequence[CrossValidation]
+) -> dict[str, CrossValidation]:
+    """Return the model cross-validated without each of its effects, by id."""
+    return {
+        name: _without_effect(now, name, division, known)
+        for name in now.problem.effects
+    }
+
+
+def _without_effect(
+    now: CrossValidation,
+    name: str,
+    division: Sequence[Fold],
+    known: Sequence[CrossValidation],
+) -> CrossValidation:
+    slim = now.problem.without(name)
+    for crossed in known:
+        same = crossed.problem.plant is slim.plant
+        same = same and crossed.problem.floor is slim.floor
+        same = same and crossed.problem.forms == slim.forms
+        if same and set(crossed.problem.effects) == set(slim.effects):
+            return crossed
+    kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
+    return cross_validate(slim, division, [fit.x[kept] for fit in now.fits])

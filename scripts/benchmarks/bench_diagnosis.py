@@ -47,23 +47,30 @@ DAVINCI = {
 }
 """Trials and most rows of each."""
 STAGES = {
-    "reading and checks": ("diagnose.load", "diagnose.check_bench", "reason.prepare"),
-    "baseline": ("reason.fit_baseline",),
-    "noise floor": ("baseline.noise_floor",),
-    "numerics": ("baseline.numerics",),
-    "screen": ("search.screen",),
-    "refits": ("search.search", "reason.search"),
-    "parts of the data": ("reason.agreement",),
-    "fit to all": ("reason.fit",),
-    "held out": ("reason.predicted",),
-    "odd trial": ("reason.odd_trial",),
-    "intervals": ("reason.estimates", "reason.undetermined"),
-    "next experiment": ("reason.propose",),
-    "maps": ("reason.maps",),
-    "report": ("diagnose.write",),
+    "reading and checks": (
+        "_diagnose.load",
+        "_diagnose.check_bench",
+        "_inference.pipeline.prepare_start",
+    ),
+    "baseline": ("_inference.pipeline.fit_baseline",),
+    "noise floor": ("_inference.baseline.noise_floor",),
+    "numerics": ("_inference.baseline.refinement_change",),
+    "screen": ("_inference.search.screen",),
+    "refits": ("_inference.pipeline.search", "_inference.pipeline.search_rare"),
+    "parts of the data": ("_inference.pipeline.check_agreement",),
+    "fit to all": ("_inference.pipeline.fit_until_settled",),
+    "held out": ("_inference.pipeline.predicted",),
+    "odd trial": ("_inference.pipeline.find_outlier_trial",),
+    "intervals": (
+        "_inference.pipeline.fit_covariance",
+        "_inference.pipeline.estimates",
+        "_inference.pipeline.undetermined",
+    ),
+    "next experiment": ("_inference.pipeline.propose",),
+    "maps": ("_inference.pipeline.error_maps",),
+    "report": ("_diagnose.write",),
 }
 """Functions of each stage; time in one that another calls is that of the inner one."""
-_FOLDERS = {"diagnose": "", "baseline": "inference.", "search": "inference."}
 
 
 class Clock:
@@ -100,12 +107,10 @@ class Clock:
         """Count the time of every stage."""
         for stage, places in STAGES.items():
             for place in places:
-                name, attribute = place.split(".")
-                folder = _FOLDERS.get(name, "inference.")
-                module = importlib.import_module(f"cc_mujoco.diagnosis.{folder}{name}")
-                if hasattr(module, attribute):
-                    function = getattr(module, attribute)
-                    setattr(module, attribute, self.timed(stage, function))
+                name, _, attribute = place.rpartition(".")
+                module = importlib.import_module(f"cc_mujoco.diagnosis.{name}")
+                function = getattr(module, attribute)
+                setattr(module, attribute, self.timed(stage, function))
 
     def read(self) -> dict[str, float]:
         """Return the seconds by stage."""

@@ -71,6 +71,35 @@ def went(record: dict[str, Any]) -> str:
     return judged(**{name: record[name] for name in names})
 
 
+def is_right(record: dict[str, Any]) -> bool:
+    """Return whether a verdict is right as a whole, as its odds mean it.
+
+    Names are right if they are all that is hidden, a tie if one of its effects is.
+    """
+    hidden, verdict = set(record["hidden"]), record["verdict"]
+    if verdict == "tie":
+        return any(hidden & set(tie) for tie in record["ties"])
+    if record["kind"] in ("named", "pair"):
+        return verdict == "named" and hidden == set(record["named"])
+    return bool(verdict == record["kind"])
+
+
+def verdict_rates(records: list[dict[str, Any]]) -> list[list[str]]:
+    """Return rows of a table: verdict, times it was given, share that is right.
+
+    `RELIABILITY` of `cc_mujoco.diagnosis._inference.belief` is copied from it.
+    """
+    found = []
+    for verdict in ("named", "none", "tie", "unknown"):
+        right = [is_right(r) for r in records if r["verdict"] == verdict]
+        if right:
+            share = (
+                f"{_share(sum(right), len(right))} ({exact(sum(right), len(right))})"
+            )
+            found.append([verdict, str(len(right)), share])
+    return found
+
+
 def summary(records: list[dict[str, Any]]) -> str:
     """Return Markdown of a study; what stands before the first fold is for the page.
 
@@ -105,7 +134,8 @@ def summary(records: list[dict[str, Any]]) -> str:
     if any("naive" in r for r in records):
         parts.append(comparison(records, went))
     parts += [
-        "<details><summary>By rigs and strength</summary>",
+        "<details><summary>By verdict, rigs and strength</summary>",
+        table(("verdict", "given", "right"), verdict_rates(records)),
         table(("hidden", "rigs", "R", *head), rates),
         table(("hidden", "first name or verdict"), confusion(records).items()),
         "</details>",

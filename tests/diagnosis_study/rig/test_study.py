@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from diagnose_benchmark import cases, run
-from diagnose_table import judged, summary, went
+from diagnose_table import is_right, judged, summary, went
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -95,6 +95,35 @@ def test_a_case_is_judged_by_what_was_hidden_and_what_was_said(
     assert judged(kind, [*hidden], verdict, [*named], [[*tie] for tie in ties]) == word
 
 
+@pytest.mark.parametrize(
+    ("right", "kind", "hidden", "verdict", "named", "ties"),
+    [
+        (True, "none", "", "none", "", []),
+        (False, "none", "", "unknown", "", []),
+        (True, "unknown", "x", "unknown", "a", []),
+        (False, "unknown", "x", "named", "a", []),
+        (True, "named", "a", "named", "a", []),
+        (False, "named", "a", "named", "ab", []),
+        (False, "named", "a", "unknown", "a", []),
+        (True, "named", "a", "tie", "b", ["bca"]),
+        (False, "named", "a", "tie", "b", ["bc"]),
+        (True, "pair", "ab", "named", "ba", []),
+        (False, "pair", "ab", "named", "b", []),
+    ],
+)
+def test_a_verdict_is_right_if_it_names_all_that_is_hidden_and_no_more(
+    right: bool, kind: str, hidden: str, verdict: str, named: str, ties: list[str]
+) -> None:
+    record = {
+        "kind": kind,
+        "hidden": [*hidden],
+        "verdict": verdict,
+        "named": [*named],
+        "ties": [[*tie] for tie in ties],
+    }
+    assert is_right(record) == right
+
+
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
 def test_rates_and_confusion_count_the_cases_below_them(
     told: list[dict[str, Any]],
@@ -106,6 +135,8 @@ def test_rates_and_confusion_count_the_cases_below_them(
     above, between, below = summary(records).split("<details>")
     listed = [row for row in rows(below) if row[0] != "hidden"]
     assert len(listed) == len(records)
+    given_rows = [row for row in rows(between) if len(row) == 3 and row[1].isdigit()]
+    assert sum(int(row[1]) for row in given_rows) == len(records)
     rates = {tuple(row[:3]): row[3:5] for row in rows(between) if len(row) == 9}
     for kind, names in KINDS.items():
         of_kind = [case for case in listed if case[0] in names]

@@ -46,7 +46,8 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 def test_the_missing_effect_is_named_and_the_gap_closes(
     name: str, values: dict[str, float]
 ) -> None:
-    # Without one locked trial the other still tells friction from pretension.
+    # Without a locked trial in a fold, friction and pretension are undetermined there:
+    # with one in all, the gap of gravity closes by 0.62 and 0.49 only.
     data = dataset({name: values}, 2.5, seed=3, changes=TUNED, chosen=(0, 1, 2, 3))
     result = run_inference(data, BENCH, Options(FEW))
     found = result.diagnosis

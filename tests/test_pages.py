@@ -15,7 +15,8 @@ from PIL import Image
 
 import cc_mujoco
 from cc_mujoco.cable import PARAMETERS, as_table
-from cc_mujoco.datasets._dataset_file import RIG_CONSTANTS, Source
+from cc_mujoco.datasets._dataset_file import Source
+from cc_mujoco.datasets._rig_table import RIG_CONSTANTS
 from cc_mujoco.datasets._trials import Facts
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as materials

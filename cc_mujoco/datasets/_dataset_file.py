@@ -93,61 +93,14 @@ from typing import Any, get_args
 from cc_mujoco._utils.tables import ENDINGS
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._angle_pairs import FittedArm, arm_constants, fit_angle_pairs
 from cc_mujoco.datasets._data_findings import DataFinding, warning
+from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, read_rig
 from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
-_LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_DIMENSIONLESS = {"1": 1.0}
 _MAX_DELAY = 1.0
 """Delay of a channel that is no slip of the pen [s]."""
-_INERTIA_UNITS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
-RIG_CONSTANTS: dict[str, dict[str, float]] = {
-    "motor_radius": _LENGTH_UNITS,
-    "joint_radius": _LENGTH_UNITS,
-    "pretension": channels.FORCE.factors,
-    "axial_stiffness": channels.FORCE.factors,
-    "friction": _DIMENSIONLESS,
-    "exit_angle": channels.ANGLE.factors,
-    "torque_constant": {"Nm/A": 1.0, "mNm/A": 1e-3},
-    "gear_ratio": _DIMENSIONLESS,
-    "gear_efficiency": _DIMENSIONLESS,
-    "rotor_inertia": _INERTIA_UNITS,
-    "load_stiffness": {"Nm/rad": 1.0, "Nm/deg": 180.0 / math.pi},
-    "load_rest_angle": channels.ANGLE.factors,
-    "load_inertia": _INERTIA_UNITS,
-    "load_damping": {"Nm s/rad": 1.0},
-    "load_weight": channels.TORQUE.factors,
-    "load_hanging_angle": channels.ANGLE.factors,
-    "gain_uncertainty": _DIMENSIONLESS,
-}
-"""Constants that `[rig]` may give, with units, SI first.
-
-The first five stand in place of the scene's: `axial_stiffness` is EA, `friction` the
-coefficient mu; everything else about the rig (conduits, lengths, wrap) is in the scene,
-but for `exit_angle`: how far around the motor's pulley the antagonist leaves it from
-where the agonist does (pi unless given: conduits side by side, one on either side).
-`rotor_inertia`, at the pulley, is what the motor's torque turns before it reaches the
-cables: of a motor whose torque is the one that it was told, or its current.
-The load is what the joint turns, itself included: a spring that is at rest at
-`load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
-its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
-the angles is negative."""
-LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
-"""Those that make a joint's torque of its motion; with their angles."""
-RIG_STATEMENTS = {"zeroed": True, "balanced": True, "joint_spring": False}
-"""Facts that `[rig]` may state and their only value: the other one says nothing. They
-are constants of value 1 (true) or 0 (false)."""
-RIG_ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
-UNTUNED_CONSTANTS = (
-    "exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia",
-    "load_hanging_angle", "gain_uncertainty",
-)  # fmt: skip
-"""Those that a diagnosis does not tune."""
-MAY_BE_ZERO = ("friction", *RIG_ANGLES, "load_damping")
-"""Those that may be 0."""
 
 
 @dataclass(frozen=True)
@@ -252,6 +205,11 @@ class DatasetFile:
             return True
         if motor:
             return channels.MOTOR_CURRENT in found
+        return self.has_known_load
+
+    @property
+    def has_known_load(self) -> bool:
+        """Return whether `[rig]` declares the load that the joint turns."""
         return any(name in self.rig for name in LOAD_CONSTANTS)
 
     def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
@@ -351,7 +309,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
     top.only("name", "notes", "columns", "files", "rig", "trials")
     return DatasetFile(
         columns={n: _source(t, n) for n, t in top.tables("columns").items()},
-        rig=_rig(top.table("rig")),
+        rig=read_rig(top.table("rig")),
         facts={n: _facts(t) for n, t in top.tables("trials").items()},
         files={n: _files(t, n) for n, t in top.tables("files").items()},
         name=top.text("name") or "",
@@ -446,79 +404,6 @@ def _files(table: Table, trial: str) -> dict[str, PartFile]:
             offset=inner.number("offset"),
         )
     return parts
-
-
-def _rig(table: Table) -> dict[str, Constant]:
-    """Return the table `[rig]`."""
-    constants = {}
-    for name, given in table.content.items():
-        if name in RIG_STATEMENTS:
-            constants[name] = _statement(table, name)
-            continue
-        if name == "angle_pairs":
-            constants |= arm_constants(_angle_pairs(table))
-            continue
-        if name not in RIG_CONSTANTS:
-            known = [*RIG_CONSTANTS, *RIG_STATEMENTS, "angle_pairs"]
-            raise CableError.unknown(f"constant in {table.where}", name, known)
-        units = RIG_CONSTANTS[name]
-        is_table = isinstance(given, dict)
-        inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
-        inner.only("value", "uncertainty", "unit")
-        value = inner.number("value", -math.inf if name in RIG_ANGLES else 0.0)
-        if value is None:
-            raise CableError(f"{inner.where} needs a `value`.")
-        if value == 0.0 and name not in MAY_BE_ZERO:
-            raise inner.wrong("value", "more than 0")
-        factor = units[inner.choice("unit", units) or next(iter(units))]
-        doubt = inner.number("uncertainty", 0.0) or 0.0
-        if doubt > value > 0.0 and name not in RIG_ANGLES:
-            right = "one standard deviation in the unit of the value, and no larger"
-            raise inner.wrong("uncertainty", right)
-        if doubt > 0.0 == value and name in LOAD_CONSTANTS:
-            raise inner.wrong("value", "more than 0 where it has an uncertainty")
-        if doubt > 0.0 and name in UNTUNED_CONSTANTS:
-            raise CableError(
-                f"{inner.where}: `uncertainty` cannot be used; a diagnosis takes this "
-                "constant for exact."
-            )
-        constants[name] = Constant(value * factor, doubt * factor)
-    for name, most in (("gear_efficiency", 1.0), ("gain_uncertainty", 0.3)):
-        if constants.get(name, Constant(0.0)).value > most:
-            raise table.wrong(name, f"more than 0 and no more than {most:g}")
-    return constants
-
-
-def _angle_pairs(table: Table) -> FittedArm:
-    """Return the moment arm through the pairs of `[rig] angle_pairs`."""
-    given = table.content["angle_pairs"]
-    pairs = given if isinstance(given, list) else []
-    known = [
-        [float(each) for each in pair if finite(each) is not None]
-        for pair in pairs
-        if isinstance(pair, list)
-    ]
-    if not pairs or [len(pair) for pair in known] != [2] * len(pairs):
-        raise table.wrong("angle_pairs", "a list of [motor, joint] angles in radians")
-    if "joint_radius" in table.content:
-        raise CableError(
-            f"{table.where}: `angle_pairs` give the radius at the joint; leave "
-            "`joint_radius` out."
-        )
-    return fit_angle_pairs(known, f"{table.where}, angle_pairs")
-
-
-def _statement(table: Table, name: str) -> Constant:
-    """Return a fact that `[rig]` states.
-
-    Raises:
-        CableError: it has another value than the one that says something.
-    """
-    value = RIG_STATEMENTS[name]
-    if table.flag(name) is not value:
-        only = str(value).lower()
-        raise table.wrong(name, f"{only}; leave it out where that is not known")
-    return Constant(float(value))
 
 
 def _facts(table: Table) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets import _load_cells as load_cells
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
-from cc_mujoco.datasets._dataset_file import LOAD_CONSTANTS, DatasetFile
+from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._instruments import Instrument, Instruments
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Constant, FloatArray, Noise, Trial
@@ -91,7 +91,7 @@ def expected_instruments(file: DatasetFile, bench: Bench) -> Instruments:
             instrument = "load cells"
         elif motor and "torque_constant" in file.rig:
             instrument = "motor current"
-        elif not motor and _has_known_load(file):
+        elif not motor and file.has_known_load:
             instrument = "known load"
         found.append(instrument)
     return Instruments(*found)
@@ -133,7 +133,7 @@ def _instrument(
 ) -> tuple[Instrument | None, list[DataFinding]]:
     """Return the instrument of a torque that all trials have."""
     if not file.source(torque).measured or not trials:
-        if torque == channels.JOINT_TORQUE and _has_known_load(file):
+        if torque == channels.JOINT_TORQUE and file.has_known_load:
             return "known load", []
         return None, []
     if all(torque in trial.channels for trial in trials):
@@ -149,7 +149,7 @@ def _instrument(
             "motor's torque constant; declare [rig] torque_constant in N m/A."
         )
         return None, [error(message, trials[0].name, channels.MOTOR_CURRENT)]
-    if not motor and _has_known_load(file):
+    if not motor and file.has_known_load:
         return "known load", []
     lacking = next(t for t in trials if torque not in t.channels)
     message = (
@@ -168,10 +168,6 @@ def _describe_source(
         return f"{torque} of {where} is not measured, so only the other is compared."
     made = trials[0].labels.get(torque, "the motion of the joint, declared in [rig]")
     return f"{torque} of {where} follows from {_INSTRUMENT_NAMES[instrument]}: {made}."
-
-
-def _has_known_load(file: DatasetFile) -> bool:
-    return any(name in file.rig for name in LOAD_CONSTANTS)
 
 
 def _torque_per_current(constants: Mapping[str, Constant]) -> float:

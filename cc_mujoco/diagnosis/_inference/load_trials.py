@@ -13,7 +13,7 @@ import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Parameter
-from cc_mujoco.datasets._dataset_file import LOAD_CONSTANTS
+from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis._inference.lowpass import low_pass
 from cc_mujoco.estimation._least_squares import Tuned

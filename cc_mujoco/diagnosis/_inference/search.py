@@ -88,16 +88,22 @@ class _Course(NamedTuple):
         division: Sequence[Fold],
         thresholds: Thresholds,
     ) -> Search:
-        """Return the search, without the effects that later ones made redundant."""
-        now, known = self.after, self.known
-        if not self.interrupted:
-            now = eliminate(now, division, thresholds, known)
+        """Return the search, without the effects that later ones made redundant.
+
+        If it was or is interrupted, all effects stay.
+        """
+        now, known, interrupted = self.after, self.known, self.interrupted
+        if not interrupted:
+            try:
+                now = eliminate(now, division, thresholds, known)
+            except KeyboardInterrupt:
+                interrupted = True
+                _forget_derivatives(known)
         shares = gap_shares(baseline, now, division, known)
         steps = _split_rivals(self.rounds)
         return Search(
-            baseline, now, steps, self.signatures, shares, self.changes,
-            self.interrupted,
-        )  # fmt: skip
+            baseline, now, steps, self.signatures, shares, self.changes, interrupted
+        )
 
 
 def search(
@@ -197,9 +203,14 @@ def _add_effects(
             known.append(now)
     except KeyboardInterrupt:
         interrupted = True
-        for crossed in known:  # their derivatives may be half taken
-            crossed.problem.slopes.forget()
+        _forget_derivatives(known)
     return _Course(now, tuple(rounds), first, known, changes, interrupted)
+
+
+def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
+    """Drop the derivatives of models: an interruption may have left them half taken."""
+    for crossed in known:
+        crossed.problem.slopes.forget()
 
 
 def _part_of(
@@ -267,7 +278,7 @@ def search_rare(
     wider = course.drop_redundant(found.before, division, thresholds)
     used = set(rare) & set(wider.after.problem.effects)
     if not used or wider.after.misfit >= found.after.misfit:
-        return found
+        return found._replace(interrupted=wider.interrupted)
     again = {signature.id for signature in wider.signatures}
     others = tuple(sign for sign in found.signatures if sign.id not in again)
     return wider._replace(signatures=(*wider.signatures, *others))

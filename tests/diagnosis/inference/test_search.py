@@ -12,14 +12,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._inference import acceptance
+from cc_mujoco.diagnosis._inference import acceptance, search
 from cc_mujoco.diagnosis._inference.acceptance import (
     FORM_ERROR_SHARE,
     Thresholds,
     parted_by_form,
     tie_reason,
 )
-from cc_mujoco.diagnosis._inference.screening import bounded_least_squares
+from cc_mujoco.diagnosis._inference.screening import Changes, bounded_least_squares
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
@@ -156,3 +156,20 @@ def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:
     assert not parted_by_form(before, best, crossed(1.0, much, 0.5))
     # Next to nothing shows in the last, so next to nothing is much of it.
     assert parted_by_form(before, best, crossed(1.0, 1.0, 0.6))
+
+
+def test_an_interruption_while_effects_are_dropped_keeps_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    forgotten: list[str] = []
+    slopes = SimpleNamespace(forget=lambda: forgotten.append("slopes"))
+    model: Any = SimpleNamespace(problem=SimpleNamespace(slopes=slopes))
+    monkeypatch.setattr(search, "eliminate", interrupt)
+    monkeypatch.setattr(search, "gap_shares", lambda *_: {})
+    course = search._Course(model, (), (), [model], Changes(), False)
+    found = course.drop_redundant(model, (), Thresholds())
+    assert found.interrupted and found.after is model
+    assert forgotten == ["slopes"]

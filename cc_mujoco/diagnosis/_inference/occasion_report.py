@@ -18,6 +18,7 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.occasions import (
     base_name,
+    change_name,
     is_change,
     occasions_of,
 )
@@ -79,9 +80,9 @@ def _changes(
     found = []
     for since in reversed(names[:-1]):
         for base in (*_REPORTED, *(n for n in tuned if n not in _REPORTED)):
-            name = f"{base}@{since}"
+            name = change_name(base, since)
             if name in tuned and not is_change(base):
-                change, words = _change(tuned[name], estimated[name])
+                change, words = describe_change(tuned[name], estimated[name])
                 factor = tuned[name].factor
                 found.append(
                     OccasionChange(base, since, names[-1], change, factor, words)
@@ -89,18 +90,13 @@ def _changes(
     return found
 
 
-def compare_words(tuned: Tuned, earlier: Estimate) -> str:
-    """Return a change in words.
+def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
+    """Return the change to the later occasion, and the same in words.
 
     Args:
         tuned: parameter that is a change, see `occasions`.
         earlier: its estimate: earlier occasion over the later one, or less it.
     """
-    return _change(tuned, earlier)[1]
-
-
-def _change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change to the later occasion, and the same in words."""
     low, high = earlier.ci95
     if tuned.factor:
         change = Estimate(

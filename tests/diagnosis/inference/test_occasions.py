@@ -16,7 +16,7 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
     baseline_parameters,
 )
 from cc_mujoco.diagnosis._inference.fitting import fit
-from cc_mujoco.diagnosis._inference.occasion_report import compare_size, compare_words
+from cc_mujoco.diagnosis._inference.occasion_report import compare_size, describe_change
 from cc_mujoco.diagnosis._inference.occasions import occasions_of, values_on
 from cc_mujoco.diagnosis._inference.records import prepare
 from cc_mujoco.diagnosis._inference.start_values import prepare_start
@@ -88,10 +88,10 @@ def test_a_change_moves_the_torques_of_its_occasion_only() -> None:
 
 def test_changes_are_told_from_the_earlier_to_the_later_occasion() -> None:
     ratio = Tuned(Parameter("pretension@March", "1", scale="log"), 1.0, 1.0, -3.0, 3.0)
-    found = compare_words(ratio, Estimate(1.25, "1", (1.20, 1.30)))
+    _, found = describe_change(ratio, Estimate(1.25, "1", (1.20, 1.30)))
     assert found.replace(MINUS, "-") == "pretension -20.0 % (95 %: -23.1 to -16.7)"
     offset = Tuned(Parameter("joint_torque_offset@March", "N m"), 0.0, 1.0, -3.0, 3.0)
-    found = compare_words(offset, Estimate(0.01, "N m", (-0.01, 0.03)))
+    _, found = describe_change(offset, Estimate(0.01, "N m", (-0.01, 0.03)))
     assert found == "joint torque offset unchanged within 0.030 N m"
     assert (
         plain_name(ratio.name) == "pretension on March, relative to the last occasion"

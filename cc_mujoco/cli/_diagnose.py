@@ -80,7 +80,11 @@ class Diagnose:
         from tqdm import tqdm
 
         from cc_mujoco.diagnosis._diagnose import diagnose
-        from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
+        from cc_mujoco.diagnosis._phrases import (
+            NO_SCENE_PREFIX,
+            NOT_IN_SCENE_PREFIX,
+            continue_command,
+        )
         from cc_mujoco.diagnosis._verdict import next_folder
 
         with tqdm(
@@ -131,9 +135,12 @@ class Diagnose:
             print(f"  to separate them: {planned.description}")
             folder = self.out / next_folder(planned)
             print(f"  record it as {planned.trial} (`cc-mujoco run --plan {folder}`),")
-            print(
-                f"  then: cc-mujoco diagnose --continue {self.out} {planned.trial}.csv"
-            )
+            if found.occasions:
+                last = found.occasions.names[-1]
+                print(f"  put it beside the trials of {last}, and run this again")
+            else:
+                trial = f"{planned.trial}.csv"
+                print(f"  then: {continue_command(trial, str(self.out), 'NEW_FOLDER')}")
         print(f"report:   {report}")
 
     def _plan(self) -> None:

@@ -83,6 +83,17 @@ def capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def continue_command(trials: str, folder: str, out: str) -> str:
+    """Return the command that diagnoses the data of a diagnosis with more trials.
+
+    Args:
+        trials: files of the new ones.
+        folder: of the earlier diagnosis.
+        out: folder of the new one.
+    """
+    return f"cc-mujoco diagnose {trials} --continue {folder} --out {out}"
+
+
 def format_odds(probability: float) -> str:
     """Return a probability as odds out of 100, "80:20"; never as certain."""
     percent = min(max(round(100.0 * probability), 1), 99)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shlex
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.diagnosis._inference.motions import CataloguedTrial, trial_table
+from cc_mujoco.diagnosis._phrases import continue_command
 from cc_mujoco.diagnosis._report.output import write_proposed
 from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier
 from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
@@ -149,3 +153,10 @@ def test_a_proposed_trial_is_played_and_continued(
     own.write_text(text, encoding="utf-8")
     with pytest.raises(CableError, match="one file that speaks of all trials"):
         earlier.with_more([new])
+
+
+def test_the_command_that_continues_a_diagnosis_is_accepted() -> None:
+    words = shlex.split(continue_command("trial_09.csv", "runs/a", "runs/b"))
+    command: Any = parse(words[0], words[1:])
+    assert (command.out, command.earlier) == (Path("runs/b"), Path("runs/a"))
+    assert command.words == (Path("trial_09.csv"),)

@@ -7,6 +7,7 @@ from cc_mujoco.diagnosis._phrases import (
     NOT_IN_SCENE_PREFIX,
     Names,
     capitalise,
+    continue_command,
     format_fitted,
     format_interval,
     format_share,
@@ -22,7 +23,7 @@ from cc_mujoco.diagnosis._verdict import (
 from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
 
 OPEN_RECORDING = "rerun evidence.rrd"
-CONTINUE = "cc-mujoco diagnose NEW_TRIALS --continue . --out NEW_FOLDER"
+CONTINUE = continue_command("NEW_TRIALS", ".", "NEW_FOLDER")
 RUN_AGAIN = "run the same command again"
 NO_LOCATION = (
     "No quantity that was recorded explains more of the error than chance does."

@@ -1,7 +1,7 @@
 """Four answers on an unknown effect: which end, which trials, growing with what, next.
 
-They are all that can be told of an effect without a name, and what a person needs in
-order to find it by hand.
+They are all that these data show of an effect without a name, and what a person needs
+to find it by hand.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _MAX_TRIALS = 3
 _MAX_AXES = 2
 
 MOTOR_ONLY = (
-    "one trial with the cables off (`pretension = 0`): what is left then is the motor "
+    "one trial with the cables off (`unhooked = true`): what is left then is the motor "
     "and its sensor"
 )
 JOINT_ONLY = (
-    "one trial with the cables off and the joint moved by hand (`pretension = 0`): "
+    "one trial with the cables off and the joint moved by hand (`unhooked = true`): "
     "what is left then is the joint and its sensor"
 )
 CABLE_ALONE = (
@@ -110,7 +110,7 @@ def _growing_with(diagnosis: Diagnosis) -> str:
         if each.axis != "channel":
             found.setdefault(each.axis, each.share_of_error)
     if not found:
-        return "With nothing that was recorded, as far as chance allows to tell."
+        return "With nothing that was recorded, beyond chance."
     ranked = sorted(found.items(), key=lambda each: -each[1])[:_MAX_AXES]
     words = [
         f"{plain_name(axis)} ({format_share(share)} of the squared error)"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
+from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.diagnosis._report.unknown import (
     CABLE_ALONE,
     JOINT_ONLY,
@@ -53,3 +56,12 @@ def test_without_a_quantity_the_trial_parts_the_ends(
 def test_where_nothing_was_compared_the_questions_are_answered_too() -> None:
     answers = four_answers(Diagnosis("unknown", "Nothing."))
     assert all(answer for _, answer in answers)
+
+
+@pytest.mark.parametrize("advice", [MOTOR_ONLY, JOINT_ONLY, CABLE_ALONE])
+def test_facts_of_an_advised_trial_can_be_declared(advice: str, tmp_path: Path) -> None:
+    facts = re.findall(r"`(\w+ = [^`]+)`", advice)
+    assert facts
+    toml = tmp_path / "dataset.toml"
+    toml.write_text("\n".join(["[trials.next]", *facts]), encoding="utf-8")
+    assert read_dataset_file(toml).facts["next"]

@@ -36,7 +36,6 @@ from cc_mujoco._utils.compilation import (
 )
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE
 from cc_mujoco.cable._policy_iteration import (
-    solve_from_slips,
     solve_marked,
     solve_with_slack,
 )
@@ -230,12 +229,6 @@ def sweep(
     size = 6 * n + 9  # what comes before it is free outside of the graph
     marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
     slip_direction, slack, lines = marks[:n], marks[n:], work[: 3 * n]
-    if solve_from_slips(
-        n, last, tension, stiffness, growth_distal, growth_proximal, hold_distal,
-        hold_proximal, drag, viscosity, slip_direction, slack, proximal_p, proximal_q,
-        distal_p, distal_q, shift, node, lines, rest,
-    ):  # fmt: skip
-        return
     for i in range(n + 1):
         slack[i] = 1.0 if tension[i] <= 0.0 else 0.0
     for s in range(n):

@@ -1,4 +1,4 @@
-"""Slipping segments and slack nodes, found by guess, solution and look.
+"""Slipping segments and slack nodes, found by policy iteration.
 
 Same chain as in `_fronts.py`. Mostly what slips is what slipped in the step before, or
 nearly, and what is slack was slack. Each round solves the step for one guess and
@@ -16,50 +16,11 @@ from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
 
-_MAX_GUESSES = 4
 _QUICK_ROUNDS = 6
 """Rounds after which nodes change only where all segments are right."""
-MAX_ROUNDS = 12
-"""Rounds after which `solve_with_slack` gives up: mean 1.1 to 2.3, by term.
-
-Of the steps of random cables that slack or a fast change leaves to it, it gives up
-0.3 to 1.5 %, and 6 % where viscosity meets slack.
-"""
-
-
-@internal
-def _solve_lines(
-    n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
-) -> None:
-    """Solve a step for displacements and tensions, slip and slack nodes known."""
-    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
-    for s in range(n):
-        if slip_direction[s] == 0.0:
-            own[s] = np.inf
-            continue
-        gain[s], offset[s], own[s] = slipping(
-            slip_direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-        )
-    solve(
-        n, tension, stiffness, gain, offset, own, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
-    )  # fmt: skip
+_MAX_ROUNDS = 12
+"""Rounds after which `solve_with_slack` leaves a step to `_graph.py`: 3 % of random
+steps that follow each other (`tests/cable/test_solvers.py`)."""
 
 
 @internal
@@ -83,97 +44,36 @@ def solve_marked(
     work: FloatArray,
 ) -> None:
     """Solve a step whose slip and slack nodes are known, and lay what is slack."""
+    lies = False
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
             slack[s] = 1.0
         if slack[s] != 0.0 and slack[s + 1] != 0.0:
             slip_direction[s] = 0.0
-    _solve_lines(
-        n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-        slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-        shift, node, lines, work,
+            lies = True
+    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    for s in range(n):
+        if slip_direction[s] == 0.0:
+            own[s] = np.inf
+            continue
+        gain[s], offset[s], own[s] = slipping(
+            slip_direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
+        )
+    solve(
+        n, tension, stiffness, gain, offset, own, slack,
+        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
     )  # fmt: skip
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
-    free = lines[:n]
+    if not lies:
+        return
+    free = gain
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
     lay_slack(
         n, free, tension, stiffness, slack,
         proximal_p, proximal_q, distal_p, distal_q, shift,
     )  # fmt: skip
-
-
-@internal
-def solve_from_slips(
-    n: int,
-    last: FloatArray,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    growth_distal: FloatArray,
-    growth_proximal: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Solve one step from the slips of the last one, where nothing is slack.
-
-    Returns:
-        Whether the solution was found; a segment that breaks away is left to others.
-    """
-    for i in range(n + 1):
-        if tension[i] <= 0.0:
-            return False
-        slack[i] = 0.0
-    for s in range(n):
-        slip_direction[s] = np.sign(last[s])
-    for _ in range(_MAX_GUESSES):
-        _solve_lines(
-            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-            shift, node, lines, work,
-        )  # fmt: skip
-        right = True
-        for s in range(n):
-            if not (node[s] > 0.0 and node[s + 1] > 0.0):
-                return False
-            way = slip_direction[s]
-            if way == 0.0:
-                now = overcome_direction(
-                    node[s], node[s + 1], hold_distal[s], hold_proximal[s], drag[s]
-                )
-                if now != 0:
-                    slip_direction[s] = float(now)
-                    right = False
-                    if now > 0 and hold_distal[s] != growth_distal[s]:
-                        return False
-                    if now < 0 and hold_proximal[s] != growth_proximal[s]:
-                        return False
-            elif shift[s] * way < 0.0:
-                slip_direction[s] = 0.0
-                right = False
-            elif way > 0.0 and hold_distal[s] != growth_distal[s]:
-                return False
-            elif way < 0.0 and hold_proximal[s] != growth_proximal[s]:
-                return False
-        if right:
-            for s in range(n):
-                load = node[s] + node[s + 1] + drag[s]
-                if abs(shift[s]) * stiffness[s] <= LIMIT_TOLERANCE * load:
-                    shift[s] = 0.0
-            return True
-    return False
 
 
 @internal
@@ -204,7 +104,7 @@ def solve_with_slack(
     Returns:
         Whether the solution was found; else the outputs are undefined.
     """
-    for rounds in range(MAX_ROUNDS):
+    for rounds in range(_MAX_ROUNDS):
         for s in range(n):
             if slack[s] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
                 slack[s + 1] = 1.0

@@ -64,3 +64,15 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
         assert yielding[:2] - u == pytest.approx(gone, abs=1e-12)
         state[:] = yielding
     assert np.mean(apart) < 5e-4
+
+
+def test_springs_of_still_ends_are_gone_after_a_step_whose_bends_may_change() -> None:
+    cable = cable_of(np.random.default_rng(0), "coulomb")
+    n, prm = cable.segments, packed_parameters(cable)
+    kernel.expect_change(prm)
+    before, state = prm.copy(), rest_state(cable)
+    new, work = state.copy(), np.empty(kernel.work_size(n))
+    kernel.expect_yielding(prm, 1e-4, 1e-4)
+    assert kernel.advance(prm, n, state, *state[:2], 1e-3, new, work) == kernel.OK
+    assert np.array_equal(prm, before)
+    assert new[:4] == pytest.approx(state[:4], abs=1e-15)

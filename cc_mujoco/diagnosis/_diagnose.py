@@ -20,10 +20,10 @@ from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks.lead_check import check_lead
 from cc_mujoco.diagnosis._checks.run import check_bench, check_known_torques
 from cc_mujoco.diagnosis._inference.pipeline import (
-    Progress,
     run_inference,
     unanswered_diagnosis,
 )
+from cc_mujoco.diagnosis._inference.progress import Progress, no_progress
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
@@ -45,7 +45,7 @@ def diagnose(
     command: str = "",
     seed: int = 0,
     effects: Sequence[Any] = (),
-    progress: Progress = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> Diagnosis:
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
@@ -94,7 +94,7 @@ def infer(
     dataset_toml: str | os.PathLike[str] | None = None,
     seed: int = 0,
     effects: Sequence[Any] = (),
-    progress: Progress = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> tuple[DiagnosisResult, Dataset]:
     """Return all of `diagnose` but the files: from data and a scene to a verdict.
 

@@ -9,7 +9,7 @@ speed or pose, and what only some of them name is no finding.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis._inference.acceptance import MAX_EXPLAINED_ERROR, Thres
 from cc_mujoco.diagnosis._inference.baseline import BaselineFit
 from cc_mujoco.diagnosis._inference.fitting import Masks
 from cc_mujoco.diagnosis._inference.folds import Fold, cross_validate, interleaved_folds
+from cc_mujoco.diagnosis._inference.progress import Progress, no_progress
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.search import Search, names_found
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -50,7 +51,7 @@ def check_agreement(
     baseline_fit: BaselineFit,
     found: Search,
     limits: Thresholds,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> Agreement:
     """Repeat the search on parts of the data, with the candidates of the whole.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
@@ -74,6 +74,7 @@ from cc_mujoco.diagnosis._inference.outlier_trials import (
     trial_errors,
 )
 from cc_mujoco.diagnosis._inference.plausibility import doubtful_effects, is_ordinary
+from cc_mujoco.diagnosis._inference.progress import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.residual_maps import error_maps
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
@@ -96,8 +97,6 @@ from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
 from cc_mujoco.estimation._least_squares import Estimate, Fit
 from cc_mujoco.report._html import list_words
 
-Progress = Callable[[float, str], None]
-
 MIN_COUNTED_SAMPLES = 100
 """Samples that must count."""
 
@@ -106,7 +105,7 @@ def run_inference(
     dataset: Dataset,
     bench: Bench,
     settings: Options = Options(),  # noqa: B008
-    progress: Progress = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> DiagnosisResult:
     """Return the verdict on checked trials, without any file.
 
@@ -137,15 +136,10 @@ def run_inference(
     names = tuple(name for name in wanted if name in able)
     rare = () if settings.ids else tuple(name for name in able if name not in names)
 
-    def told(share: float, doing: str) -> None:
-        progress(0.2 + 0.4 * share, doing)
-
-    def told_of_rare(share: float, doing: str) -> None:
-        progress(0.6 + 0.1 * share, doing)
-
     division = interleaved_folds(records)
-    found = search(baseline_fit.crossed, division, names, limits, told)
-    found = search_rare(found, division, rare, limits, told_of_rare)
+    searching, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
+    found = search(baseline_fit.crossed, division, names, limits, searching)
+    found = search_rare(found, division, rare, limits, of_rare)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
@@ -194,12 +188,7 @@ def _conclude(
     agreed = (
         Agreement({}, {})
         if found.interrupted or several
-        else check_agreement(
-            baseline_fit,
-            found,
-            limits,
-            lambda share, doing: progress(0.7 + 0.12 * share, doing),
-        )
+        else check_agreement(baseline_fit, found, limits, part_of(progress, 0.7, 0.12))
     )
     if agreed.interrupted:
         found = found._replace(interrupted=True)

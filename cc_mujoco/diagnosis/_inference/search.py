@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from cc_mujoco.diagnosis._inference.folds import (
     cross_validate,
 )
 from cc_mujoco.diagnosis._inference.numerics import refine_simulation
+from cc_mujoco.diagnosis._inference.progress import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._inference.screening import Changes, Signature, screen
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key
 from cc_mujoco.errors import CableError
@@ -111,7 +112,7 @@ def search(
     division: Sequence[Fold],
     ids: Sequence[str],
     thresholds: Thresholds,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
@@ -128,9 +129,7 @@ def names_found(
     thresholds: Thresholds,
 ) -> list[set[str]]:
     """Return the effects that a search finds, each with those it is in a tie with."""
-    course = _add_effects(
-        baseline, division, ids, thresholds, lambda share, doing: None
-    )
+    course = _add_effects(baseline, division, ids, thresholds, no_progress)
     if course.interrupted:
         raise KeyboardInterrupt
     now = eliminate(course.after, division, thresholds, course.known)
@@ -143,7 +142,7 @@ def _add_effects(
     division: Sequence[Fold],
     ids: Sequence[str],
     thresholds: Thresholds,
-    progress: Callable[[float, str], None],
+    progress: Progress,
     earlier: Sequence[Round] = (),
 ) -> _Course:
     """Add effects while each is accepted.
@@ -183,7 +182,7 @@ def _add_effects(
                 division,
                 signatures if hopeful else [],
                 thresholds,
-                _part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
+                part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
                 {c.id: c for past in same for c in past.candidates},
             )
             step = decide(now, candidates, signatures, thresholds)
@@ -213,19 +212,12 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
         crossed.problem.slopes.forget()
 
 
-def _part_of(
-    progress: Callable[[float, str], None], start: float, length: float
-) -> Callable[[float, str], None]:
-    """Return a report of progress that covers a part of another one."""
-    return lambda share, doing: progress(start + length * share, doing)
-
-
 def _refit_candidates(
     now: CrossValidation,
     division: Sequence[Fold],
     signatures: Sequence[Signature],
     thresholds: Thresholds,
-    progress: Callable[[float, str], None],
+    progress: Progress,
     refitted: Mapping[str, Candidate],
 ) -> list[Candidate]:
     """Return the effects that screening recommends, refitted, with their lookalikes.
@@ -252,7 +244,7 @@ def search_rare(
     division: Sequence[Fold],
     rare: Sequence[str],
     thresholds: Thresholds,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = no_progress,
 ) -> Search:
     """Return the search repeated with rare effects, where they explain more.
 

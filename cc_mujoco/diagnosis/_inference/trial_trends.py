@@ -255,7 +255,7 @@ class _ByTrial:
             slopes = self._derivatives(torques)
             if done:
                 break
-        found = self._told(index, place, torques, error, slopes)
+        found = self._constants(index, place, torques, error, slopes)
         own = np.abs(proposed[shared:]) * self._problem.tuned[index].scale
         if not place.any() and np.any(own > _MISSED_SIGMAS * found.value_error):
             found = found._replace(value=np.full(own.size, np.nan))
@@ -270,7 +270,7 @@ class _ByTrial:
         longest = float(np.max(np.abs(step) * scales))
         return step * min(1.0, _MAX_LOG_STEP / max(longest, 1e-300))
 
-    def _told(
+    def _constants(
         self,
         index: int,
         place: FloatArray,

@@ -59,7 +59,7 @@ STAGES = {
     "refits": ("_inference.pipeline.search", "_inference.pipeline.search_rare"),
     "parts of the data": ("_inference.pipeline.check_agreement",),
     "fit to all": ("_inference.pipeline.fit_until_settled",),
-    "held out": ("_inference.pipeline.predicted",),
+    "held out": ("_inference.heldout_error.predicted",),
     "odd trial": ("_inference.pipeline.find_outlier_trial",),
     "intervals": (
         "_inference.pipeline.fit_covariance",

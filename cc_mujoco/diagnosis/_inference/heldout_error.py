@@ -9,12 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.diagnosis._inference.baseline import BaselineFit
 from cc_mujoco.diagnosis._inference.fitting import Problem, fit
-from cc_mujoco.diagnosis._inference.folds import BOOTSTRAP_BLOCK, Fold
+from cc_mujoco.diagnosis._inference.folds import (
+    BOOTSTRAP_BLOCK,
+    Fold,
+    interleaved_folds,
+    trial_folds,
+)
 from cc_mujoco.diagnosis._report_data import TrialTrace
 from cc_mujoco.diagnosis._verdict import Gap
 
@@ -140,3 +147,43 @@ def traces(
         )
         for record, old, new in zip(problem.plant.records, before, after, strict=True)
     )
+
+
+class Held(NamedTuple):
+    """Torques (2, samples) of every record without and with the added effects.
+
+    Those that are held out, predicted by the others; and the gap of them.
+    """
+
+    before: tuple[FloatArray, ...]
+    after: tuple[FloatArray, ...]
+    gap: dict[str, Gap]
+
+
+class Holdout:
+    """Cache of held-out predictions, those of the baseline computed once."""
+
+    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
+        problem = baseline_fit.problem
+        records = problem.plant.records
+        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
+        # Whole trials. An effect that a single trial shows, say the only one at low
+        # pretension, is not to be had from the others: then it is stretches of all.
+        self._divisions = trial_folds(records), interleaved_folds(records)
+        self._before: dict[int, tuple[FloatArray, ...]] = {}
+
+    def out(self, problem: Problem, x: FloatArray) -> Held | None:
+        """Predict the held-out data; None if they do not support the effects."""
+        for place, division in enumerate(self._divisions):
+            if place not in self._before:
+                self._before[place] = predicted(self._problem, self._x, division)
+            before = self._before[place]
+            after = predicted(problem, x, division) if problem.effects else before
+            gap = gaps(self._problem, before, after, division, self._seed)
+            better = sum(
+                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
+                for g in gap.values()
+            )
+            if not problem.effects or better >= 0.0:
+                return Held(before, after, gap)
+        return None

@@ -34,12 +34,11 @@ from cc_mujoco.diagnosis._inference.folds import (
     CrossValidation,
     cross_validate,
     interleaved_folds,
-    trial_folds,
 )
 from cc_mujoco.diagnosis._inference.heldout_error import (
+    Held,
+    Holdout,
     floor_ratios,
-    gaps,
-    predicted,
     traces,
 )
 from cc_mujoco.diagnosis._inference.identifiability import (
@@ -92,7 +91,7 @@ from cc_mujoco.diagnosis._inference.verdict_rules import (
 )
 from cc_mujoco.diagnosis._phrases import capitalise, format_number
 from cc_mujoco.diagnosis._report_data import Evidence, Isolability
-from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, FoundEffect, Gap, RunnerUp
+from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, FoundEffect, RunnerUp
 from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
 from cc_mujoco.estimation._least_squares import Estimate, Fit
 from cc_mujoco.report._html import list_words
@@ -346,7 +345,7 @@ def _drop_doubtful(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     start = np.mean([f.x for f in found.after.fits], axis=0)
-    holding = _Holding(baseline_fit, seed)
+    holding = Holdout(baseline_fit, seed)
     while problem.effects:
         x = fit_until_settled(problem, start, counts).x
         idle = doubtful_effects(problem, x, *noise_covariance(problem, x, counts))
@@ -375,46 +374,6 @@ def _fit_without(
     slim = problem.without(name)
     start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
     return slim, fit(slim, start, counts)
-
-
-class Held(NamedTuple):
-    """Torques (2, samples) of every record without and with the added effects.
-
-    Those that are held out, predicted by the others; and the gap of them.
-    """
-
-    before: tuple[FloatArray, ...]
-    after: tuple[FloatArray, ...]
-    gap: dict[str, Gap]
-
-
-class _Holding:
-    """Cache of held-out predictions, those of the baseline computed once."""
-
-    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
-        problem = baseline_fit.problem
-        records = problem.plant.records
-        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
-        # Whole trials. An effect that a single trial shows, say the only one at low
-        # pretension, is not to be had from the others: then it is stretches of all.
-        self._divisions = trial_folds(records), interleaved_folds(records)
-        self._before: dict[int, tuple[FloatArray, ...]] = {}
-
-    def out(self, problem: Problem, x: FloatArray) -> Held | None:
-        """Predict the held-out data; None if they do not support the effects."""
-        for place, division in enumerate(self._divisions):
-            if place not in self._before:
-                self._before[place] = predicted(self._problem, self._x, division)
-            before = self._before[place]
-            after = predicted(problem, x, division) if problem.effects else before
-            gap = gaps(self._problem, before, after, division, self._seed)
-            better = sum(
-                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
-                for g in gap.values()
-            )
-            if not problem.effects or better >= 0.0:
-                return Held(before, after, gap)
-        return None
 
 
 def effect_isolability(signatures: Sequence[Signature]) -> Isolability:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cc_mujoco.diagnosis._inference.pipeline as module
+import cc_mujoco.diagnosis._inference.heldout_error as module
 from cc_mujoco.datasets import Facts
 from cc_mujoco.diagnosis import Options, prepare, run_inference
 from cc_mujoco.diagnosis import trial_folds as held_out
@@ -177,7 +177,7 @@ def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
     monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
     monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
     fit: Any = SimpleNamespace(problem=problem, whole=SimpleNamespace(x=np.zeros(0)))
-    held = module._Holding(fit, 0).out(fit.problem, np.zeros(0))
+    held = module.Holdout(fit, 0).out(fit.problem, np.zeros(0))
     assert held is not None
     by_stretches = held.gap["motor"].rmse_after == 0.9
     assert by_stretches == (worse > 0.1)

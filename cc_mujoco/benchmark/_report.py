@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 DEFAULT_BASELINE = "pi"
 """The controller that others are compared with unless another is named."""
 MAX_DEVICES = 5
-"""Devices in the sentence and the table at the top."""
+"""Devices in the sentence at the top."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval; and failed episodes:"
@@ -92,16 +92,10 @@ def all_tables(
     first = next(iter(errors))
     parts = [
         "# Benchmark of torque controllers",
-        *best_entries(results, baseline)[:1],
+        summary(results, baseline),
         _picture(first, "pareto"),
-        *best_entries(results, baseline)[1:],
-        _fold(
-            "All controllers and references", OVERVIEW_HEADING, overview_table(results)
-        ),
     ]
-    parts += divergence_sentences(results)
     parts += [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
-    parts += unknown_limits(results)
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
@@ -130,49 +124,29 @@ def all_tables(
 
 
 def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return what the console shows: the best, the next command, all controllers."""
-    parts = best_entries(results, baseline)[:2]
-    parts += [OVERVIEW_HEADING, overview_table(results)]
+    """Return what console and page begin with: the best, and all controllers."""
+    parts = [
+        best_sentence(results, baseline),
+        OVERVIEW_HEADING,
+        overview_table(results),
+    ]
     parts += [*divergence_sentences(results), *unknown_limits(results)]
     return "\n\n".join(parts)
 
 
-def best_entries(results: Results, baseline: str = DEFAULT_BASELINE) -> list[str]:
-    """Return one sentence, the next command, and the best controller per device."""
-    rows, sentences, played = [], [], ""
+def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
+    """Return the best controllers of the first devices, and the next command."""
+    sentences, played = [], ""
     for scene, own in rms_errors(results).items():
         places = rank_controllers(normalise_errors(own, SCALE_CONTROLLER), _plants(own))
-        places = [place for place in places if place.name not in REFERENCES]
-        best = min(places, key=lambda place: place.score)
-        known = {place.name: place for place in places}
-        compared = baseline in known and baseline != best.name
-        than = f" (`{baseline}`: {known[baseline].score:.3g})" if compared else ""
-        sentences.append(f"`{best.name}` at {scene}, {best.score:.3g}{than}")
-        played = played or f"cc-mujoco play {scene} --controller {best.name}"
-        rows.append(
-            [
-                scene,
-                f"`{best.name}`",
-                _score_with_interval(best),
-                f"{np.mean(_failures(results, scene, best.name)):.0%}",
-                _score_with_interval(known[baseline]) if baseline in known else "-",
-            ]
-        )
-    head = [
-        "device",
-        "least error",
-        "normalised error (95 %)",
-        "failed",
-        f"`{baseline}`",
-    ]
-    few = table(head, rows[:MAX_DEVICES])
-    rest = [_fold("All devices", table(head, rows))] if len(rows) > MAX_DEVICES else []
-    return [
-        "Least error (`none` is 1): " + "; ".join(sentences[:MAX_DEVICES]) + ".",
-        f"Next: `{played}`",
-        few,
-        *rest,
-    ]
+        known = {p.name: p.score for p in places if p.name not in REFERENCES}
+        best = min(known, key=lambda name: known[name])
+        compared = baseline in known and baseline != best
+        than = f" (`{baseline}`: {known[baseline]:.3g})" if compared else ""
+        sentences.append(f"`{best}` at {scene}, {known[best]:.3g}{than}")
+        played = played or f"cc-mujoco play {scene} --controller {best}"
+    first = "; ".join(sentences[:MAX_DEVICES])
+    return f"Least error (`none` is 1): {first}.\n\nNext: `{played}`"
 
 
 def _failures(results: Results, scene: str, law: str) -> Array:

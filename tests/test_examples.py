@@ -47,7 +47,7 @@ def test_the_list_of_examples_is_whole_and_each_has_its_picture() -> None:
 @pytest.mark.parametrize("path", FILES, ids=draw_examples.NAMES)
 def test_an_example_is_short_and_uses_public_names_only(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert 20 <= len(text.splitlines()) <= 95
+    assert 20 <= len(text.splitlines()) <= 80
     for node in ast.walk(ast.parse(text)):
         names = []
         if isinstance(node, ast.ImportFrom):

@@ -8,15 +8,13 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-import cc_mujoco  # noqa: F401  (registers the environments)
-
 SCENE = Path(__file__).with_name("knee_exo.xml")
 
 
 def run():
     """Return the torque at the knee under a constant action in three plants."""
     env = gymnasium.make(
-        "cc_mujoco/Device-v1",
+        "cc_mujoco:cc_mujoco/Device-v1",
         device=str(SCENE),
         trajectory="sine:0.4",
         duration=1.0,

@@ -2,8 +2,8 @@
 
 python rig_in_the_loop.py
 
-Replace `SimulatedRig` by a class that talks to your motor, and `SimulatedClock` by
-`cc_mujoco.hardware.SystemClock`. Read the page of `cc_mujoco.hardware` first.
+Replace `SimulatedRig` by a class that talks to your motor, and leave the clock out.
+Read the page of `cc_mujoco.hardware` first.
 """
 
 from pathlib import Path
@@ -11,23 +11,18 @@ from pathlib import Path
 import numpy as np
 
 import cc_mujoco
-from cc_mujoco.hardware import (
-    DrivenAxis,
-    Limits,
-    Loop,
-    Readings,
-    TorqueTable,
-    Watchdog,
-    drive_of,
-)
+from cc_mujoco import hardware
 
 PERIOD = 0.002
 
 
-class SimulatedClock:
-    """Time that passes only while the loop waits."""
+class SimulatedRig:
+    """A motor on a spring behind dry friction, a joint that follows it, and a clock."""
 
-    time = 0.0
+    def __init__(self, ratio):
+        self.ratio = ratio
+        self.time = self.angle = self.speed = self.torque = 0.0
+        self.noise = np.random.default_rng(0).normal
 
     def now(self):
         """Return the time [s]."""
@@ -37,24 +32,15 @@ class SimulatedClock:
         """Let it pass."""
         self.time = deadline
 
-
-class SimulatedRig:
-    """A motor on a spring behind dry friction, with a joint that follows it."""
-
-    def __init__(self, clock, ratio):
-        self.clock, self.ratio = clock, ratio
-        self.angle = self.speed = self.torque = 0.0
-        self.noise = np.random.default_rng(0).normal
-
     def read(self):
         """Return the newest reading."""
         rub = 0.05 * np.tanh(20.0 * self.speed)
         push = self.torque - rub - 3.0 * self.angle - 0.05 * self.speed
         self.speed += PERIOD * push / 0.01
         self.angle += PERIOD * self.speed
-        turned, turning = self.angle / self.ratio, self.speed / self.ratio
+        joint = self.angle / self.ratio, self.speed / self.ratio
         felt = 3.0 * self.ratio * self.angle + self.noise(0.0, 1e-3)
-        return Readings(self.clock.now(), self.angle, self.speed, turned, turning, felt)
+        return hardware.Readings(self.time, self.angle, self.speed, *joint, felt)
 
     def write(self, torque):
         """Take a command."""
@@ -76,15 +62,15 @@ class Rows(list):
 
 
 def run():
-    """Return the torque at the joint over time, and why the run ended."""
-    drive = drive_of("bench", Path(), PERIOD, 2.0)
-    clock, log = SimulatedClock(), Rows()
-    rig = SimulatedRig(clock, drive.ratio)
-    limits = Limits(2.0, 200.0, 60.0, (-1.0, 1.0))
-    desired = TorqueTable(np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.3, -0.3]))
-    axis = DrivenAxis(rig, drive, desired, limits, Watchdog())
+    """Return why the run ended, and the torque at the joint over time."""
+    drive = hardware.drive_of("bench", Path(), PERIOD, 2.0)
+    rig, log = SimulatedRig(drive.ratio), Rows()
+    limits = hardware.Limits(2.0, 200.0, 60.0, (-1.0, 1.0))
+    times, torques = np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.3, -0.3])
+    desired = hardware.TorqueTable(times, torques)
+    axis = hardware.DrivenAxis(rig, drive, desired, limits, hardware.Watchdog())
     law = cc_mujoco.controller("pi", drive)
-    outcome = Loop([axis], law, clock=clock, log=log).run(3.0)
+    outcome = hardware.Loop([axis], law, clock=rig, log=log).run(3.0)
     time, felt, wanted = np.array(log).T
     curves = {"at the joint": (time, felt), "desired": (time, wanted)}
     return outcome, ("time [s]", "torque [N m]", curves)

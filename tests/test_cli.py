@@ -216,6 +216,8 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
     ("words", "says"),
     [
         (["paly", "wrist"], "did you mean 'play'"),
+        (["device"], "missing from cc-mujoco device: SCENE, an MJCF file"),
+        (["export"], "or an MJCF file; --controller NAME, controller: pi"),
         (["play", "wirst"], "did you mean 'wrist'"),
         (["play", "wrist", "--trajectory", "sien"], "did you mean 'sine'"),
         (["play", "wrist", "--task", "tunel"], "did you mean 'tunnel'"),

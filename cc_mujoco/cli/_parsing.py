@@ -130,7 +130,12 @@ def _error_sentence(box: str) -> str:
     The box has a title and paragraphs between rules. Where standard output can show
     only ASCII, rules are of hyphens and one lies under the title.
     """
-    lines = [line.strip("│ ") for line in box.splitlines() if line[:1] not in "╭╰"]
+    bare = [line.strip("│") for line in box.splitlines() if line[:1] not in "╭╰"]
+    lines = [line.strip() for line in bare]
+    if missing := [
+        n for n, line in enumerate(lines) if line.startswith("Missing from ")
+    ]:
+        lines[missing[0] + 1 :] = _described(bare[missing[0] + 1 :])
     text = " ".join("\n" if line and not line.strip("─-") else line for line in lines)
     paragraphs = re.sub(r" +", " ", text).split("\n")
     what, *more = paragraphs if "╭" in box else paragraphs[1:]
@@ -138,3 +143,19 @@ def _error_sentence(box: str) -> str:
     near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
     hint = f"did you mean {near[1]}? " if near else ""
     return f"{what[:1].lower()}{what[1:]}; {hint}"
+
+
+def _described(lines: list[str]) -> list[str]:
+    """Put a comma between each name and its help, deeper indented lines of a box."""
+    depths = [len(line) - len(line.lstrip()) for line in lines]
+    end = next((n for n, each in enumerate(depths) if each < depths[0]), len(lines))
+    text = ""
+    for depth, before, line in zip(depths, [0, *depths], lines[:end], strict=False):
+        words = line.replace("(required)", "").strip()
+        if depth == depths[0]:
+            text = f"{text.strip(' .')}; {words}" if text else words
+        elif before == depths[0]:
+            text += f", {words[:1].lower()}{words[1:]}"
+        else:
+            text += f" {words}"
+    return [text, *map(str.strip, lines[end:])]

@@ -7,6 +7,9 @@ from typing import TypeVar
 
 Entry = TypeVar("Entry")
 
+MANY = 30
+"""Names that an error lists even if one of them is near to what was given."""
+
 
 class CableWarning(UserWarning):
     """Input that can be used, but perhaps does not mean what was intended."""
@@ -28,14 +31,18 @@ class CableError(ValueError):
             allowed: The names that exist.
 
         Returns:
-            The error, naming the nearest match if there is one and all names allowed.
+            The error, with the nearest match if there is one, and all names allowed;
+            of more than `MANY` the near ones alone, if any.
         """
         import difflib  # only a mistake needs it
 
         names = sorted(allowed)
         if not names:
             return cls(f"unknown {kind} {name!r}: there is none here.")
-        near = difflib.get_close_matches(str(name), names, n=1)
+        near = difflib.get_close_matches(str(name), names)
+        if near and len(names) > MANY:
+            hint = " or ".join(map(repr, near))
+            return cls(f"unknown {kind} {name!r}: did you mean {hint}?")
         hint = f"did you mean {near[0]!r}? " if near else ""
         return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import MANY, CableError
 
 
 def test_an_unknown_name_brings_the_nearest_one_and_all() -> None:
@@ -14,6 +14,13 @@ def test_an_unknown_name_brings_the_nearest_one_and_all() -> None:
     assert isinstance(error, ValueError)
     text = "unknown trajectory 'sin': did you mean 'sine'? Available: sine, sweep."
     assert str(error) == text
+
+
+def test_of_many_names_only_near_ones_are_told() -> None:
+    names = [f"a{number}" for number in range(MANY)] + ["friction"]
+    error = CableError.unknown("variable", "frictio", names)
+    assert str(error) == "unknown variable 'frictio': did you mean 'friction'?"
+    assert names[0] in str(CableError.unknown("variable", "zzz", names))
 
 
 @pytest.mark.parametrize("name", ["", "zzz", None])

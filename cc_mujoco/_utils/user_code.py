@@ -108,7 +108,8 @@ def user_errors(what: str) -> Iterator[None]:
         else:
             last = _own_frame(traceback.extract_tb(error.__traceback__))
             message, file, line = str(error), last.filename, last.lineno
-        message = " ".join(str(message).split())
+        notes = getattr(error, "__notes__", [])
+        message = " ".join("; ".join([message, *notes]).split())
         raise CableError(
             f"{what} raised {type(error).__name__} in {file}, line {line}: {message}"
         ) from error

@@ -23,6 +23,15 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
 
+class _Readings(dict[str, Any]):
+    """Measurements, whose error for a misspelt name says which there are."""
+
+    def __missing__(self, name: str) -> Any:
+        error = KeyError(name)
+        error.add_note(str(CableError.unknown("reading", name, self)))
+        raise error
+
+
 class External(Controller):
     """User function of the measurements, with the motor's limits applied.
 
@@ -56,7 +65,7 @@ class External(Controller):
             CableError: If the function raises, or returns what is not real numbers.
         """
         with controller_errors(self.name):
-            torque = self._law(observation)
+            torque = self._law(_Readings(observation))
         given = np.asarray(torque)
         if given.dtype.kind not in "fiu":
             raise CableError(

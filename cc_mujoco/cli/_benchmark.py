@@ -33,7 +33,8 @@ class Benchmark:
     conditions: Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
     seeds: int = 0
-    """Number of seeds: plants, noise, motions; all that the suite has if 0."""
+    """Number of seeds: plants, noise, motions; 0 for as many as the suite has, which is
+    ten in v1."""
     first_seed: int = 0
     """The first of them; to judge, one that the entrant did not know."""
     duration: Annotated[float | None, option_help("FLOAT")] = None

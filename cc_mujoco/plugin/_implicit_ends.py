@@ -42,6 +42,7 @@ import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_GAIN
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
@@ -94,9 +95,8 @@ from cc_mujoco.plugin._instance_data import (
 
 Floats = npt.NDArray[np.float64]
 
-_STABILITY_LIMIT, _STABILITY_LIMIT_RK4, _VELOCITY_GAIN = 2.5, 5.8, 0.25
-_IMPLICIT_LIMIT, _IMPLICIT_LIMIT_RK4 = 1.0, 0.3
-"""Square of step times frequency, in `qpos0`, above which an end may be implicit."""
+_STABILITY_LIMIT_RK4, _IMPLICIT_LIMIT_RK4 = 5.8, 0.3
+"""The same two limits as of `_newmark.py`, for RK4."""
 MAX_DOFS = 300
 """Degrees of freedom up to which the ends are implicit: factors are dense."""
 _MAX_ROUNDS = 3
@@ -164,7 +164,7 @@ def is_implicit(model: int, block: int) -> bool:
     if integrator == _DISCRETE:
         return False
     step = mj_struct.timestep(model)
-    most = _IMPLICIT_LIMIT_RK4 if integrator == _RK4 else _IMPLICIT_LIMIT
+    most = _IMPLICIT_LIMIT_RK4 if integrator == _RK4 else IMPLICIT_LIMIT
     for end in range(2):
         if load_word(block + TIED_ENDS + 8 * end) != 0:
             continue
@@ -209,11 +209,11 @@ def _newmark_terms(
     runge_kutta = mj_struct.integrator(model) == _RK4
     step, most = (
         mj_struct.timestep(model),
-        _STABILITY_LIMIT_RK4 if runge_kutta else _STABILITY_LIMIT,
+        _STABILITY_LIMIT_RK4 if runge_kutta else STABILITY_LIMIT,
     )
     square = step * step * mobility * _stiffness(block, end)
     share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
-    velocity = 0.0 if runge_kutta else _VELOCITY_GAIN * share * share * step
+    velocity = 0.0 if runge_kutta else VELOCITY_GAIN * share * share * step
     return velocity, share * step * step / most
 
 

@@ -17,16 +17,12 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT
 from cc_mujoco.cable._parameters import ENDS, TERMS, Cable
 from cc_mujoco.cable._reading import CableReading, guided_compliance, read_states
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp._ends import HeldCable, actuators_of
-from cc_mujoco.warp._implicit_kernels import (
-    STABILITY_LIMIT,
-    add_forces,
-    look_ahead_kernel,
-    moment_row,
-)
+from cc_mujoco.warp._implicit_kernels import add_forces, look_ahead_kernel, moment_row
 from cc_mujoco.warp._kernels import ATTEMPTS, CableRows, forget, kernels, write_rows
 from cc_mujoco.warp._model import (
     end_rate,
@@ -39,8 +35,6 @@ Floats = NDArray[np.float64]
 
 _DISCRETE = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 """Integrator whose step holds ends by itself; older MuJoCo has none."""
-_IMPLICIT_LIMIT = 1.0
-"""Square of step times frequency, in `qpos0`, above which ends look ahead."""
 
 
 def attach(
@@ -125,7 +119,7 @@ class AttachedCables:
         if int(m.opt.integrator) != _DISCRETE:
             self._step = float(m.opt.timestep.numpy().max())
         self._look = [
-            self._stiffness(cable, index) > _IMPLICIT_LIMIT
+            self._stiffness(cable, index) > IMPLICIT_LIMIT
             for index, cable in enumerate(self._cables)
         ]
         self._implicit = any(self._look)

@@ -8,13 +8,11 @@ from typing import Any
 import warp as wp
 
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._newmark import STABILITY_LIMIT, VELOCITY_GAIN
 from cc_mujoco.warp._build import functions
 from cc_mujoco.warp._kernels import OPTIONS, CableRows
 
 _TENSIONS = at.STATE_HEADER
-STABILITY_LIMIT = 2.5
-"""Square of step times frequency up to which looking ahead changes nothing."""
-_VELOCITY_GAIN = 0.25
 
 
 @lru_cache(maxsize=16)
@@ -75,7 +73,7 @@ def look_ahead_kernel(terms: frozenset[str]) -> Any:
             speed = lever * velocities[world, actuator]
             aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
             aim[row, 7 + end] = h * h * mobility
-            gain = _VELOCITY_GAIN * share * share * h
+            gain = VELOCITY_GAIN * share * share * h
             aim[row, end] += gain * speed + beta * ahead
             aim[row, 2 + end] = beta * mobility
 

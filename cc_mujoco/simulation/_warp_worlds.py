@@ -157,7 +157,7 @@ class WarpWorlds:
             self._reset(self._fresh)
             rows = np.flatnonzero(self._fresh)
             for name, value in self._begun.items():
-                _write_rows(getattr(self.data, name), rows, value[rows])
+                write_rows(getattr(self.data, name), rows, value[rows])
             self._fresh[:] = False
         control, device = self._control, self._device
         control[:, :, device.motor_controls] = share * scale
@@ -224,17 +224,6 @@ class WarpWorlds:
                     "with backend='warp': mujoco_warp orders the moments of its "
                     "actuators otherwise than MuJoCo."
                 )
-
-
-def _write_rows(target: Any, rows: NDArray[np.intp], given: Array) -> None:
-    """Write rows of an array (n, k) on the device; the others keep their bits."""
-    if given.size:
-        wp.launch(
-            write_rows,
-            dim=given.shape,
-            inputs=[wp.array(rows, dtype=int), wp.array(given, dtype=float)],
-            outputs=[target],
-        )
 
 
 def _cable_actuators(spec: mujoco.MjSpec) -> Mask:

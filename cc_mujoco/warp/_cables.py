@@ -427,21 +427,8 @@ class AttachedCables:
             packed = packed_parameters(cable)
             row[: packed.size] = packed
         worlds = np.fromiter(cables, np.int32, len(cables))
-        parts = (
-            (self._prm, index * self._worlds + worlds, given),
-            (self.values[index], worlds, given[:, : at.SCALARS]),
-        )
-        for target, rows, wanted in parts:
-            wp.launch(
-                write_rows,
-                dim=wanted.shape,
-                inputs=[
-                    wp.array(rows, dtype=int, device=target.device),
-                    wp.array(wanted, dtype=float, device=target.device),
-                ],
-                outputs=[target],
-                device=target.device,
-            )
+        write_rows(self._prm, index * self._worlds + worlds, given)
+        write_rows(self.values[index], worlds, given[:, : at.SCALARS])
 
     def repack(self) -> None:
         """Take over `values`, unchecked; can be captured in a graph."""

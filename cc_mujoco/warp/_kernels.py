@@ -346,12 +346,32 @@ def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
         stamp[cable * mask.shape[0] + world] = wp.inf
 
 
+def write_rows(target: Any, rows: Any, given: Any) -> None:
+    """Write rows of an array (n, k) on a device; the others keep their bits.
+
+    Args:
+        target: `wp.array` to change.
+        rows: numbers of the rows (m,).
+        given: what they become (m, k).
+    """
+    if given.size:
+        wp.launch(
+            _write,
+            dim=given.shape,
+            inputs=[
+                wp.array(rows, dtype=int, device=target.device),
+                wp.array(given, dtype=float, device=target.device),
+            ],
+            outputs=[target],
+            device=target.device,
+        )
+
+
 @wp.kernel(module="unique", enable_backward=False)
-def write_rows(
+def _write(
     rows: wp.array(dtype=int),
     given: wp.array2d(dtype=float),
     target: wp.array2d(dtype=float),
 ):
-    """Write given rows in place of some rows of an array."""
     row, column = wp.tid()
     target[rows[row], column] = given[row, column]

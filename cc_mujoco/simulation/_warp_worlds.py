@@ -61,19 +61,19 @@ class WarpWorlds:
         model = self._device.model
         try:
             plain = without_plugin(spec).compile()
-            cabled = self._cabled = _cable_actuators(spec)
-            for name in _ACTUATORS:
-                getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
+        except CableError as error:
+            raise _refusal(device, error) from None
+        cabled = self._cabled = _cable_actuators(spec)
+        for name in _ACTUATORS:
+            getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
+        try:
             self.model = mjw.put_model(plain)
-            self.data = mjw.make_data(plain, nworld=count)
-            self.cables = attach(
-                self.model, self.data, spec, terms=_terms(exo), rest_in_pose=True
-            )
-        except (CableError, NotImplementedError) as error:
-            raise CableError(
-                f"device {device.name!r} cannot be simulated with backend='warp': "
-                f"{str(error).rstrip('.')}."
-            ) from None
+        except NotImplementedError as error:
+            raise _refusal(device, error) from None
+        self.data = mjw.make_data(plain, nworld=count)
+        self.cables = attach(
+            self.model, self.data, spec, terms=_terms(exo), rest_in_pose=True
+        )
         self._skip, self._count = exo.frame_skip, count
         self._control = np.zeros((self._skip, count, model.nu), np.float32)
         self._controls = wp.zeros(self._control.shape, dtype=float)
@@ -224,6 +224,14 @@ class WarpWorlds:
                     "with backend='warp': mujoco_warp orders the moments of its "
                     "actuators otherwise than MuJoCo."
                 )
+
+
+def _refusal(device: Device, error: Exception) -> CableError:
+    """Return that a device has what mujoco_warp or its cables lack."""
+    return CableError(
+        f"device {device.name!r} cannot be simulated with backend='warp': "
+        f"{str(error).rstrip('.')}."
+    )
 
 
 def _cable_actuators(spec: mujoco.MjSpec) -> Mask:

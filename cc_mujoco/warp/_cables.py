@@ -499,9 +499,10 @@ class AttachedCables:
     def _pending(self, index: int) -> Floats:
         """Return the states of a cable after its last evaluation (worlds, size)."""
         size = kernel.state_size(self._cables[index].segments)
-        rows = index * self._worlds + np.arange(self._worlds)
-        now = self._now.numpy()[rows]
-        found: Floats = self._state.numpy()[1 - now, rows, :size].astype(float)
+        rows = slice(index * self._worlds, (index + 1) * self._worlds)
+        states = self._state[:, rows, :size].numpy()
+        pending = 1 - self._now[rows].numpy()
+        found: Floats = states[pending, np.arange(self._worlds)].astype(float)
         return found
 
     def _index(self, name: str) -> int:

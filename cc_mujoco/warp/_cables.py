@@ -247,6 +247,7 @@ class AttachedCables:
         own = self._kernels
         used = {"begin": own.begin, "fronts": own.fronts, "graph": own.graph}
         if self._implicit:
+            used |= {"add_forces": add_forces, "moment_row": moment_row}
             used["look_ahead"] = look_ahead_kernel(self.terms)
         return used | {"commit": own.commit}
 

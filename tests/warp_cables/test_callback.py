@@ -188,6 +188,12 @@ def test_the_layout_of_a_gpu_gives_the_same_bits(rig, monkeypatch):
     np.testing.assert_array_equal(
         other.cables.read("cable1").tension, rig.cables.read("cable1").tension
     )
+    launched, launch = [], wp.launch
+    monkeypatch.setattr(
+        wp, "launch", lambda k, **a: launched.append(k) or launch(k, **a)
+    )
+    other.m.callback.act_bias(other.m, other.d)
+    assert launched == list(other.cables.kernels.values())
 
 
 def test_rest_in_the_pose_of_the_world():

@@ -24,6 +24,8 @@ import warp as wp
 from cc_mujoco.assets import scene_path
 from cc_mujoco.warp import attach, without_plugin
 
+LIMIT = 224
+"""Most registers of a kernel; a thread has 255."""
 _FRAME_SIZE, _REGISTERS = 0x11, 0x2F
 """Attributes in the section `.nv.info`: words of a symbol and of a value."""
 
@@ -46,7 +48,7 @@ def main(
     scenes: tuple[str, ...] = ("wrist",),
     terms: tuple[str, ...] = (),
     arch: int = 90,
-    limit: int = 224,
+    limit: int = LIMIT,
 ) -> None:
     """Print a row for each kernel.
 

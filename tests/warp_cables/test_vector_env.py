@@ -190,9 +190,18 @@ def test_arguments_that_cannot_be_are_refused(given: dict[str, Any], what: str) 
         make(**given)
 
 
-def test_a_device_that_mujoco_warp_cannot_have_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("option", "what"),
+    [
+        ('integrator="RK4"', "not RK4"),
+        ('integrator="implicitfast" solver="PGS"', "PGS is unsupported"),
+    ],
+)
+def test_a_device_that_mujoco_warp_cannot_have_is_named(
+    tmp_path: Path, option: str, what: str
+) -> None:
     text = Path(scene_path("wrist")).read_text("utf-8")
-    scene = tmp_path / "stepwise.xml"
-    scene.write_text(text.replace('"implicitfast"', '"RK4"'), "utf-8")
-    with pytest.raises(CableError, match=r"stepwise.xml' cannot .*='warp': .*not RK4"):
+    scene = tmp_path / "mine.xml"
+    scene.write_text(text.replace('integrator="implicitfast"', option), "utf-8")
+    with pytest.raises(CableError, match=rf"mine.xml' cannot .*='warp': .*{what}"):
         make("warp", device=str(scene))

@@ -29,6 +29,7 @@ from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.benchmark import (
     DEFAULT_BASELINE,
     OVERVIEW_HEADING,
+    REFERENCES,
     BenchmarkPlan,
     Results,
     conditions_table,
@@ -48,6 +49,7 @@ from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis.effects import _library as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
+from cc_mujoco.report import table
 from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
@@ -96,12 +98,10 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
 
 
 def tables(results: Results) -> str:
-    """Return the Markdown of a benchmark: overview, ranks, times and definitions."""
-    parts = [OVERVIEW_HEADING, overview_table(results)]
-    for scene, own in rms_errors(results).items():
-        parts += [f"**{scene}**, ranks:", ranks_table(own, DEFAULT_BASELINE)]
-    parts += ["Computing time of a step of one device:", times_table(results)]
-    return "\n\n".join([*parts, definitions()])
+    """Return the Markdown of a benchmark: overview and references."""
+    references = definitions().splitlines()[: len(REFERENCES)]
+    parts = [OVERVIEW_HEADING, overview_table(results), "\n".join(references)]
+    return "\n\n".join(parts)
 
 
 def cells(table: str) -> list[list[str]]:
@@ -114,10 +114,18 @@ def cells(table: str) -> list[list[str]]:
 
 
 def write_results(results: Results) -> None:
-    """Write the errors by condition and all scores as CSV beside the page."""
+    """Write errors by condition, scores, ranks and times as CSV beside the page."""
     conditions: list[list[str]] = []
     scores = [["scene", "controller", "score", "mean"]]
-    for scene in rms_errors(results):
+    ranks = [["scene", "rank", "controller", "error", "less_pi", "better_than"]]
+    times = [["scene", "controller", "median_us", "worst_us"]]
+    head, *measured = cells(times_table(results))
+    for place, scene in enumerate(rms_errors(results), 1):
+        times += [
+            [scene, row[0], *re.findall(r"[\d.]+", row[place])] for row in measured
+        ]
+        _, *ranked = cells(ranks_table(rms_errors(results)[scene], DEFAULT_BASELINE))
+        ranks += [[scene, *(cell.replace("`", "") for cell in row)] for row in ranked]
         head, *rows = cells(conditions_table(results, scene))
         if not conditions:
             conditions.append(["scene", "condition", "none_nm", *head[2:]])
@@ -129,7 +137,12 @@ def write_results(results: Results) -> None:
                 [scene, name, score, mean]
                 for score, mean in zip(head[1:], means, strict=True)
             ]
-    for stem, lines in (("v1-conditions", conditions), ("v1-scores", scores)):
+    for stem, lines in (
+        ("v1-conditions", conditions),
+        ("v1-scores", scores),
+        ("v1-ranks", ranks),
+        ("v1-times", times),
+    ):
         write_csv(PAGES["benchmark"].with_name(f"{stem}.csv"), lines)
 
 
@@ -177,8 +190,20 @@ def filled(page: str, name: str, text: str) -> str:
 
 
 def shortened(name: str, text: str) -> str:
-    """Return what the front page shows of a block."""
-    return "\n\n".join(text.split("\n\n")[: SHORT[name]])
+    """Return what the front page shows of a block: tables without intervals."""
+    short = "\n\n".join(text.split("\n\n")[: SHORT[name]])
+    if name != "benchmark" or OVERVIEW_HEADING not in short:
+        return short
+    (head, *rows) = cells(overview := short.partition("\n\n")[2])
+    shown = [place for place, entry in enumerate(head) if ", failed" not in entry]
+    marked = [line.strip("| ").split(" | ")[0] for line in overview.splitlines()[2:]]
+    return table(
+        [head[place] for place in shown],
+        [
+            [label, *(row[place].partition(" (")[0] for place in shown[1:])]
+            for label, row in zip(marked, rows, strict=True)
+        ],
+    )
 
 
 def write(name: str, text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import re
 import sys
@@ -214,13 +213,3 @@ def test_mjcf_loads_and_pulls() -> None:
 def test_scripts_that_it_names_exist(place: str) -> None:
     for name in re.findall(r"scripts/[\w/]+(?:\.\w+)?", PAGES[place]):
         assert (ROOT / name).exists(), name
-
-
-def test_scripts_are_listed_as_they_describe_themselves() -> None:
-    scripts = ROOT / "scripts"
-    for path in (*scripts.glob("*.py"), *scripts.glob("*/*.py")):
-        meaning = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").strip()
-        row = (
-            f"| `{path.relative_to(scripts).as_posix()}` | {meaning.splitlines()[0]} |"
-        )
-        assert row in PAGES["scripts/README.md"], row

@@ -382,7 +382,7 @@ def tendon_report(
 
     Raises:
         CableError: there is no such tendon, it is fixed or has a `<pulley>`, a number
-            cannot be used, or the model does not compile.
+            cannot be used, the model does not compile, or `data` is of another one.
     """
     if isinstance(source, mujoco.MjSpec):
         model = compile_spec(source.copy())
@@ -411,7 +411,7 @@ def tendon_report(
         why = why or _role(model, known[name], on.get(known[name]))
         if why and wanted is None:
             skipped[name] = why
-    data = mujoco.MjData(model) if data is None else copy.copy(data)
+    data = mujoco.MjData(model) if data is None else _copy_of(data, model)
     rest = data.qpos.copy()
     limits = step_limits(model, data)
     found = []
@@ -441,6 +441,25 @@ def tendon_report(
             )
         )  # fmt: skip
     return TendonReport(tuple(found), skipped)
+
+
+def _copy_of(data: mujoco.MjData, model: mujoco.MjModel) -> mujoco.MjData:
+    """Return a copy of a simulation.
+
+    Raises:
+        CableError: it is a simulation of another model.
+    """
+    mine, sizes = (
+        [(len(x.qpos), len(x.qvel), len(x.xpos), len(x.ten_length))
+         for x in (mujoco.MjData(model), data)]
+    )  # fmt: skip
+    if mine != sizes:
+        raise CableError(
+            f"data= has {sizes[0]} positions, {sizes[2]} bodies and {sizes[3]} "
+            f"tendons, and the model has {mine[0]}, {mine[2]} and {mine[3]}: give an "
+            "MjData of this model."
+        )
+    return copy.copy(data)
 
 
 def _summarize(

@@ -14,6 +14,7 @@ import pytest
 import cc_mujoco
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin import TendonTakeover, read, route_wrap
+from cc_mujoco.plugin._takeover.survey import kind_of
 
 Law = Callable[[float], float]
 LENGTH = 0.22
@@ -281,3 +282,22 @@ def test_a_step_that_bears_only_a_soft_tendon_warns() -> None:
     slow = arm(0, DRIVES["motor"][0]).replace('timestep="1e-3"', 'timestep="0.05"')
     with pytest.warns(CableWarning, match="give its joints more `armature`"):
         taken(slow)
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        ("motor", ""),
+        ("position", 'kp="10"'),
+        ("intvelocity", 'kp="10" actrange="-1 1"'),
+        ("velocity", 'kv="2"'),
+        ("damper", 'kv="2" ctrlrange="0 1"'),
+        ("cylinder", 'area="2" timeconst="0.1"'),
+    ],
+)
+def test_an_actuator_is_called_what_it_was_written_as(kind: str, numbers: str) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='j'/><geom size='1'/></body></worldbody>"
+        f"<actuator><{kind} joint='j' {numbers}/></actuator></mujoco>"
+    )
+    assert kind_of(model, 0) == ("general" if kind == "cylinder" else kind)

@@ -173,6 +173,9 @@ def test_tendons_without_a_path_are_left_out_and_refused_by_name() -> None:
     wrong: Any = "model.xml"
     with pytest.raises(CableError, match="needs an MjModel or MjSpec, not str"):
         tendon_report(wrong)
+    other = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
+    with pytest.raises(CableError, match="has 0 positions, 1 bodies and 0 tendons"):
+        tendon_report(spec, data=other)
 
 
 def test_a_report_changes_nothing_and_comes_out_the_same_again() -> None:

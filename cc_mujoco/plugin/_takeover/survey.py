@@ -238,15 +238,18 @@ def kind_of(model: mujoco.MjModel, actuator: int) -> str:
     ):
         if gain == law:
             return kind
+    dynamics = model.actuator_dyntype[actuator]
+    own, law = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
     if gain != _GAIN.mjGAIN_FIXED:
-        return "general"
+        damper = bias == _BIAS.mjBIAS_NONE and dynamics == _DYN.mjDYN_NONE
+        damper = damper and own[0] == own[1] == 0.0
+        return "damper" if damper else "general"
     if bias == _BIAS.mjBIAS_NONE:
-        plain = model.actuator_dyntype[actuator] == _DYN.mjDYN_NONE
-        return "motor" if plain else "general"
-    own, law = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator]
+        return "motor" if dynamics == _DYN.mjDYN_NONE else "general"
     if bias == _BIAS.mjBIAS_AFFINE and law[0] == 0.0:
-        if law[1] == -own:
-            return "position"
-        if law[1] == 0.0 and law[2] == -own:
+        if law[1] == -own[0]:
+            integrated = dynamics == _DYN.mjDYN_INTEGRATOR
+            return "intvelocity" if integrated else "position"
+        if law[1] == 0.0 and law[2] == -own[0]:
             return "velocity"
     return "general"

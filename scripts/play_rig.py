@@ -38,10 +38,11 @@ from cc_mujoco.hardware import (
     Readings,
     Settings,
     Status,
+    UdpAddress,
     read_axes,
 )
 from cc_mujoco.hardware import _packet as packet
-from cc_mujoco.hardware._can_rig import CanBuses
+from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._rig_axes import RigAxes
 from rig import make_rig
 from rig.makes import MAKES
@@ -316,14 +317,13 @@ def ends_of(axes: Sequence[Settings]) -> list[End]:
     found: list[End] = []
     for each in axes:
         address = each.address()
-        if address is None:
-            raise CableError(
-                f"{each.path} names a class of its own, which this cannot play."
-            )
         if isinstance(address, CanAddress):
             found.append(CanEnd(address, buses))
-        else:
+        elif isinstance(address, UdpAddress):
             found.append(UdpEnd(address.host, address.port))
+        else:
+            kind = "a class of its own" if address is None else "a motor drive"
+            raise CableError(f"{each.path} names {kind}, which this cannot play.")
     return found
 
 

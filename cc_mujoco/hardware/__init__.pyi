@@ -1,4 +1,5 @@
 from ._address import CanAddress as CanAddress
+from ._address import DriveAddress as DriveAddress
 from ._address import UdpAddress as UdpAddress
 from ._can_rig import CanLink as CanLink
 from ._can_rig import CanRig as CanRig
@@ -6,6 +7,7 @@ from ._clock import Clock as Clock
 from ._clock import SystemClock as SystemClock
 from ._drive_model import Windings as Windings
 from ._drive_model import drive_of as drive_of
+from ._drive_rig import DriveRig as DriveRig
 from ._limits import Limiter as Limiter
 from ._limits import Limits as Limits
 from ._loop import DrivenAxis as DrivenAxis

@@ -1,4 +1,4 @@
-"""Address of a rig, as `[rig]` gives it: behind UDP, or on a CAN bus."""
+"""Address of a rig, as `[rig]` gives it: UDP, CAN FD, or a motor drive."""
 
 from __future__ import annotations
 
@@ -24,26 +24,60 @@ class UdpAddress:
 
 
 @dataclass(frozen=True)
-class CanAddress:
-    """A place on a CAN FD bus."""
+class CanPlace:
+    """A CAN bus."""
 
     channel: str
     """Name of the channel at the interface, such as `can0`."""
     interface: str = "socketcan"
     """Interface of python-can."""
+    bus: Mapping[str, Any] = field(default_factory=dict)
+    """Further arguments of the interface, such as its bit rates."""
+
+
+@dataclass(frozen=True)
+class CanAddress(CanPlace):
+    """A place on a CAN FD bus."""
+
     command_id: int = 0x110
     """Identifier of frames with a command; of 29 bits if above 0x7ff."""
     reading_id: int = 0x111
     """Identifier of frames with a reading; of two at once the lower wins."""
-    bus: Mapping[str, Any] = field(default_factory=dict)
-    """Further arguments of the interface, such as its bit rates."""
 
     def other_end(self) -> CanAddress:
         """Return the rig's own address, which hears commands and sends readings."""
         return replace(self, command_id=self.reading_id, reading_id=self.command_id)
 
 
-def address_of(table: Table) -> UdpAddress | CanAddress:
+@dataclass(frozen=True)
+class DriveAddress:
+    """A motor drive that speaks its maker's protocol, beside sensors at the joint."""
+
+    protocol: str
+    """One of `DRIVE_NODES`."""
+    place: CanPlace | str
+    """The CAN bus, or the serial port."""
+    node: int
+    """Number of the drive on it."""
+    joint: Table
+    """Table with the address or class of the rig that measures the joint."""
+    gear: float = 1.0
+    """Turns of the drive's encoder per turn of the motor in the scene; a negative one
+    reverses its sense [-]."""
+    zero: float = 0.0
+    """Angle of the motor in the scene where the drive's encoder reads zero [rad]."""
+    baud_rate: int = 57_600
+    """Baud rate of the serial port [1/s]."""
+    torque_per_ampere: float = 0.0
+    """Torque of the drive's shaft per current, of those that take a current [N m/A]."""
+
+
+Address = UdpAddress | CanAddress | DriveAddress
+DRIVE_NODES = {"odrive": range(63), "moteus": range(1, 128), "dynamixel": range(253)}
+"""Numbers that a drive may have on its bus, by protocol."""
+
+
+def address_of(table: Table) -> Address:
     """Return the address in a table that has the key `address`.
 
     Raises:
@@ -52,29 +86,94 @@ def address_of(table: Table) -> UdpAddress | CanAddress:
     address = table.text("address") or ""
     if address.startswith(_CAN_PREFIX):
         return _can(table, address.removeprefix(_CAN_PREFIX))
-    table.only("address")
+    protocol, _, place = address.partition(":")
+    if protocol in DRIVE_NODES:
+        return _drive(table, protocol, place)
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise table.wrong(
-            "address", 'HOST:PORT, such as "192.168.7.2:5005", or can:CHANNEL'
+            "address",
+            'HOST:PORT, such as "192.168.7.2:5005", can:CHANNEL, '
+            f"or PROTOCOL:PLACE of a drive ({', '.join(DRIVE_NODES)})",
         )
+    table.only("address")
     return UdpAddress(host.strip("[]"), int(port))
 
 
 def _can(table: Table, channel: str) -> CanAddress:
     names = [each.name for each in fields(CanAddress) if each.name != "channel"]
     table.only("address", *names)
-    if not channel:
-        raise table.wrong("address", 'can:CHANNEL, such as "can:can0"')
-    table.text("interface")
-    if not isinstance(table.content.get("bus", {}), dict):
-        raise table.wrong("bus", "a table, such as { data_bitrate = 5_000_000 }")
+    _require_bus(table, "can", channel)
     for key in _ID_KEYS:
-        value = table.content.get(key, 0)
-        if type(value) is not int or not 0 <= value <= MAX_LONG_ID:
-            raise table.wrong(key, f"a whole number from 0 to {MAX_LONG_ID:#x}")
+        _whole(table, key, range(MAX_LONG_ID + 1), 0, f"{MAX_LONG_ID:#x}")
     given = {key: value for key, value in table.content.items() if key != "address"}
     found = CanAddress(channel, **given)
     if found.command_id == found.reading_id:
         raise CableError(f"{table.where}: command_id and reading_id must differ.")
     return found
+
+
+def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
+    common = ("address", "node", "gear", "zero", "joint")
+    nodes = DRIVE_NODES[protocol]
+    node = _whole(table, "node", nodes, nodes.start, str(nodes.stop - 1))
+    gear = table.number("gear")
+    if gear == 0.0:
+        raise table.wrong("gear", "a number other than 0")
+    joint = table.table("joint")
+    if "class" not in joint.content:
+        if "address" not in joint.content:
+            raise CableError(
+                f"{table.where} needs `joint`, a table with the `address` or `class` "
+                "of what measures the joint: a drive reads its motor only."
+            )
+        if (joint.text("address") or "").partition(":")[0] in DRIVE_NODES:
+            raise joint.wrong("address", "that of a rig with sensors at the joint")
+        address_of(joint)
+    gear, zero = gear or 1.0, table.number("zero") or 0.0
+    if protocol != "dynamixel":
+        table.only(*common, "interface", "bus")
+        _require_bus(table, protocol, place)
+        keys = {
+            key: table.content[key]
+            for key in ("interface", "bus")
+            if key in table.content
+        }
+        return DriveAddress(protocol, CanPlace(place, **keys), node, joint, gear, zero)
+    table.only(*common, "baud_rate", "torque_per_ampere")
+    if not place:
+        raise table.wrong(
+            "address", f'{protocol}:PORT, such as "{protocol}:/dev/ttyUSB0"'
+        )
+    torque = table.number("torque_per_ampere", 1e-6)
+    if torque is None:
+        raise CableError(
+            f"{table.where} needs `torque_per_ampere` [N m/A], of the servo's "
+            "performance graph: it takes a current."
+        )
+    baud = _whole(table, "baud_rate", range(9600, 10_500_001), 57_600, "10500000")
+    return DriveAddress(
+        protocol,
+        place,
+        node,
+        joint,
+        gear,
+        zero,
+        baud_rate=baud,
+        torque_per_ampere=torque,
+    )
+
+
+def _require_bus(table: Table, protocol: str, channel: str) -> None:
+    if not channel:
+        raise table.wrong("address", f'{protocol}:CHANNEL, such as "{protocol}:can0"')
+    table.text("interface")
+    if not isinstance(table.content.get("bus", {}), dict):
+        raise table.wrong("bus", "a table, such as { data_bitrate = 5_000_000 }")
+
+
+def _whole(table: Table, key: str, allowed: range, usual: int, most: str) -> int:
+    value = table.content.get(key, usual)
+    if type(value) is not int or value not in allowed:
+        raise table.wrong(key, f"a whole number from {allowed.start} to {most}")
+    return value

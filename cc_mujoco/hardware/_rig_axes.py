@@ -15,7 +15,7 @@ from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._can_rig import CanBuses
+from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._loop import DrivenAxis
 from cc_mujoco.hardware._references import Desired, TorqueTable

@@ -13,6 +13,11 @@ address = "192.168.7.2:5005"    # of a rig behind UDP
 # command_id = 0x110            # above 0x7ff: 29 bits
 # reading_id = 0x111
 # bus = {}                      # what else the interface needs: data_bitrate, ...
+# address = "odrive:can0"       # or a drive (also moteus:can0, dynamixel:/dev/ttyUSB0),
+# node = 0                      # its number,
+# gear = 1.0                    # turns of its encoder per turn of the motor,
+# zero = 0.0                    # rad, of the motor where its encoder reads zero,
+# joint = { address = "192.168.7.2:5005" }    # and a rig that measures the joint
 # class = "my_rig:Rig"          # or of your own, made with the other keys
 
 [limits]                        # the first four must be given
@@ -61,12 +66,8 @@ torque = 0.5                    # N m, constant
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import itertools
 import math
-import os
-import socket
-import sys
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,8 +78,9 @@ from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._address import CanAddress, UdpAddress, address_of
-from cc_mujoco.hardware._can_rig import CanBuses, CanRig
+from cc_mujoco.hardware._address import Address, address_of
+from cc_mujoco.hardware._can_bus import CanBuses
+from cc_mujoco.hardware._connect import connect_rig, require_apart, rig_address
 from cc_mujoco.hardware._drive_model import device_of, drive_of
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
 from cc_mujoco.hardware._references import (
@@ -90,7 +92,6 @@ from cc_mujoco.hardware._references import (
 )
 from cc_mujoco.hardware._rig import Rig
 from cc_mujoco.hardware._servo import Stiffness
-from cc_mujoco.hardware._udp_rig import UdpRig
 from cc_mujoco.hardware._watchdog import Watchdog
 
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
@@ -127,9 +128,9 @@ class Settings:
     named: tuple[str, ...] = ()
     """Axes that have a table in the file, also those that are not driven."""
 
-    def address(self) -> UdpAddress | CanAddress | None:
+    def address(self) -> Address | None:
         """Return the address of the rig, None for a rig with a class of its own."""
-        return address_of(self.rig) if "address" in self.rig.content else None
+        return rig_address(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
         """Make the rig that `[rig]` names.
@@ -140,15 +141,7 @@ class Settings:
         Raises:
             CableError: It cannot be made.
         """
-        address = self.address()
-        if address is None:
-            return _user_rig(self.rig, self.rig.text("class") or "")
-        try:
-            if isinstance(address, CanAddress):
-                return CanRig(address, buses)
-            return UdpRig(address.host, address.port)
-        except CableError as error:
-            raise CableError(f"{self.rig.where}: {error}") from None
+        return connect_rig(self.rig, {} if buses is None else buses)
 
     def drive(self) -> Drive:
         """Return the prior knowledge of a controller about the rig.
@@ -363,42 +356,9 @@ def _require_distinct(axes: Sequence[Settings]) -> None:
         CableError: They have the same address, identifiers or class with its keys.
     """
     for one, other in itertools.combinations(axes, 2):
-        pair = f"{one.path}, axes {one.axis} and {other.axis}"
-        mine, theirs = one.address(), other.address()
-        if one.rig.content == other.rig.content:
-            raise CableError(
-                f"{pair} have the same rig; give each its own address, or keys, in "
-                f"[axes.{one.axis}.rig] and [axes.{other.axis}.rig]."
-            )
-        if not isinstance(mine, CanAddress) or not isinstance(theirs, CanAddress):
-            if isinstance(mine, UdpAddress) and isinstance(theirs, UdpAddress):
-                if mine.port == theirs.port and _machine(mine) == _machine(theirs):
-                    raise CableError(f"{pair} have the same address.")
-            continue
-        if (mine.channel, mine.interface) != (theirs.channel, theirs.interface):
-            continue
-        if mine.bus != theirs.bus:
-            raise CableError(
-                f"{pair} are on the same CAN bus and open it differently; give `bus` "
-                "once, in [rig]."
-            )
-        same = {mine.command_id, mine.reading_id} & {
-            theirs.command_id,
-            theirs.reading_id,
-        }
-        if same:
-            raise CableError(
-                f"{pair} both use the identifier {min(same):#x} on {mine.channel!r}; "
-                "give each axis a command_id and a reading_id of its own."
-            )
-
-
-def _machine(address: UdpAddress) -> str:
-    """Return the number of a machine; its name where nobody knows it."""
-    try:
-        return str(socket.getaddrinfo(address.host, address.port)[0][4][0])
-    except OSError:
-        return address.host
+        require_apart(
+            f"{one.path}, axes {one.axis} and {other.axis}", one.rig, other.rig
+        )
 
 
 def _limits(table: Table) -> Limits:
@@ -467,28 +427,3 @@ def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
         return kind(**given)
     except CableError as error:
         raise CableError(f"{table.where}: {error}") from None
-
-
-def _user_rig(table: Table, name: str) -> Rig:
-    """Return a rig of a class that is importable, also from the current folder."""
-    place, _, attribute = name.partition(":")
-    here = os.getcwd()
-    sys.path.insert(0, here)
-    others = {key: value for key, value in table.content.items() if key != "class"}
-    try:
-        made = getattr(importlib.import_module(place), attribute)(**others)
-    except CableError:
-        raise
-    except Exception as error:
-        raise CableError(
-            f"{table.where}, class {name!r} cannot be made: "
-            f"{type(error).__name__}: {error}"
-        ) from error
-    finally:
-        sys.path.remove(here)
-    if not isinstance(made, Rig):
-        raise CableError(
-            f"{table.where}, class {name!r} makes no rig; it needs read(), "
-            "write(torque) and close()."
-        )
-    return made

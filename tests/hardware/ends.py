@@ -114,7 +114,7 @@ class CanEnd:
             ),
         ]
         for frame in frames:
-            self._link._bus.send(frame)
+            self._link._port._bus.send(frame)
         twin = CanLink(self.address)  # of the host: two of them on a bus
         twin.send(data)
         twin.close()

@@ -23,9 +23,9 @@ from cc_mujoco.hardware import (
     Watchdog,
     read_settings,
 )
-from cc_mujoco.hardware import _can_rig as can_rig
+from cc_mujoco.hardware import _can_bus as can_bus
 from cc_mujoco.hardware import _packet as packet
-from cc_mujoco.hardware._can_rig import MAX_DRAINED_FRAMES, MAX_FAILURES
+from cc_mujoco.hardware._can_bus import MAX_DRAINED_FRAMES, MAX_FAILURES
 from cc_mujoco.hardware._references import constant_course
 from cc_mujoco.hardware._rig import PacketRig
 from hardware.ends import GROUP, CanEnd
@@ -250,7 +250,7 @@ def test_settings_outside_of_rig_toml_are_not_used(
 def test_a_network_without_can_fd_is_said(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: Opened
 ) -> None:
-    monkeypatch.setattr(can_rig, "NETWORK_FOLDER", tmp_path)
+    monkeypatch.setattr(can_bus, "NETWORK_FOLDER", tmp_path)
     (tmp_path / "can7").mkdir()
     mtu = tmp_path / "can7" / "mtu"
     mtu.write_text("72\n")
@@ -319,7 +319,7 @@ def test_axes_on_one_bus_open_it_once_and_read_their_own_frames(
     monkeypatch.setattr(can, "Bus", once)
     ended: list[bool] = []
     monkeypatch.setattr(bus, "shutdown", lambda: ended.append(True))
-    buses: can_rig.CanBuses = {}
+    buses: can_bus.CanBuses = {}
     hip = CanRig(CanAddress("can7"), buses)
     knee = CanRig(CanAddress("can7", command_id=0x120, reading_id=0x121), buses)
     found = hip.read(), knee.read()

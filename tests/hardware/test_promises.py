@@ -33,6 +33,9 @@ PROTECTED_BY = {
         "can": "takes_nothing cannot_be_read is_off now_and_then",
         "loop": "raises_for_good",
     },
+    "motor drives": {
+        "drives": "enabled_once_it_was_read a_host_that_is_silent a_fault_of_the_drive"
+    },
     "bad packets": {
         "links": "the_newest_reading_counts packets_of_others a_run_goes_on",
         "packet": "any_bit_turned",

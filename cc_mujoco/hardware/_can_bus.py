@@ -1,0 +1,264 @@
+"""A CAN bus of python-can (`pip install 'cc_mujoco[can]'`), shared by several rigs.
+
+    CanPort(CanPlace("can0"), [0x111], fd=True)     # SocketCAN
+    CanPort(CanPlace("PCAN_USBBUS1", "pcan", {"f_clock_mhz": 80}), [0x111], fd=True)
+
+An interface may open a bus only once, and a frame is read once for all rigs on it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import logging
+import re
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, NoReturn
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._address import MAX_SHORT_ID, CanPlace
+
+if TYPE_CHECKING:
+    import can
+
+MAX_FAILURES = 5
+"""So many in a row are no accident: the bus is gone."""
+MAX_DRAINED_FRAMES = 200
+"""Most frames looked at for one; a bus full of others must not hold up."""
+NETWORK_FOLDER = Path("/sys/class/net")
+_FD_MTU = 72
+"""MTU of a network of SocketCAN with CAN FD; without it is 16."""
+_BUS_OFF = 0x40
+"""Bit in the identifier of SocketCAN's error frames: the controller is off the bus."""
+_NULL_HANDLER = logging.NullHandler()
+
+
+@dataclass
+class _SharedBus:
+    """An open bus with the frames that came for each of its ports."""
+
+    bus: can.BusABC
+    fd: bool
+    """True if it was opened as one of CAN FD."""
+    waiting: dict[int, deque[can.Message]] = field(default_factory=dict)
+    """Frames by identifier; some ports hear several."""
+
+
+CanBuses = dict[tuple[str, str], _SharedBus]
+"""Buses that are open, by channel and interface."""
+
+
+class CanPort:
+    """Sender and receiver of frames on a bus; identifiers of others are left alone."""
+
+    def __init__(
+        self,
+        place: CanPlace,
+        identifiers: Iterable[int],
+        *,
+        fd: bool,
+        buses: CanBuses | None = None,
+    ) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            place: The bus.
+            identifiers: Of the frames to receive.
+            fd: Whether frames are those of CAN FD, else of classical CAN.
+            buses: Those that are open, to which this one is added.
+
+        Raises:
+            CableError: python-can is not installed, the interface is unknown, cannot be
+                opened, has no CAN FD, or is open as the other kind.
+        """
+        self.ignored: Counter[str] = Counter()
+        self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
+        self._interface, self._fd = place.interface, fd
+        self._can = _python_can()
+        buses = {} if buses is None else buses
+        key = place.channel, place.interface
+        if key not in buses:
+            buses[key] = _SharedBus(_open_bus(self._can, place, self.where, fd), fd)
+        if buses[key].fd != fd:
+            raise CableError(
+                f"{self.where} carries CAN FD for one axis and classical CAN for "
+                "another; give each a bus of its own."
+            )
+        self._bus, self._waiting = buses[key].bus, buses[key].waiting
+        self._own: deque[can.Message] = deque(maxlen=MAX_DRAINED_FRAMES)
+        self._identifiers = frozenset(identifiers)
+        self._waiting.update(dict.fromkeys(self._identifiers, self._own))
+        self._failure_counts = {"sent to": 0, "read from": 0}
+
+    def receive(self) -> can.Message | None:
+        """Return the next frame, or None if there is none.
+
+        Raises:
+            OSError: It could not be received; the next one may.
+            CableError: Nothing can be any more.
+        """
+        if self._own:
+            return self._own.popleft()
+        for _ in range(MAX_DRAINED_FRAMES):
+            try:
+                # Without filters of python-can: by those a frame of others would look
+                # like the end of what came.
+                frame = self._bus.recv(0.0)
+            except Exception as error:  # each interface has its own
+                self._count_failure("read from", error)
+            self._failure_counts["read from"] = 0
+            if frame is None:
+                return None
+            if frame.is_error_frame:
+                self.ignored["error frame"] += 1
+                self._require_on(frame)
+            elif not frame.is_remote_frame:
+                if frame.arbitration_id in self._identifiers:
+                    return frame
+                if frame.arbitration_id in self._waiting:
+                    self._waiting[frame.arbitration_id].append(frame)
+        return None
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a frame; its identifier has 29 bits if it is above 0x7ff.
+
+        Raises:
+            OSError: It could not be sent; the next one may.
+            CableError: Nothing can be any more.
+        """
+        frame = self._can.Message(
+            arbitration_id=identifier,
+            is_extended_id=identifier > MAX_SHORT_ID,
+            is_fd=self._fd,
+            bitrate_switch=self._fd,
+            data=data,
+        )
+        try:
+            self._bus.send(frame, timeout=0.0)
+        except Exception as error:  # each interface has its own
+            self._count_failure("sent to", error)
+        self._failure_counts["sent to"] = 0
+
+    def close(self) -> None:
+        """Leave the bus; the last one closes it."""
+        for identifier in self._identifiers:
+            self._waiting.pop(identifier, None)
+        if self._waiting:
+            return
+        try:
+            self._bus.shutdown()
+        except Exception:  # of a device that was pulled out, say
+            self.ignored["not closed"] += 1
+
+    def _count_failure(self, done: str, error: Exception) -> NoReturn:
+        self._failure_counts[done] += 1
+        if self._failure_counts[done] < MAX_FAILURES:
+            raise OSError(str(error)) from error
+        raise CableError(
+            f"{self.where} cannot be {done}: {_error_text(error)}; is "
+            "the rig on, with the same bit rates, and is the bus terminated?"
+        ) from error
+
+    def _require_on(self, frame: can.Message) -> None:
+        if self._interface == "socketcan" and frame.arbitration_id & _BUS_OFF:
+            raise CableError(
+                f"{self.where} is off after too many errors; is the rig "
+                "on, with the same bit rates, and is the bus terminated?"
+            )
+
+
+def _python_can() -> ModuleType:
+    """Return the library `can` with its log silenced; errors report faults."""
+    try:
+        import can
+    except ImportError:
+        raise CableError(
+            "a rig on CAN needs python-can: pip install 'cc_mujoco[can]'."
+        ) from None
+    logging.getLogger("can").addHandler(_NULL_HANDLER)
+    return can
+
+
+def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can.BusABC:
+    if place.interface not in library.VALID_INTERFACES:
+        raise CableError.unknown(
+            "CAN interface", place.interface, library.VALID_INTERFACES
+        )
+    if fd:
+        _require_fd_network(place, where)
+    _require_known(place, where)
+    kind = library.CanProtocol.CAN_FD
+    how: dict[str, object] = {}
+    if fd:  # only the virtual bus takes the first keyword
+        how = {"protocol": kind} if place.interface == "virtual" else {"fd": True}
+    try:
+        bus: can.BusABC = library.Bus(
+            channel=place.channel,
+            interface=place.interface,
+            ignore_config=True,  # `rig.toml` says all
+            **{**how, **place.bus},
+        )
+    except Exception as error:  # each interface has its own
+        raise CableError(f"{where} cannot be opened: {_error_text(error)}.") from error
+    if fd and bus.protocol not in (kind, library.CanProtocol.CAN_FD_NON_ISO):
+        bus.shutdown()
+        raise _classical_can_error(where)
+    return bus
+
+
+def _require_known(place: CanPlace, where: str) -> None:
+    """Refuse words for an interface that occur nowhere in its code.
+
+    Interfaces take any word and pass over those that they do not know.
+    """
+    words = _source_words(place.interface) if place.bus else set()
+    for key in place.bus:
+        if words and key not in words:
+            near = difflib.get_close_matches(key, words, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else "."
+            raise CableError(f"{where} knows no {key!r}, a key of `bus`{hint}")
+
+
+def _source_words(interface: str) -> set[str]:
+    """Return all words in the code of an interface of python-can, if it has code."""
+    from can import bit_timing, bus
+    from can.interfaces import BACKENDS
+
+    module = BACKENDS[interface][0]
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:  # of what it needs; the interface itself tells of it
+        spec = None
+    if spec is None or spec.origin is None:
+        return set()
+    own = Path(spec.origin)
+    alone = spec.parent == "can.interfaces"  # others have a package of their own
+    files = [own] if alone else [*own.parent.rglob("*.py")]
+    files += [Path(str(each.__file__)) for each in (bus, bit_timing)]
+    texts = (file.read_text(encoding="utf-8") for file in files)
+    return {word for text in texts for word in re.findall(r"\w+", text)}
+
+
+def _require_fd_network(place: CanPlace, where: str) -> None:
+    """Require CAN FD, since SocketCAN opens a network without it silently."""
+    mtu = NETWORK_FOLDER / place.channel / "mtu"
+    if place.interface != "socketcan" or not mtu.is_file():
+        return
+    if int(mtu.read_text()) < _FD_MTU:
+        raise _classical_can_error(where)
+
+
+def _classical_can_error(where: str) -> CableError:
+    return CableError(
+        f"{where} is one of classical CAN, or was opened as one; the frames of this "
+        "rig have up to 64 bytes, which takes CAN FD."
+    )
+
+
+def _error_text(error: Exception) -> str:
+    message = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(message).split()).rstrip(".")

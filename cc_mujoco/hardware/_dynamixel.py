@@ -1,0 +1,266 @@
+"""A Dynamixel servo of the X series on a serial port, by its protocol 2.0.
+
+`pip install 'cc_mujoco[serial]'` installs pyserial. The servo is set to control its
+current. A cycle sends one Sync Write with the goal current, which no servo answers, and
+one Read. Its watchdog stops it 60 ms after the last instruction. A hardware error
+is a fault, which only a reboot clears. A cycle moves about 80 bytes: set 1 Mbit/s or
+more, `Return Delay Time` 0, and a latency timer of 1 ms in the adapter. The torque is
+`torque_per_ampere` times the current that is asked for; nobody measures it.
+
+Sources: https://emanual.robotis.com/docs/en/dxl, pages "Protocol 2.0" (protocol2), "CRC
+Calculation" (crc) and the control table of the XH430-W350 (x/xh430-w350). Servos with
+another unit of current (XC330, XL330) or table (XL320, P, PRO) are not supported.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, NoReturn
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
+from cc_mujoco.hardware._packet import Status
+
+if TYPE_CHECKING:
+    import serial
+
+HEADER = b"\xff\xff\xfd\x00"
+READ, STATUS, SYNC_WRITE = 0x02, 0x55, 0x83
+BROADCAST = 0xFE
+OPERATING_MODE, CURRENT_LIMIT = 11, 38
+TORQUE_ENABLE, BUS_WATCHDOG, GOAL_CURRENT = 64, 98, 102
+PRESENT_VELOCITY, PRESENT_POSITION = 128, 132
+"""Addresses in the control table."""
+CURRENT_CONTROL = 0
+"""Operating mode."""
+AMPERE, VELOCITY = 2.69e-3, 0.229 * TURN / 60.0
+"""Units of a current [A] and of a velocity [rad/s]."""
+COUNTS = 4096
+"""Positions in a turn."""
+WATCHDOG_UNITS, WATCHDOG_TRIPPED = 3, 0xFF
+"""The watchdog in units of 20 ms, and its value after it has stopped the servo."""
+REPLY_TIME = 0.01
+"""Time after which a reply comes no more [s]; until then nothing is sent."""
+MAX_FAILURES = 5
+_ALERT = 0x80
+_STUFFED = HEADER[:3] + b"\xfd"
+_SETTINGS = (OPERATING_MODE, CURRENT_LIMIT + 2 - OPERATING_MODE)
+_WHOLE = (TORQUE_ENABLE, PRESENT_POSITION + 4 - TORQUE_ENABLE)
+_MOVING = (BUS_WATCHDOG, PRESENT_POSITION + 4 - BUS_WATCHDOG)
+"""First address and number of the bytes to read: before the motor is enabled, until the
+servo confirms that, and then."""
+_MAX_PACKET = 256
+
+
+def _crc_entry(value: int) -> int:
+    value <<= 8
+    for _ in range(8):
+        value = value << 1 ^ (0x8005 if value & 0x8000 else 0)
+    return value & 0xFFFF
+
+
+_CRC_TABLE = [_crc_entry(value) for value in range(256)]
+
+
+def crc16(data: bytes) -> int:
+    """Return the checksum of a packet: polynomial 0x8005, from 0, not reflected."""
+    value = 0
+    for byte in data:
+        value = (value << 8 ^ _CRC_TABLE[value >> 8 ^ byte]) & 0xFFFF
+    return value
+
+
+def instruction(node: int, kind: int, parameters: bytes) -> bytes:
+    """Return an instruction packet."""
+    # A header inside the packet gets one byte more.
+    body = (bytes([kind]) + parameters).replace(HEADER[:3], _STUFFED)
+    head = HEADER + struct.pack("<BH", node, len(body) + 2) + body
+    return head + struct.pack("<H", crc16(head))
+
+
+def read_instruction(node: int, address: int, size: int) -> bytes:
+    """Return the packet that asks for `size` bytes of the control table."""
+    return instruction(node, READ, struct.pack("<HH", address, size))
+
+
+def write_instruction(node: int, address: int, value: bytes) -> bytes:
+    """Return the packet that writes bytes into the control table, without an answer."""
+    parameters = struct.pack("<HHB", address, len(value), node) + value
+    return instruction(BROADCAST, SYNC_WRITE, parameters)
+
+
+def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
+    """Take the next whole status packet of a servo out of what was received.
+
+    Returns:
+        Its error byte and its parameters; None if no more is there. Damaged packets and
+        those of others are skipped.
+    """
+    while (start := received.find(HEADER)) >= 0:
+        del received[:start]
+        if len(received) < 7:
+            return None
+        size = 7 + int.from_bytes(received[5:7], "little")
+        if size > _MAX_PACKET:
+            del received[:1]
+            continue
+        if len(received) < size:
+            return None
+        packet = bytes(received[:size])
+        if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
+            del received[:1]
+            continue
+        del received[:size]
+        body = packet[7:-2].replace(_STUFFED, HEADER[:3])
+        if packet[4] == node and len(body) > 1 and body[0] == STATUS:
+            return body[1], body[2:]
+    del received[: max(len(received) - 3, 0)]  # the rest may begin a header
+    return None
+
+
+class Dynamixel:
+    """A servo; see `MotorDrive`."""
+
+    def __init__(
+        self,
+        port: str,
+        node: int,
+        baud_rate: int,
+        torque_per_ampere: float,
+        now: Now = time.perf_counter,
+    ) -> None:
+        """Open the port; nothing is sent yet.
+
+        Args:
+            port: Serial port, such as `/dev/ttyUSB0`.
+            node: ID of the servo, 0 to 252.
+            baud_rate: Of the servo [1/s].
+            torque_per_ampere: Of its shaft [N m/A].
+            now: Clock of the host [s].
+
+        Raises:
+            CableError: pyserial is not installed, or the port cannot be opened.
+        """
+        self.ignored: Counter[str] = Counter()
+        self.where = f"Dynamixel {node} on {port}"
+        self._port = _open_port(port, baud_rate)
+        self._node, self._torque_per_ampere, self._now = node, torque_per_ampere, now
+        self._enabling = Enabling(now)
+        self._received = bytearray()
+        self._asked: tuple[int, int] | None = None
+        """Bytes that a reply is expected to hold."""
+        self._asked_at = -math.inf
+        self._mode: int | None = None
+        self._limit = 0
+        """Current limit, in units of a current."""
+        self._heard = self._confirmed = False
+        self._failures = 0
+
+    def read(self) -> MotorState | None:
+        """See `MotorDrive`."""
+        try:
+            self._received += self._port.read(4096)
+        except Exception as error:  # pyserial has several
+            self._fail("read from", error)
+        newest: MotorState | None = None
+        while (found := take_status(self._received, self._node)) is not None:
+            newest = self._reply(*found) or newest
+        return newest
+
+    def write(self, torque: float) -> None:
+        """See `MotorDrive`."""
+        if self._asked is not None and self._now() - self._asked_at < REPLY_TIME:
+            raise OSError("the servo's reply is still under way")
+        if self._mode != CURRENT_CONTROL:
+            writes = [(TORQUE_ENABLE, b"\0")]  # the mode changes only without torque
+            if self._mode is not None:  # this memory wears out
+                writes.append((OPERATING_MODE, bytes([CURRENT_CONTROL])))
+            self._send(writes, _SETTINGS)
+            return
+        if not self._heard:
+            self._send([(GOAL_CURRENT, b"\0\0"), (BUS_WATCHDOG, b"\0")], _WHOLE)
+            return
+        writes = [(GOAL_CURRENT, self._current(torque))]
+        self._enabling.request()
+        if not self._confirmed and self._enabling.status(False) is None:
+            writes.append((BUS_WATCHDOG, bytes([WATCHDOG_UNITS])))
+            writes.append((TORQUE_ENABLE, b"\1"))
+        self._send(writes, _MOVING if self._confirmed else _WHOLE)
+
+    def stop(self) -> None:
+        """See `MotorDrive`."""
+        self._send([(GOAL_CURRENT, b"\0\0"), (TORQUE_ENABLE, b"\0")], None)
+
+    def close(self) -> None:
+        """See `MotorDrive`."""
+        self._port.close()
+
+    def _current(self, torque: float) -> bytes:
+        wanted = round(torque / self._torque_per_ampere / AMPERE)
+        given = max(-self._limit, min(wanted, self._limit))
+        # The servo ignores a goal beyond its limit and goes on with the one before.
+        self.ignored["torque beyond the servo's current limit"] += given != wanted
+        return struct.pack("<h", given)
+
+    def _send(
+        self, writes: list[tuple[int, bytes]], asked: tuple[int, int] | None
+    ) -> None:
+        data = b"".join(write_instruction(self._node, *each) for each in writes)
+        if asked is not None:
+            data += read_instruction(self._node, *asked)
+        self._asked, self._asked_at = asked, self._now()
+        try:
+            self._port.write(data)
+        except Exception as error:  # pyserial has several
+            self._fail("written to", error)
+        self._failures = 0
+
+    def _reply(self, error: int, data: bytes) -> MotorState | None:
+        """Take the reply to the last read."""
+        asked, self._asked = self._asked, None
+        if asked is None or len(data) != asked[1]:
+            self.ignored["error of the servo" if error else "corrupt"] += 1
+            return None
+        first = asked[0]
+        if asked == _SETTINGS:
+            self._mode, place = data[0], CURRENT_LIMIT - first
+            (self._limit,) = struct.unpack_from("<H", data, place)
+            return None
+        self._heard = True
+        self._confirmed |= asked == _WHOLE and data[0] == 1
+        tripped = data[BUS_WATCHDOG - first] == WATCHDOG_TRIPPED
+        enabled = self._confirmed and not tripped
+        if asked == _WHOLE:
+            enabled = enabled and data[0] == 1
+        velocity, position = struct.unpack_from("<ii", data, PRESENT_VELOCITY - first)
+        status = Status.FAULT if error & _ALERT else self._enabling.status(enabled)
+        angle = position * TURN / COUNTS
+        return MotorState(self._now(), angle, velocity * VELOCITY, status)
+
+    def _fail(self, done: str, error: Exception) -> NoReturn:
+        self._failures += 1
+        if self._failures < MAX_FAILURES:
+            raise OSError(str(error)) from error
+        raise CableError(
+            f"{self.where} cannot be {done}: {error}; is its adapter plugged in?"
+        ) from error
+
+
+def _open_port(port: str, baud_rate: int) -> serial.Serial:
+    try:
+        import serial
+    except ImportError:
+        raise CableError(
+            "a Dynamixel servo needs pyserial: pip install 'cc_mujoco[serial]'."
+        ) from None
+    try:
+        return serial.Serial(port, baud_rate, timeout=0.0, write_timeout=0.0)
+    except (OSError, ValueError) as error:  # SerialException is an OSError
+        text = getattr(error, "strerror", None) or str(error)
+        raise CableError(
+            f"the serial port {port} cannot be opened: {text}; is the adapter plugged "
+            "in, and may this user open it?"
+        ) from None

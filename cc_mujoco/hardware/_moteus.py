@@ -1,0 +1,179 @@
+"""A moteus controller on CAN FD, by its register protocol.
+
+A frame to `0x8000 | id` writes mode and command and asks for position, velocity,
+torque, mode and fault; the reply is from `id << 8`. Torque control is position
+mode with all gains scaled to zero and a feed-forward torque. A command is valid for 50
+ms. Set `servo.max_current_A`, `servo.max_velocity` and `servo.timeout_mode = 0`, which
+takes the torque away then (12, the default, brakes).
+
+Sources: https://mjbots.github.io/moteus, pages "CAN Protocol" (protocol/can), "Register
+Reference" (protocol/registers) and "Control Modes" (guides/control-modes).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+
+from cc_mujoco.hardware._address import CanPlace
+from cc_mujoco.hardware._can_bus import CanBuses, CanPort
+from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
+from cc_mujoco.hardware._packet import Status
+
+MODE, POSITION, VELOCITY, FAULT_CODE = 0x000, 0x001, 0x002, 0x00F
+"""Registers that are read; the torque is between the last two."""
+COMMAND, WATCHDOG_TIMEOUT, INTEGRAL_SCALE = 0x020, 0x027, 0x02B
+"""Registers that are written: five from `COMMAND` on, then one each."""
+STOPPED, FAULT, PREPARING, POSITION_MODE = 0, 1, (2, 3, 4), 10
+"""Modes."""
+TIMEOUT = 0.05
+"""Time after which a command without a successor ends [s]."""
+_REPLY_REQUESTED = 0x8000
+_WRITE, _READ, _REPLY, _NOP = 0x00, 0x10, 0x20, 0x50
+_ERRORS = (0x30, 0x31)
+_TYPES = ("b", "h", "i", "f")
+"""Types of values in a subframe, by bits 2 and 3 of its first byte."""
+_FLOAT = 0x0C
+_SIZES: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Lengths that a frame of CAN FD can have."""
+
+
+def query() -> bytes:
+    """Return the subframes that ask for position, velocity, torque, mode and fault."""
+    floats = bytes([_READ | _FLOAT | 3, POSITION])
+    return floats + bytes([_READ | 1, MODE, _READ | 1, FAULT_CODE])
+
+
+def stop_command() -> bytes:
+    """Return the frame that stops the motor and clears its faults."""
+    return padded(bytes([_WRITE | 1, MODE, STOPPED]) + query())
+
+
+def torque_command(torque: float) -> bytes:
+    """Return the frame that commands a torque of the output shaft [N m]."""
+    values = (math.nan, 0.0, torque, 0.0, 0.0)  # position, velocity, torque, kp, kd
+    parts = [
+        bytes([_WRITE | 1, MODE, POSITION_MODE]),
+        bytes([_WRITE | _FLOAT, len(values), COMMAND]) + struct.pack("<5f", *values),
+        bytes([_WRITE | _FLOAT | 1, WATCHDOG_TIMEOUT]) + struct.pack("<f", TIMEOUT),
+        bytes([_WRITE | _FLOAT | 1, INTEGRAL_SCALE]) + struct.pack("<f", 0.0),
+        query(),
+    ]
+    return padded(b"".join(parts))
+
+
+def padded(data: bytes) -> bytes:
+    """Return the data with no-operations up to a length that a frame can have."""
+    size = next(size for size in _SIZES if size >= len(data))
+    return data + bytes([_NOP]) * (size - len(data))
+
+
+def registers(data: bytes) -> dict[int, float] | None:
+    """Return the values in the replies of a frame, by register; None if it is damaged.
+
+    Integers are not scaled: only modes and fault codes are asked for as such.
+    """
+    found: dict[int, float] = {}
+    place = 0
+    try:
+        while place < len(data):
+            first, place = data[place], place + 1
+            if first == _NOP:
+                continue
+            if first in _ERRORS:
+                _, place = _varuint(data, place)
+                _, place = _varuint(data, place)
+                continue
+            if first & ~0x0F != _REPLY:
+                return None
+            count = first & 3
+            if count == 0:
+                count, place = _varuint(data, place)
+            start, place = _varuint(data, place)
+            layout = struct.Struct(f"<{count}{_TYPES[first >> 2 & 3]}")
+            values = layout.unpack_from(data, place)
+            found |= zip(range(start, start + count), map(float, values), strict=True)
+            place += layout.size
+    except (IndexError, struct.error):
+        return None
+    return found
+
+
+def _varuint(data: bytes, place: int) -> tuple[int, int]:
+    """Return a number of seven bits a byte, lowest first, and the place after it."""
+    value = shift = 0
+    while True:
+        byte, place = data[place], place + 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, place
+        shift += 7
+
+
+class Moteus:
+    """A moteus controller; see `MotorDrive`."""
+
+    def __init__(
+        self,
+        place: CanPlace,
+        node: int,
+        buses: CanBuses | None = None,
+        now: Now = time.perf_counter,
+    ) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            place: The bus, of CAN FD.
+            node: The controller's `id.id`, 1 to 127.
+            buses: Those that are open, see `CanPort`.
+            now: Clock of the host [s].
+
+        Raises:
+            CableError: As `CanPort`.
+        """
+        self._port = CanPort(place, [node << 8], fd=True, buses=buses)
+        self.ignored = self._port.ignored
+        self.where = f"moteus {node} on {self._port.where}"
+        self._command_id, self._now = _REPLY_REQUESTED | node, now
+        self._enabling = Enabling(now)
+        self._heard = False
+
+    def read(self) -> MotorState | None:
+        """See `MotorDrive`."""
+        newest: dict[int, float] | None = None
+        while (frame := self._port.receive()) is not None:
+            found = registers(bytes(frame.data))
+            if found is None or not {MODE, POSITION, VELOCITY} <= found.keys():
+                self.ignored["corrupt"] += 1
+                continue
+            self.ignored["overtaken"] += newest is not None
+            newest = found
+        if newest is None:
+            return None
+        self._heard = True
+        angle, velocity = TURN * newest[POSITION], TURN * newest[VELOCITY]
+        return MotorState(self._now(), angle, velocity, self._status(newest[MODE]))
+
+    def write(self, torque: float) -> None:
+        """See `MotorDrive`."""
+        if not self._heard:
+            self.stop()
+            return
+        self._enabling.request()
+        self._port.send(self._command_id, torque_command(torque))
+
+    def stop(self) -> None:
+        """See `MotorDrive`."""
+        self._port.send(self._command_id, stop_command())
+
+    def close(self) -> None:
+        """See `MotorDrive`."""
+        self._port.close()
+
+    def _status(self, mode: float) -> Status | None:
+        if mode == FAULT:
+            return Status.FAULT
+        if mode in PREPARING:
+            return None
+        return self._enabling.status(mode == POSITION_MODE)

@@ -1,0 +1,141 @@
+"""An ODrive on CAN, by its protocol CAN Simple: classical CAN, identifiers of 11 bits.
+
+The identifier is `node << 5 | command`; values are little endian, angles in turns. The
+first commands set torque control and clear errors. The motor is enabled once the drive
+was read. Before a run, the drive itself needs:
+
+- `config.can.encoder_msg_rate_ms` at most the period of the loop (10 ms by default),
+- `config.can.heartbeat_msg_rate_ms` of about 10 (100 by default): a heartbeat tells of
+  faults,
+- `config.enable_watchdog` with `watchdog_timeout = 0.05`, or it goes on with the last
+  torque of a host that is gone; its current limit and velocity limit.
+
+Source: ODrive documentation, "CAN Protocol"
+(https://docs.odriverobotics.com/v/latest/manual/can-protocol.html); states and errors
+as in firmware 0.5 and 0.6.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+
+from cc_mujoco.hardware._address import CanPlace
+from cc_mujoco.hardware._can_bus import CanBuses, CanPort
+from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
+from cc_mujoco.hardware._packet import Status
+
+HEARTBEAT, ESTIMATES = 0x01, 0x09
+"""Commands that the drive sends by itself."""
+SET_AXIS_STATE, SET_CONTROLLER_MODE = 0x07, 0x0B
+SET_INPUT_TORQUE, CLEAR_ERRORS = 0x0E, 0x18
+IDLE, CLOSED_LOOP_CONTROL = 1, 8
+"""States of an axis."""
+TORQUE_CONTROL, PASSTHROUGH = 1, 1
+"""Control mode and input mode."""
+HEARTBEAT_AGE = 0.5
+"""Age from which the state in a heartbeat counts as unknown [s]."""
+_HEARTBEAT = struct.Struct("<IB")
+_ESTIMATES = struct.Struct("<ff")
+_REQUEST_INTERVAL = 0.1
+"""Time between two requests to enable the motor [s]."""
+_CLEAR_TIME = 0.02
+"""Time in which a drive clears its errors [s]."""
+
+
+def identifier(node: int, command: int) -> int:
+    """Return the identifier of a frame."""
+    return node << 5 | command
+
+
+class Odrive:
+    """An axis of an ODrive; see `MotorDrive`."""
+
+    def __init__(
+        self,
+        place: CanPlace,
+        node: int,
+        buses: CanBuses | None = None,
+        now: Now = time.perf_counter,
+    ) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            place: The bus.
+            node: Number of the axis on it, 0 to 62.
+            buses: Those that are open, see `CanPort`.
+            now: Clock of the host [s].
+
+        Raises:
+            CableError: As `CanPort`.
+        """
+        heard = [identifier(node, each) for each in (HEARTBEAT, ESTIMATES)]
+        self._port = CanPort(place, heard, fd=False, buses=buses)
+        self.ignored = self._port.ignored
+        self.where = f"ODrive {node} on {self._port.where}"
+        self._node, self._now = node, now
+        self._enabling = Enabling(now)
+        self._heard = False
+        self._cleared = self._requested = -math.inf
+        self._beat = (-math.inf, 0, 0)
+        """Time, errors and state of the last heartbeat."""
+
+    def read(self) -> MotorState | None:
+        """See `MotorDrive`."""
+        newest: tuple[float, float] | None = None
+        while (frame := self._port.receive()) is not None:
+            data = bytes(frame.data)
+            if frame.is_extended_id or len(data) != 8:
+                self.ignored["corrupt"] += 1
+            elif frame.arbitration_id == identifier(self._node, HEARTBEAT):
+                errors, state = _HEARTBEAT.unpack_from(data)
+                self._beat = self._now(), errors, state
+            else:
+                self.ignored["overtaken"] += newest is not None
+                newest = _ESTIMATES.unpack(data)
+        if newest is None:
+            return None
+        self._heard = True
+        turns, speed = newest
+        return MotorState(self._now(), TURN * turns, TURN * speed, self._status())
+
+    def write(self, torque: float) -> None:
+        """See `MotorDrive`."""
+        if not self._heard:
+            # An error of the last run is no fault of this one, unless it remains.
+            self._cleared = self._now()
+            self._send(CLEAR_ERRORS, b"\0")
+            modes = struct.pack("<II", TORQUE_CONTROL, PASSTHROUGH)
+            self._send(SET_CONTROLLER_MODE, modes)
+        else:
+            self._enabling.request()
+            # Never again after a drive has disabled itself.
+            waits = self._enabling.status(self._enabled()) is None
+            if waits and self._now() - self._requested >= _REQUEST_INTERVAL:
+                self._requested = self._now()
+                self._send(SET_AXIS_STATE, struct.pack("<I", CLOSED_LOOP_CONTROL))
+        self._send(SET_INPUT_TORQUE, struct.pack("<f", torque if self._heard else 0.0))
+
+    def stop(self) -> None:
+        """See `MotorDrive`."""
+        self._send(SET_INPUT_TORQUE, struct.pack("<f", 0.0))
+        self._send(SET_AXIS_STATE, struct.pack("<I", IDLE))
+
+    def close(self) -> None:
+        """See `MotorDrive`."""
+        self._port.close()
+
+    def _send(self, command: int, data: bytes) -> None:
+        self._port.send(identifier(self._node, command), data)
+
+    def _enabled(self) -> bool:
+        time, _, state = self._beat
+        known = self._now() - time <= HEARTBEAT_AGE
+        return known and state == CLOSED_LOOP_CONTROL
+
+    def _status(self) -> Status | None:
+        time, errors, _ = self._beat
+        if errors and time > self._cleared + _CLEAR_TIME:
+            return Status.FAULT
+        return self._enabling.status(self._enabled())

@@ -1,11 +1,12 @@
-r"""Put tables of the package, claims and both benchmarks into their pages.
+r"""Put tables of the package, claims and both benchmarks beside or into their pages.
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [parameters] [materials] [metrics] [effects] \
-        [dataset] [claims] [benchmark] [diagnosis]
+    python scripts/fill_readme.py [tables] [effects] [dataset] [claims] [benchmark] \
+        [diagnosis]
 
-Runs what is not done yet of claims and benchmark, and replaces what stands between the
+Writes the tables of parameters, materials and metrics as CSV files, runs what is not
+done yet of claims and benchmark, and replaces what stands between the
 marks of each block, on its page and, in short, on the front page; claims and the
 benchmark's errors by condition also go into CSV files. The benchmark is
 `cc-mujoco benchmark --suite v1 --controllers pi model stiction`.
@@ -59,9 +60,6 @@ from diagnose_table import LAST
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
 PAGES = {
-    "parameters": ROOT / "cc_mujoco" / "cable" / "README.md",
-    "materials": ROOT / "cc_mujoco" / "design" / "README.md",
-    "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
     "effects": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
     "dataset": ROOT / "cc_mujoco" / "diagnosis" / "reference.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
@@ -69,6 +67,16 @@ PAGES = {
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",
 }
 """Page of every block."""
+TABLES = {
+    name: ROOT / "cc_mujoco" / folder / f"{name}.csv"
+    for name, folder in {
+        "parameters": "cable",
+        "materials": "design",
+        "material_sources": "design",
+        "metrics": "metrics",
+    }.items()
+}
+"""File of every table of the package, which a page links to."""
 ENTRIES = ("pi", "model", "stiction", "predictive", "adaptive")
 """Controllers in the table of the benchmark, beside `none` and the references."""
 SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
@@ -111,6 +119,21 @@ def cells(table: str) -> list[list[str]]:
         for line in table.splitlines()
         if not line.startswith("|---")
     ]
+
+
+def package_tables() -> dict[str, list[list[str]]]:
+    """Return the rows of every table of the package."""
+    return {
+        "parameters": [
+            [entry.strip(" `") if place == 0 else entry.strip() for place, entry in row]
+            for line in as_table(PARAMETERS).splitlines()
+            if not line.startswith("|---")
+            for row in [enumerate(line.strip("| ").split(" | "))]
+        ],
+        "materials": of_materials.table_rows(MATERIALS.values()),
+        "material_sources": of_materials.source_rows(MATERIALS.values()),
+        "metrics": of_metrics.table_rows(METRICS.values()),
+    }
 
 
 def write_results(results: Results) -> None:
@@ -225,21 +248,20 @@ def _marked(name: str) -> re.Pattern[str]:
 def main() -> None:
     """Collect what the blocks need and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("blocks", nargs="*", help=f"of {', '.join(PAGES)}; all if none")
+    parser.add_argument(
+        "blocks", nargs="*", help=f"of tables, {', '.join(PAGES)}; all if none"
+    )
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
     parser.add_argument("--seeds", type=int, default=0)
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
     options = parser.parse_args()
-    options.blocks = options.blocks or list(PAGES)
-    if unknown := set(options.blocks) - set(PAGES):
+    options.blocks = options.blocks or ["tables", *PAGES]
+    if unknown := set(options.blocks) - {"tables", *PAGES}:
         parser.error(f"no block is called {', '.join(sorted(unknown))}")
-    if "parameters" in options.blocks:
-        write("parameters", as_table(PARAMETERS))
-    if "materials" in options.blocks:
-        write("materials", of_materials.as_table(MATERIALS.values()))
-    if "metrics" in options.blocks:
-        write("metrics", of_metrics.as_table(METRICS.values()))
+    if "tables" in options.blocks:
+        for name, rows in package_tables().items():
+            write_csv(TABLES[name], rows)
     if "effects" in options.blocks:
         write("effects", of_effects.as_table(EFFECTS.values()))
     if "dataset" in options.blocks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import re
 import sys
@@ -13,16 +14,11 @@ import pytest
 from PIL import Image
 
 import cc_mujoco
-from cc_mujoco.cable import PARAMETERS, as_table
 from cc_mujoco.datasets._dataset_file import Source
 from cc_mujoco.datasets._rig_table import RIG_CONSTANTS
 from cc_mujoco.datasets._trials import Facts
-from cc_mujoco.device import MATERIALS
-from cc_mujoco.device import _materials as materials
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis.effects import _library as effects
-from cc_mujoco.metrics import METRICS
-from cc_mujoco.metrics import _registry as metrics
 from cc_mujoco.plugin import CableReading
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
@@ -145,24 +141,15 @@ def test_a_block_is_written_on_its_page_and_in_short_on_the_front_page(
         assert again == old  # nothing else is touched
 
 
-def test_parameter_table_is_that_of_the_package() -> None:
-    page = fill_readme.PAGES["parameters"].read_text("utf-8")
-    written = fill_readme.between(page, "parameters")
-    assert written == as_table(PARAMETERS), "run scripts/fill_readme.py parameters"
-
-
-def test_table_of_materials_is_that_of_the_package() -> None:
-    page = fill_readme.PAGES["materials"].read_text("utf-8")
-    written = fill_readme.between(page, "materials")
-    table = materials.as_table(MATERIALS.values())
-    assert written == table, "run scripts/fill_readme.py materials"
-
-
-def test_table_of_metrics_is_that_of_the_package() -> None:
-    page = fill_readme.PAGES["metrics"].read_text("utf-8")
-    written = fill_readme.between(page, "metrics")
-    table = metrics.as_table(METRICS.values())
-    assert written == table, "run scripts/fill_readme.py metrics"
+@pytest.mark.parametrize("name", fill_readme.TABLES)
+def test_a_table_beside_a_page_is_that_of_the_package(name: str) -> None:
+    with fill_readme.TABLES[name].open(encoding="utf-8", newline="") as file:
+        written = list(csv.reader(file))
+    assert written == fill_readme.package_tables()[name], "run fill_readme.py tables"
+    assert (
+        f"({fill_readme.TABLES[name].name})"
+        in PAGES[f"cc_mujoco/{fill_readme.TABLES[name].parent.name}/README.md"]
+    )
 
 
 def test_effects_and_keys_of_the_diagnosis_are_those_of_the_package() -> None:

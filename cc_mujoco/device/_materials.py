@@ -14,8 +14,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from cc_mujoco.report import _markdown as markdown
-
 WIRE_MODULUS = 207e9
 """Young's modulus of the steel of a wire [N/m^2] (source `calqlata`)."""
 
@@ -232,22 +230,9 @@ MATERIALS: dict[str, Material] = {
 """Every pair by name."""
 
 
-def as_table(materials: Iterable[Material]) -> str:
-    """Return the pairs as a Markdown table, with a list of sources."""
-    materials = tuple(materials)
-    rows = [
-        (
-            f"`{one.name}`",
-            one.meaning,
-            _told(one.friction),
-            _told(one.modulus, 1e-9),
-            _told(one.density),
-            _told(one.strength, 1e-9),
-            "-" if one.hottest is None else _told(one.hottest),
-        )
-        for one in materials
-    ]
-    head = (
+def table_rows(materials: Iterable[Material]) -> list[list[str]]:
+    """Return pairs as rows of text below the heads of the columns."""
+    head = [
         "material",
         "rope and conduit",
         "friction",
@@ -255,12 +240,28 @@ def as_table(materials: Iterable[Material]) -> str:
         "density [kg/m^3]",
         "strength [GPa]",
         "hottest [degC]",
-    )
+    ]
+    rows = [
+        [
+            one.name,
+            one.meaning,
+            _told(one.friction),
+            _told(one.modulus, 1e-9),
+            _told(one.density),
+            _told(one.strength, 1e-9),
+            "-" if one.hottest is None else _told(one.hottest),
+        ]
+        for one in materials
+    ]
+    return [head, *rows]
+
+
+def source_rows(materials: Iterable[Material]) -> list[list[str]]:
+    """Return the sources of the figures of pairs, below the heads of the columns."""
     used = {
         key for one in materials for figure in _figures(one) for key in figure.sources
     }
-    told = [f"- {key}: {SOURCES[key]}" for key in sorted(used)]
-    return "\n\n".join((markdown.table(head, rows), "\n".join(told)))
+    return [["source", "what it is"], *([key, SOURCES[key]] for key in sorted(used))]
 
 
 def _figures(material: Material) -> tuple[Figure, ...]:

@@ -43,7 +43,6 @@ from cc_mujoco.metrics._metric import (
 )
 from cc_mujoco.metrics._signals import MEAN_WINDOW
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, RATE_WINDOW, TAUT_SHARE
-from cc_mujoco.report import _markdown as markdown
 
 WINDING_KEYS = (WINDING_RESISTANCE, TORQUE_CONSTANT)
 
@@ -263,10 +262,10 @@ def _importable(metric: Metric) -> str:
     return f"{place}:{name}" if name else ""
 
 
-def as_table(metrics: Iterable[Metric]) -> str:
-    """Return a Markdown table of metrics with unit, direction and meaning."""
-    rows = [(f"`{m.name}`", m.unit, m.better or "-", m.meaning) for m in metrics]
-    return markdown.table(("metric", "unit", "better", "meaning"), rows)
+def table_rows(metrics: Iterable[Metric]) -> list[list[str]]:
+    """Return name, unit, direction and meaning of metrics, below their heads."""
+    head = ["metric", "unit", "better", "meaning"]
+    return [head, *([m.name, m.unit, m.better or "-", m.meaning] for m in metrics)]
 
 
 def expand_cable_metrics(

@@ -16,7 +16,6 @@ import argparse
 import contextlib
 import math
 import signal
-import socket
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -44,13 +43,12 @@ from cc_mujoco.hardware import (
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._rig_axes import RigAxes
+from cc_mujoco.hardware._rig_end import Sender, ServedHost, UdpEnd
 from rig import make_rig
 from rig.makes import MAKES
 
 PERIOD = 0.002
 """Time between two readings, by default [s]."""
-SILENCE = 0.05
-"""Time without a command after which there is no torque [s]."""
 LONGEST = 600.0
 """Time for which a device is played [s]."""
 STATE = (
@@ -60,10 +58,6 @@ STATE = (
     "joint_velocity_rad_s",
 )
 """Columns of an axis that its encoders read."""
-
-
-Sender = tuple[str, int]
-"""Sender of a packet; on CAN, where nobody has an address, the bus."""
 
 
 class End(Protocol):
@@ -79,38 +73,6 @@ class End(Protocol):
 
     def close(self) -> None:
         """Leave."""
-
-
-class UdpEnd:
-    """A port of this machine."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"{host}:{port}"
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise CableError(
-                f"--port: {self.name} cannot be used ({error}); is a rig there already?"
-            ) from error
-        self._socket.setblocking(False)
-
-    def receive(self) -> tuple[bytes, Sender] | None:
-        """See `End`."""
-        try:
-            return self._socket.recvfrom(1024)
-        except OSError:
-            return None
-
-    def send(self, data: bytes, to: Sender) -> None:
-        """See `End`."""
-        with contextlib.suppress(OSError):
-            self._socket.sendto(data, to)
-
-    def close(self) -> None:
-        """See `End`."""
-        self._socket.close()
 
 
 class CanEnd:
@@ -136,43 +98,6 @@ class CanEnd:
     def close(self) -> None:
         """See `End`."""
         self._link.close()
-
-
-class Host:
-    """Host that the rig obeys: its duties as to watchdog, sequence and enabling."""
-
-    def __init__(self) -> None:
-        self.address: Sender | None = None
-        """Address to which readings go."""
-        self.enabled = False
-        self.torque = 0.0
-        self._sequence: int | None = None
-        self._heard = -math.inf
-
-    def take(self, data: bytes, sender: Sender, now: float) -> None:
-        """Take a packet; a new host begins with a command that is not enabled."""
-        command = packet.read_command(data)
-        if command is None:
-            return
-        begins = self._sequence is None
-        if begins and command.status != Status.NONE:
-            return
-        if not begins and not packet.is_newer(command.sequence, self._sequence):
-            return
-        self._sequence, self._heard, self.address = command.sequence, now, sender
-        self.enabled = bool(command.status & Status.ENABLED)
-        self.torque = command.torque if self.enabled else 0.0
-        if command.status & Status.STOPPED:
-            self._let_go()
-            self.address = None
-
-    def watch(self, now: float) -> None:
-        """Take the torque away from a host that is silent."""
-        if now - self._heard > SILENCE:
-            self._let_go()
-
-    def _let_go(self) -> None:
-        self.enabled, self.torque, self._sequence = False, 0.0, None
 
 
 class Played(Protocol):
@@ -283,7 +208,7 @@ class WornRig:
 
 def serve(ends: Sequence[End], played: Played) -> None:
     """Play until the process is terminated."""
-    hosts = [Host() for _ in ends]
+    hosts = [ServedHost() for _ in ends]
     count, late = 0, 0
     begin = time.perf_counter()
     while True:

@@ -33,6 +33,8 @@ class Export:
     """Axis that the controller drives, of a device with several."""
     model: Annotated[Path | None, option_help("FILE.xml")] = None
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
+    ros2_control: Flag = False
+    """Write a package of ROS 2 with a plugin of ros2_control around it."""
     allow_active: Flag = False
     """Write also a controller that gives a passive wearer energy in simulation."""
 
@@ -45,7 +47,13 @@ class Export:
         """
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
-        from cc_mujoco.export import TARGETS, ExportPlan, require_ours, write
+        from cc_mujoco.export import (
+            TARGETS,
+            ExportPlan,
+            require_ours,
+            require_round_pulleys,
+            write,
+        )
 
         device = find_device(self.scene)
 
@@ -64,14 +72,19 @@ class Export:
         made = DeviceModel(description, bare_model(device).compile())
         drive = made.drives(description.period)[place]
         plan = ExportPlan.of(self.controller, drive, made.driven[place], axis)
+        if self.ros2_control:
+            require_round_pulleys(plan, drive)
         if not self.allow_active:
             self._require_passive(device, axis or None)
         scene = f"axis {axis} of the scene" if axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}, on {self.target}"
-        write(self.out, plan, target, what)
+        write(self.out, plan, target, what, ros2_control=self.ros2_control)
+        build = f"cmake -B build {self.out} && cmake --build build"
+        if self.ros2_control:
+            build = f"colcon build --base-paths {self.out}"
         print(
             f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
-            f"build with:  cmake -B build {self.out} && cmake --build build"
+            f"build with:  {build}"
         )
 
     def _require_passive(self, device: Device, axis: str | None) -> None:

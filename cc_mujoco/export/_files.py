@@ -10,6 +10,7 @@ from cc_mujoco._utils.compilation import bitcode
 from cc_mujoco.export import _c_source as c_source
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.export._ros2_control import CMAKE_BLOCK, ROS2_FILES, ros2_texts
 from cc_mujoco.export._targets import Target, emit
 
 HEADER_FILE, OBJECT_FILE = "cc_controller.h", "cc_controller.o"
@@ -18,13 +19,15 @@ EXPORT_FILES = (HEADER_FILE, OBJECT_FILE, *TEXT_FILES, atomic_io.MANIFEST)
 """Files that a folder holds, of a device with one axis."""
 
 
-def export_files(axis: str = "") -> tuple[str, ...]:
-    """Return the files that a folder holds.
+def export_files(axis: str = "", ros2_control: bool = False) -> tuple[str, ...]:
+    """Return the files that a folder holds; the manifest is the last.
 
     Args:
         axis: Name of the axis, of a device with several.
+        ros2_control: Whether it is a package of ROS 2.
     """
-    return tuple(c_source.renamed(name, axis) for name in EXPORT_FILES)
+    names = (*ROS2_FILES, *EXPORT_FILES) if ros2_control else EXPORT_FILES
+    return tuple(c_source.renamed(name, axis) for name in names)
 
 
 def require_ours(folder: str | os.PathLike[str], axis: str = "") -> None:
@@ -37,7 +40,7 @@ def require_ours(folder: str | os.PathLike[str], axis: str = "") -> None:
     Raises:
         CableError: It may not.
     """
-    names = export_files(axis)
+    names = export_files(axis, ros2_control=True)
     header = _existing_header(Path(folder) / c_source.renamed(HEADER_FILE, axis))
     atomic_io.require_ours(
         folder, names, lambda _: header.startswith(c_source.HEADER_MARK)
@@ -54,7 +57,12 @@ def _existing_header(path: Path) -> str:
 
 
 def write(
-    folder: str | os.PathLike[str], plan: ExportPlan, target: Target, what: str
+    folder: str | os.PathLike[str],
+    plan: ExportPlan,
+    target: Target,
+    what: str,
+    *,
+    ros2_control: bool = False,
 ) -> None:
     """Compile a controller and write it with all that C needs.
 
@@ -64,6 +72,7 @@ def write(
         plan: The controller.
         target: The machine.
         what: Of which controller, for what scene and machine; stands in the header.
+        ros2_control: Whether to write a package of ROS 2 around it.
 
     Raises:
         CableError: It cannot be compiled for that machine, or not be written there.
@@ -83,14 +92,19 @@ def write(
     )
     assembly = c_source.renamed(assembly, plan.axis)
     compiled = emit(target, assembly, functions.values())
-    texts = c_source.parameters(plan), c_source.example(plan), c_source.CMAKE_TEXT
+    texts = {
+        HEADER_FILE: c_source.header(plan, what),
+        "cc_parameters.c": c_source.parameters(plan),
+        "cc_example.c": c_source.example(plan),
+        "CMakeLists.txt": c_source.CMAKE_TEXT,
+    }
+    if ros2_control:
+        texts |= ros2_texts(plan)
+        texts["CMakeLists.txt"] += CMAKE_BLOCK
     with atomic_io.replacing_folder(folder) as partial:
         object_file = partial / c_source.renamed(OBJECT_FILE, plan.axis)
         object_file.write_bytes(compiled)
-        names = HEADER_FILE, *TEXT_FILES
-        for name, text in zip(
-            names, (c_source.header(plan, what), *texts), strict=True
-        ):
+        for name, text in texts.items():
             path = partial / c_source.renamed(name, plan.axis)
             text = c_source.renamed(text, plan.axis)
             path.write_text(text, encoding="utf-8", newline="\n")

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
-from play_rig import PERIOD, SILENCE, Host, UdpEnd, Worn, WornRig, ends_of
+from play_rig import PERIOD, Worn, WornRig, ends_of
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._packet import Command
+from cc_mujoco.hardware._rig_end import SILENCE, ServedHost, UdpEnd
 from hardware.peers import toml
 from rig import make_rig
 
@@ -79,7 +80,7 @@ def test_instruments_tell_the_speed_of_a_turning_motor() -> None:
 ADDRESS = ("127.0.0.1", 5)
 
 
-def taken(host: Host, *commands: tuple[int, float, Status], now: float) -> float:
+def taken(host: ServedHost, *commands: tuple[int, float, Status], now: float) -> float:
     for sequence, torque, status in commands:
         data = packet.pack_command(Command(sequence, 0, torque, status))
         host.take(data, ADDRESS, now)
@@ -89,7 +90,7 @@ def taken(host: Host, *commands: tuple[int, float, Status], now: float) -> float
 
 def test_a_rig_does_what_the_page_says_that_it_owes() -> None:
     on, none = Status.ENABLED, Status.NONE
-    host = Host()
+    host = ServedHost()
     assert taken(host, (5, 1.0, on), now=0.0) == 0.0  # left over from another run
     assert host.address is None
     assert taken(host, (1, 0.0, none), (2, 1.0, on), now=0.1) == 1.0

@@ -10,7 +10,8 @@
 `make_vec` simulates on a thread pool, or with `backend="warp"` in mujoco_warp, on a
 GPU if there is one; on a thread pool it equals a `SyncVectorEnv` of the single
 environments: bit for bit where the scene states its inertias, else to rounding.
-`DeviceEnv` states what is observed and rewarded, `IDS` the ids.
+`DeviceEnv` states what is observed and rewarded, `IDS` the ids; `WalkingEnv` is a
+person who walks on the ground.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
 is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
 """
@@ -25,14 +26,17 @@ if TYPE_CHECKING:
     from ._stable_baselines import StableBaselines, save_policy
     from ._vector import DeviceVectorEnv
     from ._video import RecordVideo
+    from ._walking import WalkingEnv
 
 __all__ = [
     "BACKENDS",
     "IDS",
+    "WALKING",
     "DeviceEnv",
     "DeviceVectorEnv",
     "RecordVideo",
     "StableBaselines",
+    "WalkingEnv",
     "register",
     "save_policy",
 ]
@@ -45,6 +49,9 @@ IDS = {
 }
 """Ids of the built-in devices; `cc_mujoco/Device-v1` takes any."""
 
+WALKING = "cc_mujoco/Walking-v0"
+"""Id of the person who walks on the ground, see `WalkingEnv`."""
+
 BACKENDS = ("mujoco", "warp")
 """Engines of vector environments: that of MuJoCo in batches, and mujoco_warp."""
 
@@ -53,6 +60,7 @@ _MODULES = {
     "DeviceVectorEnv": "_vector",
     "RecordVideo": "_video",
     "StableBaselines": "_stable_baselines",
+    "WalkingEnv": "_walking",
     "save_policy": "_stable_baselines",
 }
 
@@ -69,6 +77,8 @@ def register() -> None:
                 vector_entry_point=f"{__name__}._vector:DeviceVectorEnv",
                 kwargs={} if device is None else {"device": device},
             )
+    if WALKING not in gymnasium.registry:
+        gymnasium.register(WALKING, entry_point=f"{__name__}._walking:WalkingEnv")
 
 
 def __getattr__(name: str) -> Any:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.device._axis_columns import axis_columns
@@ -32,9 +33,6 @@ Array = NDArray[np.float64]
 
 POLICY_METADATA_KEY = "cc_mujoco"
 """Key of the JSON in the metadata of a file."""
-
-MAX_HEADER_BYTES = 10**8
-"""Longest header that is read [bytes], as in the format's own library."""
 
 ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "tanh": np.tanh,
@@ -263,18 +261,9 @@ def write_policy(
         "far": None if np.isinf(network.far) else float(network.far),
         "layers": len(network.weights),
     }
-    header: dict[str, Any] = {"__metadata__": {POLICY_METADATA_KEY: json.dumps(about)}}
-    parts, start = [], 0
-    for name, tensor in tensors.items():
-        parts.append(np.ascontiguousarray(tensor, "<f8").tobytes())
-        end = start + len(parts[-1])
-        shape = list(tensor.shape)
-        header[name] = {"dtype": "F64", "shape": shape, "data_offsets": [start, end]}
-        start = end
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 8)
+    content = safetensors.to_bytes(tensors, {POLICY_METADATA_KEY: json.dumps(about)})
     with replacing(Path(path)) as file:
-        file.write_bytes(len(text).to_bytes(8, "little") + text + b"".join(parts))
+        file.write_bytes(content)
 
 
 def read_policy(
@@ -318,29 +307,16 @@ def _require_fit(network: Network, observed: Sequence[Observed]) -> None:
 
 
 def _parse_policy(content: bytes) -> tuple[Network, tuple[Observed, ...]]:
-    length = int.from_bytes(content[:8], "little")
-    if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
-        raise ValueError("no header of safetensors")
-    header = json.loads(content[8 : 8 + length])
-    data = memoryview(content)[8 + length :]
-    about = json.loads(header["__metadata__"][POLICY_METADATA_KEY])
-
-    def tensor(name: str) -> Array:
-        entry = header[name]
-        start, end = entry["data_offsets"]
-        if entry["dtype"] != "F64" or not 0 <= start <= end <= len(data):
-            raise ValueError(f"tensor {name!r}")
-        values = np.frombuffer(data[start:end], "<f8").astype(np.float64)
-        return values.reshape(entry["shape"])
-
+    tensors, metadata = safetensors.from_bytes(content)
+    about = json.loads(metadata[POLICY_METADATA_KEY])
     places = range(int(about["layers"]))
     network = Network(
-        tuple(tensor(f"{place}.weight") for place in places),
-        tuple(tensor(f"{place}.bias") for place in places),
+        tuple(tensors[f"{place}.weight"] for place in places),
+        tuple(tensors[f"{place}.bias"] for place in places),
         about["activation"],
         bool(about["squashed"]),
-        tensor("mean"),
-        tensor("deviation"),
+        tensors["mean"],
+        tensors["deviation"],
         np.inf if about["far"] is None else float(about["far"]),
     )
     listed = about["observed"]

@@ -39,5 +39,7 @@ from ._torque_table import read_torque as read_torque
 from ._trajectories import TRAJECTORIES as TRAJECTORIES
 from ._trajectories import trajectory as trajectory
 from ._walking import Walk as Walk
+from ._walking_policy import WalkingController as WalkingController
+from ._walking_policy import WalkingPolicy as WalkingPolicy
 from ._wearer import ActuatorGains as ActuatorGains
 from ._wearer import Wearer as Wearer

@@ -1,0 +1,60 @@
+"""Arrays in files of the safetensors format, with NumPy alone.
+
+    content = to_bytes({"gain": np.ones(3)}, {"note": "text"})
+    tensors, notes = from_bytes(content)
+
+Nothing in a file is executed. Only arrays of 64-bit floats are written and read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MAX_HEADER_BYTES = 10**8
+"""Longest header that is read [bytes], as in the format's own library."""
+
+
+def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
+    """Return the content of a file with arrays and texts by name."""
+    header: dict[str, Any] = {"__metadata__": dict(metadata)}
+    parts, start = [], 0
+    for name, tensor in tensors.items():
+        values = np.asarray(tensor, "<f8")
+        parts.append(values.tobytes())
+        end = start + len(parts[-1])
+        shape = list(values.shape)
+        header[name] = {"dtype": "F64", "shape": shape, "data_offsets": [start, end]}
+        start = end
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + b"".join(parts)
+
+
+def from_bytes(content: bytes) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the arrays and texts of a file.
+
+    Raises:
+        ValueError: The content is not of this format, or an array is not of 64-bit
+            floats.
+    """
+    length = int.from_bytes(content[:8], "little")
+    if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
+        raise ValueError("no header of safetensors")
+    header = json.loads(content[8 : 8 + length])
+    data = memoryview(content)[8 + length :]
+    metadata = header.pop("__metadata__", {})
+    tensors = {}
+    for name, entry in header.items():
+        start, end = entry["data_offsets"]
+        if entry["dtype"] != "F64" or not 0 <= start <= end <= len(data):
+            raise ValueError(f"tensor {name!r}")
+        values = np.frombuffer(data[start:end], "<f8").astype(np.float64)
+        tensors[name] = values.reshape(entry["shape"])
+    return tensors, metadata

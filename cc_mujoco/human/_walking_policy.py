@@ -1,0 +1,230 @@
+"""A walking policy: muscles of two legs that stand on the ground.
+
+    policy = WalkingPolicy.read(path)
+    walker = WalkingController(policy, worlds=1)
+    control = walker.act(senses, period=0.005)       # (worlds, legs, joints) [N m]
+
+Legs are right and left, joints hip, knee and ankle. The muscles of a joint act as
+
+    torque = K (angle_d - angle) + D (rate_d - rate) + torque_d
+
+with the angle, rate and feed-forward torque of the phase of the gait, series whose
+first values are a measured walk. Feedback keeps the balance: the loaded hip holds the
+trunk, the swinging hip places the foot by speed and position of the body, and the
+trailing ankle pushes harder below the desired speed. Steps end when the swinging foot
+strikes the ground, not by the clock. Balance by torque of the stance hip and placement
+of the foot is that of K. Yin, K. Loken, M. van de Panne, "SIMBICON: simple biped
+locomotion control", ACM Transactions on Graphics 26, 2007.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils import safetensors
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._gait import Harmonics
+
+Array = NDArray[np.float64]
+
+WALKING_SIDES = ("right", "left")
+WALKING_JOINTS = ("hip", "knee", "ankle")
+TOUCH = 0.05
+"""Load of a foot that has struck the ground, as a share of the body's weight [-]."""
+EARLIEST_STRIKE = 0.6
+"""Part of a step before which the swinging foot ends no step [-]; its toes leave the
+ground in that time."""
+_THIGH, _SHANK = 0.429, 0.431
+"""Lengths of thigh and shank [m], as in the scene."""
+_ROWS = 512
+"""Rows of the table of a gait cycle."""
+
+
+@dataclass(frozen=True, eq=False)
+class WalkingPolicy:
+    """Numbers of a walking policy, those of joints in the order of `WALKING_JOINTS`."""
+
+    stiffness: Array
+    """K of the joints (3,) [N m/rad]."""
+    damping: Array
+    """D of the joints (3,) [N m s/rad]."""
+    angles: Array
+    """Desired angles (3, terms, 2) [rad], see `Harmonics.coefficients`."""
+    torques: Array
+    """Feed-forward torques (3, terms, 2) [N m]."""
+    stride_time: float
+    """Desired duration of a stride [s]."""
+    trunk_stiffness: float
+    """Torque of the hips against the pitch of the trunk [N m/rad]."""
+    trunk_damping: float
+    """Torque of the hips against its rate [N m s/rad]."""
+    trunk_pitch: float
+    """Desired pitch [rad]."""
+    speed: float
+    """Desired speed [m/s]."""
+    speed_gain: float
+    """Angle by which the swinging hip flexes more per speed too much [rad s/m]."""
+    foot_gain: float
+    """Angle likewise per position of the hip ahead of the standing ankle [rad/m]."""
+    push_gain: float
+    """Growth of the trailing ankle's feed-forward per speed that lacks [s/m]."""
+
+    @classmethod
+    def read(cls, path: str | Path) -> WalkingPolicy:
+        """Read a policy from a file of safetensors.
+
+        Raises:
+            CableError: The file cannot be read or is no walking policy.
+        """
+        try:
+            tensors, _ = safetensors.from_bytes(Path(path).read_bytes())
+            numbers: dict[str, Any] = {
+                field.name: tensors[field.name] for field in fields(cls)
+            }
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise CableError(
+                f"{str(path)!r} is no walking policy that `WalkingPolicy.write` wrote: "
+                f"{type(error).__name__} {error}."
+            ) from None
+        for name, each in numbers.items():
+            numbers[name] = each if each.ndim else float(each)
+        return cls(**numbers)
+
+    def write(self, path: str | Path) -> None:
+        """Write the policy to a file of safetensors."""
+        tensors = {field.name: getattr(self, field.name) for field in fields(self)}
+        with replacing(Path(path)) as file:
+            file.write_bytes(safetensors.to_bytes(tensors, {"kind": "walking policy"}))
+
+    def desired(self, phase: Array) -> tuple[Array, Array, Array]:
+        """Return angles [rad], rates [rad/s] and torques [N m], each (phases, 3)."""
+        angles, rates, torques = [], [], []
+        for angle, torque in zip(self.angles, self.torques, strict=True):
+            profile = Harmonics(tuple(map(tuple, angle)))
+            angles.append(profile(phase))
+            rates.append(profile.derivative()(phase) / self.stride_time)
+            torques.append(Harmonics(tuple(map(tuple, torque)))(phase))
+        return np.array(angles).T, np.array(rates).T, np.array(torques).T
+
+    def table(self) -> Array:
+        """Return control of hip, knee and ankle and the push of the ankle (rows, 4)."""
+        angle, rate, torque = self.desired(np.arange(_ROWS) / _ROWS)
+        control = self.stiffness * angle + self.damping * rate + torque
+        return np.column_stack((control, torque[:, 2]))
+
+
+class Senses(NamedTuple):
+    """What the person feels; arrays of NumPy or PyTorch."""
+
+    angles: Any
+    """Angles of the joints (worlds, legs, joints) [rad]."""
+    pitch: Any
+    """Pitch of the trunk (worlds,), positive forwards [rad]."""
+    pitch_rate: Any
+    """Its rate (worlds,) [rad/s]."""
+    speed: Any
+    """Speed of the trunk (worlds,) [m/s]."""
+    load: Any
+    """Force of the ground on the feet over the body's weight (worlds, legs) [-]."""
+
+
+class WalkingController:
+    """Walking policies at work in worlds side by side.
+
+    Attributes:
+        step: part of the present step that is over (worlds,) [-].
+        lead: leg whose foot struck last (worlds,), 0 for the right one.
+        struck: True for worlds in which a foot struck in the last `act` (worlds,).
+    """
+
+    def __init__(
+        self,
+        policies: WalkingPolicy | Sequence[WalkingPolicy],
+        worlds: int,
+        arrays: Any = np,
+        **placement: Any,
+    ) -> None:
+        """Tabulate the policies.
+
+        Args:
+            policies: one for all worlds, or one for each.
+            worlds: number of worlds.
+            arrays: module of the arrays, `numpy` or `torch`.
+            placement: of all arrays, such as `dtype` and, with PyTorch, `device`.
+        """
+        each = [policies] if isinstance(policies, WalkingPolicy) else list(policies)
+        own = arrays.arange(worlds) if len(each) > 1 else arrays.zeros(worlds)
+        place = {key: placement[key] for key in placement if key == "device"}
+        self._arrays, self._placement = arrays, placement
+        self._world = arrays.asarray(own, dtype=arrays.int64, **place)[:, None]
+
+        def numbers(name: str) -> Any:
+            return arrays.asarray([getattr(one, name) for one in each], **placement)
+
+        table = np.array([policy.table() for policy in each])
+        self._table = arrays.asarray(table, **placement)
+        self._policy = {
+            field.name: numbers(field.name)
+            for field in fields(WalkingPolicy)
+            if isinstance(getattr(each[0], field.name), float)
+        }
+        stiffness = np.array([policy.stiffness[0] for policy in each])
+        self._hip = arrays.asarray(stiffness, **placement)
+        self._legs = arrays.asarray([[0.0, 1.0]], **placement)
+        self.step = arrays.zeros(worlds, **placement)
+        self.lead = arrays.zeros(worlds, **placement)
+        self.struck = self.lead > 1.0
+
+    @property
+    def phase(self) -> Any:
+        """Phase of the gait cycle of the legs (worlds, legs), 0 at heel strike."""
+        return 0.5 * self.step[:, None] + 0.5 * (1.0 - self._leads())
+
+    def _leads(self) -> Any:
+        """Return 1 for the leg whose foot struck last, else 0 (worlds, legs)."""
+        return 1.0 - abs(self._legs - self.lead[:, None])
+
+    def act(self, senses: Senses, period: float) -> Any:
+        """Return the control of the muscles (worlds, legs, joints) [N m].
+
+        Muscles give the control less K angle + D rate.
+
+        Args:
+            senses: of the present.
+            period: time since the last call [s].
+        """
+        arrays, policy = self._arrays, self._policy
+        swinging = 1.0 - self._leads()
+        self.step = self.step + 2.0 * period / policy["stride_time"]
+        landed = arrays.sum(swinging * senses.load, 1) > TOUCH
+        self.struck = (self.step > EARLIEST_STRIKE) & landed
+        self.step = arrays.where(self.struck, 0.0 * self.step, self.step)
+        self.step = arrays.clip(self.step, None, 0.999)
+        self.lead = arrays.where(self.struck, 1.0 - self.lead, self.lead)
+        leads = self._leads()
+        swinging = 1.0 - leads
+        rows = arrays.asarray(self.phase * _ROWS, dtype=arrays.int64)
+        row = self._table[self._world, rows]
+        lean = (
+            policy["trunk_stiffness"] * (senses.pitch - policy["trunk_pitch"])
+            + policy["trunk_damping"] * senses.pitch_rate
+        )
+        thigh = senses.angles[:, :, 0] - senses.pitch[:, None]
+        shank = thigh + senses.angles[:, :, 1]
+        behind = _THIGH * arrays.sin(thigh) + _SHANK * arrays.sin(shank)
+        ahead = -arrays.sum(leads * behind, 1)
+        missing = policy["speed"] - senses.speed
+        place = policy["foot_gain"] * ahead * self.step - policy["speed_gain"] * missing
+        place = self._hip * place * arrays.clip(3.0 * self.step, None, 1.0)
+        hip = row[:, :, 0] - arrays.clip(senses.load, None, 1.0) * lean[:, None]
+        hip = hip + swinging * place[:, None]
+        push = arrays.clip(policy["push_gain"] * missing, -0.5, 1.0)
+        ankle = row[:, :, 2] + row[:, :, 3] * push[:, None]
+        return arrays.stack((hip, row[:, :, 1], ankle), 2)

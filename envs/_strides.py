@@ -1,0 +1,128 @@
+"""Strides of a walking person: lengths, times and work.
+
+Work is that of the torques of the person's joints, without passive damping and stops;
+positive and negative power are added separately, by joint. The metabolic energy is an
+estimate from it, positive work over 0.25 and negative work over 1.2, efficiencies of
+muscles in walking by R. Margaria, "Positive and negative work performances and their
+efficiencies in human locomotion", Int. Z. angew. Physiol. 25, 1968. Work that muscles
+of one joint do against each other, and that of holding, are not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+POSITIVE_EFFICIENCY, NEGATIVE_EFFICIENCY = 0.25, 1.2
+"""Work of muscles over the energy that they take [-]."""
+
+
+class Stride(NamedTuple):
+    """A stride, from a strike of the right heel to the next."""
+
+    time: float
+    """Duration [s]."""
+    length: float
+    """Way of the right heel [m]."""
+    step_time: Array
+    """Time from the other foot's strike to that of the right, left foot (2,) [s]."""
+    step_length: Array
+    """Distance from the other heel at the strike of the right, left foot (2,) [m]."""
+    positive_work: Array
+    """Positive work of the person (legs, joints) [J]."""
+    negative_work: Array
+    """Negative work of the person (legs, joints), at most 0 [J]."""
+    assistance: Array
+    """Work of the ropes on the ankles (legs,) [J]."""
+    motors: Array
+    """Positive work of the motors (legs,) [J]."""
+
+    @property
+    def metabolic_power(self) -> float:
+        """Estimate of the metabolic power of walking, above that of standing [W]."""
+        energy = metabolic_energy(self.positive_work.sum(), self.negative_work.sum())
+        return energy / self.time
+
+
+def metabolic_energy(positive: float, negative: float) -> float:
+    """Return the estimate of the energy [J] that positive and negative work take."""
+    return float(positive / POSITIVE_EFFICIENCY - negative / NEGATIVE_EFFICIENCY)
+
+
+def mean_stride(strides: Sequence[Stride]) -> Stride:
+    """Return the mean of strides, field by field."""
+    return Stride(*(np.mean(values, axis=0) for values in zip(*strides, strict=True)))
+
+
+class StrideMeter:
+    """Sum up work from strike to strike.
+
+    Attributes:
+        strides: that are complete.
+    """
+
+    def __init__(self) -> None:
+        """Begin before the first strike."""
+        self.strides: list[Stride] = []
+        self._begun: tuple[float, float] | None = None
+        self._struck = np.full(2, np.nan)
+        self._steps = np.full((2, 2), np.nan)  # time and length, by leg
+        self._clear()
+
+    def _clear(self) -> None:
+        self._work = np.zeros((2, 2, 3))
+        self._ropes, self._motors = np.zeros(2), np.zeros(2)
+
+    def add(self, person: Array, ropes: Array, motors: Array, period: float) -> None:
+        """Add power of a time step.
+
+        Args:
+            person: of the person's joints (legs, joints) [W].
+            ropes: of the ropes on the ankles (legs,) [W].
+            motors: of the motors (legs,) [W].
+            period: duration of the time step [s].
+        """
+        self._work[0] += period * np.maximum(person, 0.0)
+        self._work[1] += period * np.minimum(person, 0.0)
+        self._ropes += period * ropes
+        self._motors += period * np.maximum(motors, 0.0)
+
+    def strike(self, leg: int, time: float, heels: Array) -> None:
+        """Take note of a foot that strikes the ground.
+
+        Args:
+            leg: 0 for the right one.
+            time: of the strike [s].
+            heels: positions of the heels along the way (legs,) [m].
+        """
+        self._steps[:, leg] = (
+            time - self._struck[1 - leg],
+            heels[leg] - heels[1 - leg],
+        )
+        self._struck[leg] = time
+        if leg:
+            return
+        position = float(heels[0])
+        if self._begun is not None and np.isfinite(self._steps).all():
+            begin, place = self._begun
+            times, lengths = self._steps.copy()
+            positive, negative = self._work
+            self.strides.append(
+                Stride(
+                    time - begin,
+                    position - place,
+                    times,
+                    lengths,
+                    positive,
+                    negative,
+                    self._ropes,
+                    self._motors,
+                )
+            )
+        self._begun = (time, position)
+        self._clear()

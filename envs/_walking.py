@@ -1,0 +1,323 @@
+"""A person who walks on the ground, with an ankle exoskeleton on each leg."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import Cable
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import Profile, Task, WalkingController, WalkingPolicy
+from cc_mujoco.plugin import settle
+
+from ._render import Camera, Film, check_mode
+from ._strides import Stride, StrideMeter, metabolic_energy
+from ._walking_body import MUSCLE_PERIOD, POLICY, WalkingBody
+from ._walking_ropes import (
+    CABLE,
+    DRUM,
+    MOTOR_TORQUE,
+    TRANSMISSIONS,
+    Ropes,
+    walking_model,
+)
+
+Array = NDArray[np.float64]
+
+_BINS = 50
+"""Parts of the gait cycle for each of which the person expects a torque."""
+_LEARNING_RATE = 0.3
+"""Part of the difference that the person learns with every stride, assumed."""
+_LEAST_HELP = 0.5
+"""Desired torque below which a motor follows the ankle [N m]."""
+PUSH_OFF = Profile(onset=46.0, peak_time=56.0, fall=6.0)
+"""Help of 30 N m while the ankle of the person who ships plantarflexes. Help that
+begins earlier, while the ankle still yields, gives it no work."""
+
+
+class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
+    """A person who walks on the ground, with an ankle exoskeleton on each leg.
+
+    The person is planar: the trunk cannot roll, yaw or move sideways. Nothing else
+    holds it. Feet touch the ground in two contacts each, and a policy that was trained
+    by evolution (`WalkingPolicy`, `scripts/train_walking.py`) moves hips, knees and
+    ankles and keeps the balance.
+
+    People keep the whole torque of the ankle much as it was when an exoskeleton helps,
+    and give less of it themselves (P.-C. Kao, C. L. Lewis, D. P. Ferris, "Invariant
+    ankle moment patterns when walking with and without a robotic ankle exoskeleton",
+    J. Biomechanics 43, 2010). So the person expects, for every part of the gait cycle,
+    the torque that the rope gave there, learnt from stride to stride, and subtracts
+    `adaptation` times as much. With `adaptation=0` the help comes on top.
+
+    ## Actions
+
+    `Box(-1, 1, (2,), float32)`: torque of the right and the left motor over 15 N m.
+    Positive winds the rope, which only pulls: 1 is 600 N, about 70 N m at the ankle.
+    An action is held for 4 ms. `assistance()` makes the action of a desired torque.
+
+    ## Observations
+
+    `Box(-10, 10, (16,), float32)`, for the right leg and then the left:
+
+    | | observation | counts as 1 |
+    |-|-------------|-------------|
+    | 0, 1 | sine and cosine of the phase of the gait | 1 |
+    | 2 | angle of the ankle | 0.2 rad |
+    | 3 | velocity of the ankle | 2 rad/s |
+    | 4 | rope that the drum has wound, less what the ankle has left | 20 mm |
+    | 5 | velocity of the motor | 5 rad/s |
+    | 6 | tension at the motor | 300 N |
+    | 7 | force of the ground on the foot | weight of the body |
+
+    ## Reward
+
+    Per second `reward_alive` = 1, `reward_person` = -P / 500 W with the metabolic power
+    P estimated from the person's joints (`cc_mujoco.envs._strides`), `reward_effort` =
+    -0.05 mean(a^2) with the action a; a fall costs 10.
+
+    ## Info
+
+    `time_s`, `position_m`, `speed_m_s`, `trunk_pitch_rad`; by leg, right first,
+    `phase`, `ground_n`, `tension_motor_n`, `tension_heel_n`, `assistance_nm`
+    (plantarflexion is negative); by leg and joint `joint_angle_rad`,
+    `joint_velocity_rad_s`, `person_torque_nm`; `strides`, the number of complete ones,
+    whose measures are in
+    `strides` of the unwrapped environment, see `Stride`.
+
+    ## Start and end
+
+    The person starts in the swing of the left leg, at a random part of it, at the speed
+    of the policy. A fall terminates the episode, `duration` truncates it.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |----------|---------|---------|
+    | `transmission` | `"cable"` | a key of `TRANSMISSIONS` |
+    | `cable` | `CABLE` | cable of each leg, with fixed bends |
+    | `adaptation` | 1 | part of the expected help that the person leaves out |
+    | `policy` | ships | a `WalkingPolicy` or its file |
+    | `duration` | 20 | length of an episode [s] |
+    | `render_mode` | `None` | `None` or `"rgb_array"` |
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1 / MUSCLE_PERIOD),
+    }
+
+    def __init__(
+        self,
+        transmission: str = "cable",
+        cable: Cable = CABLE,
+        adaptation: float = 1.0,
+        policy: str | Path | WalkingPolicy = POLICY,
+        duration: float = 20.0,
+        render_mode: str | None = None,
+    ) -> None:
+        """Load the scene; see the class for the arguments."""
+        EzPickle.__init__(
+            self, transmission, cable, adaptation, policy, duration, render_mode
+        )
+        check_mode(render_mode, self.metadata["render_modes"])
+        look_up("transmission", transmission, TRANSMISSIONS)
+        if not 0.0 <= adaptation <= 1.0:
+            raise CableError(f"adaptation is {adaptation!r}; it must be in [0, 1].")
+        if not duration >= MUSCLE_PERIOD:
+            raise CableError(
+                f"duration is {duration!r} s; it must be at least {MUSCLE_PERIOD} s."
+            )
+        self.transmission, self.adaptation = transmission, adaptation
+        self.duration, self.render_mode = duration, render_mode
+        if not isinstance(policy, WalkingPolicy):
+            policy = WalkingPolicy.read(policy)
+        self.policy = policy
+        self.model = walking_model(transmission, cable)
+        self.data = mujoco.MjData(self.model)
+        self.body = WalkingBody(self.model)
+        self.body.set_muscles(self.model, policy)
+        self._substeps = round(MUSCLE_PERIOD / self.model.opt.timestep)
+        self._ropes = Ropes(self.model, transmission)
+        high = np.float32(10.0)
+        self.observation_space = gymnasium.spaces.Box(-high, high, (16,))
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
+        self._camera: Camera | None = None
+        self._film = Film(MUSCLE_PERIOD)
+        self._begin(0.25)
+
+    def _begin(self, step: float) -> None:
+        """Start a walk in a part of a right step."""
+        model, data = self.model, self.data
+        self.body.start(model, data, self.policy, step)
+        self._ropes.start(data)
+        settle(model, data)
+        self.person = WalkingController(self.policy, 1, dtype=np.float64)
+        self.person.step[:] = step
+        self._meter = StrideMeter()
+        self._expected = np.zeros((2, _BINS))
+        self._felt, self._felt_count = np.zeros((2, _BINS)), np.zeros((2, _BINS))
+        self._sample = 0
+        self._film.cut()
+
+    @property
+    def strides(self) -> list[Stride]:
+        """Complete strides of this episode."""
+        return self._meter.strides
+
+    @property
+    def phase(self) -> Array:
+        """Phase of the gait cycle of the legs (2,), 0 at heel strike."""
+        phase: Array = self.person.phase[0]
+        return phase
+
+    def assistance(self, task: Task | None = None) -> NDArray[np.float32]:
+        """Return the action that gives a desired torque if nothing is lost.
+
+        In phases without help each motor follows its ankle with a slack rope.
+
+        Args:
+            task: desired torque of the ankle by phase, `PUSH_OFF` by default.
+        """
+        task = PUSH_OFF if task is None else task
+        desired = np.array([task.torque(0.0, 0.0, phase) for phase in self.phase])
+        torque = np.maximum(-desired, 0.0) * DRUM / self._ropes.arms(self.data)
+        following = self._ropes.follow(self.data)
+        torque = np.where(-desired > _LEAST_HELP, torque, following)
+        share = np.clip(torque / MOTOR_TORQUE, -1.0, 1.0)
+        return np.asarray(share, np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: of the part of the step in which the person starts.
+            options: none.
+        """
+        super().reset(seed=seed)
+        self._begin(float(self.np_random.uniform(0.1, 0.4)))
+        return self._observation(), self._info(0.0, 0.0, 0.0)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Advance 4 ms with torques of the motors.
+
+        Raises:
+            CableError: If the action is not of shape (2,) and finite.
+        """
+        given = np.asarray(action, np.float64)
+        if given.shape != (2,) or not np.isfinite(given).all():
+            raise CableError(f"an action is two finite numbers, not {action!r}.")
+        given = np.clip(given, -1.0, 1.0)
+        data, body = self.data, self.body
+        control = self.person.act(body.senses([data]), MUSCLE_PERIOD)[0]
+        if self.person.struck[0]:
+            self._strike(int(self.person.lead[0]))
+        bins = (self.phase * _BINS).astype(int)
+        control[:, 2] -= self.adaptation * self._expected[(0, 1), bins]
+        data.ctrl[body.muscles] = control
+        self._ropes.command(data, given * MOTOR_TORQUE)
+        energy = 0.0
+        period = self.model.opt.timestep
+        ankles = body.dof[:, 2]
+        for _ in range(self._substeps):
+            mujoco.mj_step(self.model, data)
+            power = data.actuator_force[body.muscles] * data.qvel[body.dof]
+            help_ = self._help()
+            motors = self._ropes.motor_power(data)
+            self._meter.add(power, help_ * data.qvel[ankles], motors, period)
+            energy += period * metabolic_energy(
+                np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
+            )
+        self._felt[(0, 1), bins] += self._help()
+        self._felt_count[(0, 1), bins] += 1
+        self._sample += 1
+        fallen = body.has_fallen(data) or bool(data.warning.number.any())
+        terms = (
+            MUSCLE_PERIOD - 10.0 * fallen,
+            -energy / 500.0,
+            -0.05 * MUSCLE_PERIOD * float(np.mean(given**2)),
+        )
+        over = self._sample * MUSCLE_PERIOD >= self.duration - 1e-9
+        return self._observation(), sum(terms), fallen, over, self._info(*terms)
+
+    def _help(self) -> Array:
+        """Return the torques of the ropes on the ankles (2,) [N m]."""
+        ankles, data = self.body.dof[:, 2], self.data
+        own = data.actuator_force[self.body.muscles[:, 2]]
+        torque: Array = data.qfrc_actuator[ankles] - own
+        return torque
+
+    def _strike(self, leg: int) -> None:
+        """Measure a strike, and learn from the stride that ends with it."""
+        data = self.data
+        self._meter.strike(leg, data.time, data.geom_xpos[self.body.heels, 0])
+        seen = self._felt_count[leg] > 0
+        mean = self._felt[leg, seen] / self._felt_count[leg, seen]
+        self._expected[leg, seen] += _LEARNING_RATE * (mean - self._expected[leg, seen])
+        self._felt[leg], self._felt_count[leg] = 0.0, 0.0
+
+    def _observation(self) -> NDArray[np.float32]:
+        data, body = self.data, self.body
+        turn = 2 * np.pi * self.phase
+        frame = np.stack(
+            (
+                np.sin(turn),
+                np.cos(turn),
+                data.qpos[body.qpos[:, 2]] / 0.2,
+                data.qvel[body.dof[:, 2]] / 2.0,
+                self._ropes.wound(data) / 0.02,
+                data.qvel[self._ropes.dof] / 5.0,
+                self._ropes.tensions(data)[0] / 300.0,
+                body.senses([data]).load[0],
+            ),
+            axis=1,
+        )
+        return np.asarray(np.clip(frame.ravel(), -10.0, 10.0), np.float32)
+
+    def _info(self, alive: float, person: float, effort: float) -> dict[str, Any]:
+        data, body = self.data, self.body
+        senses = body.senses([data])
+        motor, heel = self._ropes.tensions(data)
+        return {
+            "time_s": float(data.time),
+            "position_m": body.position(data),
+            "speed_m_s": float(senses.speed[0]),
+            "trunk_pitch_rad": float(senses.pitch[0]),
+            "phase": self.phase.copy(),
+            "ground_n": senses.load[0] * body.weight,
+            "tension_motor_n": motor,
+            "tension_heel_n": heel,
+            "assistance_nm": self._help(),
+            "joint_angle_rad": senses.angles[0],
+            "joint_velocity_rad_s": data.qvel[body.dof],
+            "person_torque_nm": data.actuator_force[body.muscles],
+            "strides": len(self.strides),
+            "reward_alive": alive,
+            "reward_person": person,
+            "reward_effort": effort,
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture of the person, (height, width, 3), in mode `rgb_array`."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.model)
+        return self._film.picture(self._camera, self.data.qpos, self._sample)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None

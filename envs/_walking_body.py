@@ -1,0 +1,112 @@
+"""The legs of the walking scene in MuJoCo: senses, muscles and starting pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import assets
+from cc_mujoco.human import WalkingPolicy
+from cc_mujoco.human._walking_policy import WALKING_JOINTS, WALKING_SIDES, Senses
+
+Array = NDArray[np.float64]
+
+FOLDER = Path(assets.__file__).resolve().parent / "walking"
+"""Folder of the scene and of the policy that ships."""
+SCENE = FOLDER / "level_ground.xml"
+POLICY = FOLDER / "policy.safetensors"
+MUSCLE_PERIOD = 0.004
+"""Time between two commands of the policy [s]."""
+_GRAVITY = 9.81
+_LOADS = tuple(
+    f"{side}_{part}_load" for side in WALKING_SIDES for part in ("heel", "ball")
+)
+_MAX_PITCH = 0.7
+"""Pitch of a trunk that falls [rad]."""
+_MAX_DROP = 0.25
+"""Change of the hips' height of a person who falls [m]."""
+
+
+class WalkingBody:
+    """Addresses of legs and muscles in a compiled model.
+
+    Attributes:
+        qpos: addresses of the joints' angles (legs, joints).
+        dof: addresses of their velocities (legs, joints).
+        muscles: their actuators (legs, joints).
+        heels: geoms of the heels (legs,).
+        weight: of the whole body [N].
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Look the names up."""
+        names = [
+            [f"{side}_{part}" for part in WALKING_JOINTS] for side in WALKING_SIDES
+        ]
+        self.qpos = np.array(
+            [[model.joint(n).qposadr[0] for n in leg] for leg in names]
+        )
+        self.dof = np.array([[model.joint(n).dofadr[0] for n in leg] for leg in names])
+        self.muscles = np.array([[model.actuator(n).id for n in leg] for leg in names])
+        self.heels = np.array([model.geom(f"{side}_heel").id for side in WALKING_SIDES])
+        self._soles = [
+            model.geom(f"{side}_{part}").id
+            for side in WALKING_SIDES
+            for part in ("heel", "ball")
+        ]
+        self._loads = np.array([model.sensor(name).adr[0] for name in _LOADS])
+        self._forward, self._height, self._pitch = (
+            int(model.joint(name).qposadr[0]) for name in ("forward", "height", "pitch")
+        )
+        self.weight = float(model.body_mass.sum()) * _GRAVITY
+
+    def set_muscles(self, model: mujoco.MjModel, policy: WalkingPolicy) -> None:
+        """Give the muscles the stiffness and damping of a policy."""
+        model.actuator_biasprm[self.muscles, 1] = -policy.stiffness
+        model.actuator_biasprm[self.muscles, 2] = -policy.damping
+
+    def start(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        policy: WalkingPolicy,
+        step: float,
+    ) -> None:
+        """Put the person into the pose and at the speed of a part of a right step."""
+        mujoco.mj_resetData(model, data)
+        phase = np.array([0.5 * step, 0.5 + 0.5 * step])
+        angles, rates, _ = policy.desired(phase)
+        data.qpos[self.qpos], data.qvel[self.dof] = angles, rates
+        data.qvel[self._forward] = policy.speed
+        data.qpos[self._pitch] = policy.trunk_pitch
+        mujoco.mj_kinematics(model, data)
+        lowest = (
+            data.geom_xpos[self._soles, 2] - model.geom_size[self._soles, 0]
+        ).min()
+        data.qpos[self._height] -= lowest
+
+    def senses(self, each: Sequence[mujoco.MjData]) -> Senses:
+        """Return what the persons in some data feel."""
+        qpos = np.array([data.qpos for data in each])
+        qvel = np.array([data.qvel for data in each])
+        loads = np.array([data.sensordata[self._loads] for data in each])
+        return Senses(
+            qpos[:, self.qpos],
+            qpos[:, self._pitch],
+            qvel[:, self._pitch],
+            qvel[:, self._forward],
+            loads.reshape(len(each), 2, 2).sum(axis=2) / self.weight,
+        )
+
+    def has_fallen(self, data: mujoco.MjData) -> bool:
+        """Return whether the person cannot go on."""
+        drop, pitch = data.qpos[self._height], data.qpos[self._pitch]
+        return not (abs(drop) < _MAX_DROP and abs(pitch) < _MAX_PITCH)
+
+    def position(self, data: mujoco.MjData) -> float:
+        """Return the way that the hips have gone [m]."""
+        return float(data.qpos[self._forward])

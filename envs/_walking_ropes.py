@@ -1,0 +1,171 @@
+"""Ropes and motors of the ankle exoskeletons of a walking person."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._walking_policy import WALKING_SIDES
+from cc_mujoco.plugin import add_cable
+
+from ._walking_body import SCENE
+
+Array = NDArray[np.float64]
+
+DRUM = 0.025
+"""Radius of the drums [m]."""
+MOTOR_TORQUE = 15.0
+"""Largest torque of a motor, as of the heel's in the scene `bilateral` [N m]."""
+CABLE = Cable(
+    axial_stiffness=20e3,
+    pretension=5.0,
+    friction=0.1,
+    segments=16,
+    conduit=(Section(0.72, 0.45),),
+)
+"""Rope and conduit of the heel in the scene `bilateral`, at 1.6 rad of wrap."""
+TRANSMISSIONS = {
+    "cable": "through a conduit",
+    "ideal": "without friction, stretch or inertia",
+    "none": "not at all: the ropes are unhooked",
+}
+"""Ways in which the motors pull at the heel levers."""
+_SLACK = 0.005
+"""Rope that hangs while a motor follows the ankle [m]."""
+_FOLLOWING = (8.0, 0.3)
+"""Stiffness [N m/rad] and damping [N m s/rad] of a motor that follows."""
+_PLACED = ("conduit", "route", "path", "mouth", "guides")
+"""Fields of a cable that follow from where it lies in the scene."""
+
+
+def walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
+    """Return the scene with the motors, and what joins them to the heel levers."""
+    if cable.path != "guided" or cable.bend != "fixed":
+        raise CableError(
+            "the cable of a walking person is guided and has fixed bends; leave `path` "
+            "and `bend` as they are."
+        )
+    numbers = {
+        field.name: getattr(cable, field.name)
+        for field in dataclasses.fields(cable)
+        if field.name not in _PLACED
+    }
+    spec = mujoco.MjSpec.from_file(str(SCENE))
+    for side in WALKING_SIDES:
+        if transmission == "cable":
+            add_cable(
+                spec,
+                f"{side}_cable",
+                motor=f"{side}_motor",
+                joint=f"{side}_ankle",
+                drum=DRUM,
+                lever=f"{side}_lever",
+                route=[f"{side}_conduit_end"],
+                conduit=[(one.length, one.radius) for one in cable.conduit],
+                **numbers,
+            )
+            spec.add_actuator(
+                name=f"{side}_drive",
+                target=f"{side}_motor",
+                trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            )
+        if transmission == "ideal":
+            spec.add_actuator(
+                name=f"{side}_drive",
+                target=f"{side}_rope",
+                trntype=mujoco.mjtTrn.mjTRN_TENDON,
+                gear=[-1.0, 0, 0, 0, 0, 0],
+            )
+    return spec.compile()
+
+
+class Ropes:
+    """Ropes of both legs and their motors, by the way they are joined.
+
+    Attributes:
+        dof: addresses of the motors' velocities (legs,).
+    """
+
+    def __init__(self, model: mujoco.MjModel, transmission: str) -> None:
+        """Look the names up."""
+        self._cabled = transmission == "cable"
+        self._hooked = transmission != "none"
+        self._ropes = np.array([model.tendon(f"{s}_rope").id for s in WALKING_SIDES])
+        motors = [model.joint(f"{side}_motor") for side in WALKING_SIDES]
+        self._qpos = np.array([joint.qposadr[0] for joint in motors])
+        self.dof = np.array([joint.dofadr[0] for joint in motors])
+        self._sites = [
+            [model.site(f"{side}_{name}").id for side in WALKING_SIDES]
+            for name in ("conduit_end", "lever")
+        ]
+        self._feet = [model.body(f"{side}_foot").id for side in WALKING_SIDES]
+        if self._hooked:
+            self._drives = [model.actuator(f"{s}_drive").id for s in WALKING_SIDES]
+        if self._cabled:
+            self._ends = [
+                [model.actuator(f"{side}_cable_{end}").id for side in WALKING_SIDES]
+                for end in ("proximal", "distal")
+            ]
+        self._length = model.tendon_length0[self._ropes]
+
+    def start(self, data: mujoco.MjData) -> None:
+        """Wind the drums to where the pose leaves the pretension."""
+        mujoco.mj_fwdPosition(data.model, data)
+        data.qpos[self._qpos] = (self._length - data.ten_length[self._ropes]) / DRUM
+
+    def command(self, data: mujoco.MjData, torque: Array) -> None:
+        """Give torques of the motors (2,) [N m]."""
+        if self._cabled:
+            data.ctrl[self._drives] = torque
+        elif self._hooked:
+            data.ctrl[self._drives] = np.maximum(torque, 0.0) / DRUM
+
+    def tensions(self, data: mujoco.MjData) -> Array:
+        """Return tensions at motors and heels (2, legs) [N]."""
+        if self._cabled:
+            ends: Array = np.abs(data.actuator_force[self._ends])
+            return ends
+        if self._hooked:
+            return np.tile(data.actuator_force[self._drives], (2, 1))
+        return np.zeros((2, 2))
+
+    def motor_power(self, data: mujoco.MjData) -> Array:
+        """Return the power of the motors (2,) [W]."""
+        if self._cabled:
+            power: Array = data.actuator_force[self._drives] * data.qvel[self.dof]
+            return power
+        if self._hooked:
+            pull: Array = data.actuator_force[self._drives]
+            pulled: Array = -pull * data.ten_velocity[self._ropes]
+            return pulled
+        return np.zeros(2)
+
+    def wound(self, data: mujoco.MjData) -> Array:
+        """Return the rope on the drums less what the ankles have left (2,) [m]."""
+        left = self._length - data.ten_length[self._ropes]
+        wound: Array = DRUM * data.qpos[self._qpos] - left
+        return wound if self._cabled else np.zeros(2)
+
+    def follow(self, data: mujoco.MjData) -> Array:
+        """Return torques of motors that follow with slack ropes (2,) [N m]."""
+        if not self._cabled:
+            return np.zeros(2)
+        stiffness, damping = _FOLLOWING
+        apart = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
+        torque: Array = -stiffness * (self.wound(data) + _SLACK) / DRUM
+        torque -= damping * apart
+        return torque
+
+    def arms(self, data: mujoco.MjData) -> Array:
+        """Return the lever arms of the ropes at the ankles (2,) [m]."""
+        end, lever = (data.site_xpos[sites][:, (0, 2)] for sites in self._sites)
+        rope = lever - end
+        rope /= np.linalg.norm(rope, axis=1, keepdims=True)
+        offset = lever - data.xpos[self._feet][:, (0, 2)]
+        arm: Array = rope[:, 1] * offset[:, 0] - rope[:, 0] * offset[:, 1]
+        return np.abs(arm)

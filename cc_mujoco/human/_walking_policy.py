@@ -121,7 +121,7 @@ class WalkingPolicy:
 
 
 class Senses(NamedTuple):
-    """What the person feels; arrays of NumPy or PyTorch."""
+    """Feelings of the person: arrays of NumPy or PyTorch."""
 
     angles: Any
     """Angles of the joints (worlds, legs, joints) [rad]."""

@@ -1,11 +1,7 @@
 """Strides of a walking person: lengths, times and work.
 
 Work is that of the torques of the person's joints, without passive damping and stops;
-positive and negative power are added separately, by joint. The metabolic energy is an
-estimate from it, positive work over 0.25 and negative work over 1.2, efficiencies of
-muscles in walking by R. Margaria, "Positive and negative work performances and their
-efficiencies in human locomotion", Int. Z. angew. Physiol. 25, 1968. Work that muscles
-of one joint do against each other, and that of holding, are not in it.
+positive and negative power are added separately, by joint.
 """
 
 from __future__ import annotations
@@ -16,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cc_mujoco.human._work import metabolic_energy
 
-POSITIVE_EFFICIENCY, NEGATIVE_EFFICIENCY = 0.25, 1.2
-"""Work of muscles over the energy that they take [-]."""
+Array = NDArray[np.float64]
 
 
 class Stride(NamedTuple):
@@ -46,12 +41,7 @@ class Stride(NamedTuple):
     def metabolic_power(self) -> float:
         """Estimate of the metabolic power of walking, above that of standing [W]."""
         energy = metabolic_energy(self.positive_work.sum(), self.negative_work.sum())
-        return energy / self.time
-
-
-def metabolic_energy(positive: float, negative: float) -> float:
-    """Return the estimate of the energy [J] that positive and negative work take."""
-    return float(positive / POSITIVE_EFFICIENCY - negative / NEGATIVE_EFFICIENCY)
+        return float(energy / self.time)
 
 
 def mean_stride(strides: Sequence[Stride]) -> Stride:

@@ -14,26 +14,18 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Profile, Task, WalkingController, WalkingPolicy
+from cc_mujoco.human._walking_body import POLICY, WalkingBody
+from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, ExpectedHelp
+from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE
+from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.plugin import settle
 
 from ._render import Camera, Film, check_mode
-from ._strides import Stride, StrideMeter, metabolic_energy
-from ._walking_body import MUSCLE_PERIOD, POLICY, WalkingBody
-from ._walking_ropes import (
-    CABLE,
-    DRUM,
-    MOTOR_TORQUE,
-    TRANSMISSIONS,
-    Ropes,
-    walking_model,
-)
+from ._strides import Stride, StrideMeter
+from ._walking_ropes import TRANSMISSIONS, Ropes, walking_model
 
 Array = NDArray[np.float64]
 
-_BINS = 50
-"""Parts of the gait cycle for each of which the person expects a torque."""
-_LEARNING_RATE = 0.3
-"""Part of the difference that the person learns with every stride, assumed."""
 _LEAST_HELP = 0.5
 """Desired torque below which a motor follows the ankle [N m]."""
 PUSH_OFF = Profile(onset=46.0, peak_time=56.0, fall=6.0)
@@ -79,7 +71,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     ## Reward
 
     Per second `reward_alive` = 1, `reward_person` = -P / 500 W with the metabolic power
-    P estimated from the person's joints (`cc_mujoco.envs._strides`), `reward_effort` =
+    P estimated from the person's joints (`cc_mujoco.human._work`), `reward_effort` =
     -0.05 mean(a^2) with the action a; a fall costs 10.
 
     ## Info
@@ -161,8 +153,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         self.person = WalkingController(self.policy, 1, dtype=np.float64)
         self.person.step[:] = step
         self._meter = StrideMeter()
-        self._expected = np.zeros((2, _BINS))
-        self._felt, self._felt_count = np.zeros((2, _BINS)), np.zeros((2, _BINS))
+        self._expected = ExpectedHelp(1, dtype=np.float64)
         self._sample = 0
         self._film.cut()
 
@@ -221,9 +212,11 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         data, body = self.data, self.body
         control = self.person.act(body.senses([data]), MUSCLE_PERIOD)[0]
         if self.person.struck[0]:
-            self._strike(int(self.person.lead[0]))
-        bins = (self.phase * _BINS).astype(int)
-        control[:, 2] -= self.adaptation * self._expected[(0, 1), bins]
+            heels = data.geom_xpos[body.heels, 0]
+            self._meter.strike(int(self.person.lead[0]), data.time, heels)
+            self._expected.learn(self.person.ended)
+        phase = self.person.phase
+        control[:, 2] -= self.adaptation * self._expected.at(phase)[0]
         data.ctrl[body.muscles] = control
         self._ropes.command(data, given * MOTOR_TORQUE)
         energy = 0.0
@@ -238,8 +231,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             energy += period * metabolic_energy(
                 np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
             )
-        self._felt[(0, 1), bins] += self._help()
-        self._felt_count[(0, 1), bins] += 1
+        self._expected.feel(phase, self._help()[None])
         self._sample += 1
         fallen = body.has_fallen(data) or bool(data.warning.number.any())
         terms = (
@@ -256,15 +248,6 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         own = data.actuator_force[self.body.muscles[:, 2]]
         torque: Array = data.qfrc_actuator[ankles] - own
         return torque
-
-    def _strike(self, leg: int) -> None:
-        """Measure a strike, and learn from the stride that ends with it."""
-        data = self.data
-        self._meter.strike(leg, data.time, data.geom_xpos[self.body.heels, 0])
-        seen = self._felt_count[leg] > 0
-        mean = self._felt[leg, seen] / self._felt_count[leg, seen]
-        self._expected[leg, seen] += _LEARNING_RATE * (mean - self._expected[leg, seen])
-        self._felt[leg], self._felt_count[leg] = 0.0, 0.0
 
     def _observation(self) -> NDArray[np.float32]:
         data, body = self.data, self.body

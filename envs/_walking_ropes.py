@@ -8,27 +8,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable import Cable, Section
+from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
+from cc_mujoco.human._walking_body import SCENE
 from cc_mujoco.human._walking_policy import WALKING_SIDES
+from cc_mujoco.human._walking_rig import DRUM
 from cc_mujoco.plugin import add_cable
-
-from ._walking_body import SCENE
 
 Array = NDArray[np.float64]
 
-DRUM = 0.025
-"""Radius of the drums [m]."""
-MOTOR_TORQUE = 15.0
-"""Largest torque of a motor, as of the heel's in the scene `bilateral` [N m]."""
-CABLE = Cable(
-    axial_stiffness=20e3,
-    pretension=5.0,
-    friction=0.1,
-    segments=16,
-    conduit=(Section(0.72, 0.45),),
-)
-"""Rope and conduit of the heel in the scene `bilateral`, at 1.6 rad of wrap."""
 TRANSMISSIONS = {
     "cable": "through a conduit",
     "ideal": "without friction, stretch or inertia",

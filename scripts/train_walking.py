@@ -7,7 +7,8 @@ arXiv:1604.00772) over the numbers of a `WalkingPolicy`, from the joint angles a
 torques of a measured walk. At first a harness holds the trunk, by springs that yield
 as soon as the median candidate stays on its feet, and are gone before the end. Then
 pushes at the trunk begin. Reward per second is 1 less the costs of joint angles other
-than the measured ones, of speed, of the trunk's pitch, and of torque; a fall ends it.
+than the measured ones, of speed, of the trunk's pitch, of torque and of the metabolic
+power that the joints' work takes; a fall ends it.
 Progress is printed, and the mean of the search is written as a policy, every ten
 generations; with them OUT.npz, from which `--resume` goes on.
 """
@@ -26,10 +27,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.envs._walking_body import MUSCLE_PERIOD, SCENE, WalkingBody
 from cc_mujoco.human import WalkingController, WalkingPolicy
 from cc_mujoco.human import _gait_table as gait
 from cc_mujoco.human._gait import GAIT_ANGLES
+from cc_mujoco.human._walking_body import SCENE, WalkingBody
+from cc_mujoco.human._walking_policy import MUSCLE_PERIOD
+from cc_mujoco.human._work import metabolic_energy
 
 Array = NDArray[np.float64]
 
@@ -72,6 +75,7 @@ TERMS = {"trunk_pitch": 0.1, "speed_gain": 0.15, "foot_gain": 0.3, "push_gain": 
 SERIES = {"angles": 0.06, "torques": 10.0}
 """Series to whose first terms it adds, likewise [rad], [N m]."""
 HARMONICS = 3
+SIGNS = (np.maximum, np.minimum)
 _STATE = ("mean", "spread", "covariance", "path", "step_path", "generation")
 """Attributes of a search that its state has."""
 
@@ -206,7 +210,7 @@ def walk(
         force = sum(f for begin, f in pushes if begin <= now < begin + PUSH_TIME)
         missing = senses.speed - STARTING.speed
         apart = senses.angles - measured[(person.phase * 512).astype(int)]
-        torque = np.zeros(len(each))
+        torque, power = np.zeros((2, len(each)))
         for k in np.flatnonzero(alive):
             data = each[k]
             data.ctrl[body.muscles] = control[k]
@@ -216,13 +220,17 @@ def walk(
                 lean = stiffness * senses.pitch[k] + damping * senses.pitch_rate[k]
                 data.qfrc_applied[held] = -speed * missing[k], -lean
             mujoco.mj_step(models[k], data, substeps)
-            torque[k] = np.sum(data.actuator_force[body.muscles] ** 2)
+            given = data.actuator_force[body.muscles]
+            torque[k] = np.sum(given**2)
+            work = given * data.qvel[body.dof]
+            power[k] = metabolic_energy(*(np.sum(f(work, 0.0)) for f in SIGNS))
             alive[k] = not body.has_fallen(data)
         cost = (
             2.5 * np.sum(apart**2, axis=(1, 2))
             + 0.1 * (missing / 0.4) ** 2
             + 0.05 * ((senses.pitch - 0.03) / 0.15) ** 2
-            + 0.15 * torque / 2e4
+            + 0.1 * torque / 2e4
+            + 0.15 * power / 500.0
         )
         rewards += MUSCLE_PERIOD * alive * np.maximum(0.1, 1.0 - cost)
         lasted[alive] = now + MUSCLE_PERIOD

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")
+MUSCLE_PERIOD = 0.004
+"""Time between two commands to the muscles [s]."""
 TOUCH = 0.05
 """Load of a foot that has struck the ground, as a share of the body's weight [-]."""
 EARLIEST_STRIKE = 0.6
@@ -45,6 +47,10 @@ _THIGH, _SHANK = 0.429, 0.431
 """Lengths of thigh and shank [m], as in the scene."""
 _ROWS = 512
 """Rows of the table of a gait cycle."""
+_BINS = 50
+"""Parts of the gait cycle for each of which a person expects a torque."""
+LEARNING_RATE = 0.3
+"""Part of the difference that a person learns with every stride, assumed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +193,11 @@ class WalkingController:
         """Phase of the gait cycle of the legs (worlds, legs), 0 at heel strike."""
         return 0.5 * self.step[:, None] + 0.5 * (1.0 - self._leads())
 
+    @property
+    def ended(self) -> Any:
+        """Legs whose stride ended in the last `act` (worlds, legs)."""
+        return self.struck[:, None] & (self._leads() > 0.5)
+
     def _leads(self) -> Any:
         """Return 1 for the leg whose foot struck last, else 0 (worlds, legs)."""
         return 1.0 - abs(self._legs - self.lead[:, None])
@@ -228,3 +239,52 @@ class WalkingController:
         push = arrays.clip(policy["push_gain"] * missing, -0.5, 1.0)
         ankle = row[:, :, 2] + row[:, :, 3] * push[:, None]
         return arrays.stack((hip, row[:, :, 1], ankle), 2)
+
+
+class ExpectedHelp:
+    """Torques that persons expect of an exoskeleton, by phase of the gait cycle.
+
+    With every strike of a foot the expectation of its leg moves by `LEARNING_RATE` to
+    the mean torque that was felt in each part of the stride.
+    """
+
+    def __init__(self, worlds: int, arrays: Any = np, **placement: Any) -> None:
+        """Expect nothing; see `WalkingController` for the arguments."""
+        place = {key: placement[key] for key in placement if key == "device"}
+        self._arrays = arrays
+        self._world = arrays.arange(worlds, **place)[:, None]
+        self._leg = arrays.arange(2, **place)[None, :]
+        self._expected = arrays.zeros((worlds, 2, _BINS), **placement)
+        self._felt = arrays.zeros((worlds, 2, _BINS), **placement)
+        self._count = arrays.zeros((worlds, 2, _BINS), **placement)
+
+    def _bins(self, phase: Any) -> Any:
+        """Return the parts of the cycle as an index into the tables."""
+        arrays = self._arrays
+        part = arrays.asarray(phase * _BINS, dtype=arrays.int64)
+        return self._world, self._leg, part
+
+    def at(self, phase: Any) -> Any:
+        """Return the torques expected at phases (worlds, legs) [N m]."""
+        return self._expected[self._bins(phase)]
+
+    def feel(self, phase: Any, torque: Any) -> None:
+        """Take note of torques at phases, both (worlds, legs) [N m]."""
+        bins = self._bins(phase)
+        self._felt[bins] += torque
+        self._count[bins] += 1.0
+
+    def learn(self, ended: Any) -> None:
+        """Learn from strides that ended, True for such legs (worlds, legs)."""
+        arrays = self._arrays
+        mean = self._felt / arrays.clip(self._count, 1.0, None)
+        news = (self._count > 0.0) & ended[:, :, None]
+        moved = self._expected + LEARNING_RATE * (mean - self._expected)
+        self._expected = arrays.where(news, moved, self._expected)
+        going = 1.0 - 1.0 * ended[:, :, None]
+        self._felt, self._count = self._felt * going, self._count * going
+
+    def forget(self, worlds: Any) -> None:
+        """Expect nothing any more in some worlds, an index."""
+        for table in (self._expected, self._felt, self._count):
+            table[worlds] = 0.0

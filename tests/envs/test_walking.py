@@ -9,11 +9,12 @@ import pytest
 from cc_mujoco.cable import Cable
 from cc_mujoco.envs import WALKING
 from cc_mujoco.envs._strides import Stride, StrideMeter, mean_stride
-from cc_mujoco.envs._walking import CABLE, WalkingEnv
-from cc_mujoco.envs._walking_body import POLICY
+from cc_mujoco.envs._walking import WalkingEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import WalkingPolicy
 from cc_mujoco.human._gait import GAIT_ANGLES
+from cc_mujoco.human._walking_body import POLICY
+from cc_mujoco.human._walking_rig import CABLE
 
 ANKLE = 2
 

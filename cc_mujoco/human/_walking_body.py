@@ -10,8 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import assets
-from cc_mujoco.human import WalkingPolicy
-from cc_mujoco.human._walking_policy import WALKING_JOINTS, WALKING_SIDES, Senses
+from cc_mujoco.human._walking_policy import (
+    WALKING_JOINTS,
+    WALKING_SIDES,
+    Senses,
+    WalkingPolicy,
+)
 
 Array = NDArray[np.float64]
 
@@ -19,16 +23,12 @@ FOLDER = Path(assets.__file__).resolve().parent / "walking"
 """Folder of the scene and of the policy that ships."""
 SCENE = FOLDER / "level_ground.xml"
 POLICY = FOLDER / "policy.safetensors"
-MUSCLE_PERIOD = 0.004
-"""Time between two commands of the policy [s]."""
+LEGS = FOLDER / "legs.xml"
+"""The person without ground and muscles."""
 _GRAVITY = 9.81
 _LOADS = tuple(
     f"{side}_{part}_load" for side in WALKING_SIDES for part in ("heel", "ball")
 )
-_MAX_PITCH = 0.7
-"""Pitch of a trunk that falls [rad]."""
-_MAX_DROP = 0.25
-"""Change of the hips' height of a person who falls [m]."""
 
 
 class WalkingBody:
@@ -41,6 +41,11 @@ class WalkingBody:
         heels: geoms of the heels (legs,).
         weight: of the whole body [N].
     """
+
+    MAX_PITCH = 0.7
+    """Pitch of a trunk that falls [rad]."""
+    MAX_DROP = 0.25
+    """Change of the hips' height of a person who falls [m]."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Look the names up."""
@@ -105,7 +110,7 @@ class WalkingBody:
     def has_fallen(self, data: mujoco.MjData) -> bool:
         """Return whether the person cannot go on."""
         drop, pitch = data.qpos[self._height], data.qpos[self._pitch]
-        return not (abs(drop) < _MAX_DROP and abs(pitch) < _MAX_PITCH)
+        return not (abs(drop) < self.MAX_DROP and abs(pitch) < self.MAX_PITCH)
 
     def position(self, data: mujoco.MjData) -> float:
         """Return the way that the hips have gone [m]."""

@@ -66,6 +66,9 @@ All of it is optional. An example with every key:
     valid = [[0.5, 12.0]]           # stretches of time that count, from and to [s]
     notes = "operator sneezed at the end"
 
+    [trials.run_8]                  # a load cell in one cable, compared in place of
+    load_cell = "tension_agonist_distal_n"  # the torque at that end
+
 The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,
 `joint_torque_nm` and, if measured, `tension_<cable>_proximal_n`,
 `tension_<cable>_distal_n` (without a name where there is one cable), `motor_current_a`,
@@ -417,6 +420,7 @@ def _facts(table: Table) -> dict[str, Any]:
         "known_motor_torque": table.number("known_motor_torque"),
         "known_joint_torque": table.number("known_joint_torque"),
         "swapped": table.flag("swapped"),
+        "load_cell": table.text("load_cell"),
         "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
         "tilt": _tilt(table),
@@ -433,6 +437,14 @@ def _facts(table: Table) -> dict[str, Any]:
         raise CableError(
             f"{table.where}: cables that were off (`unhooked = true`) have no "
             "`pretension`; leave one of them out."
+        )
+    cell = known["load_cell"]
+    if isinstance(cell, str) and not channels.is_tension(cell):
+        raise table.wrong("load_cell", "a channel such as tension_agonist_distal_n")
+    if known["unhooked"] and cell:
+        raise CableError(
+            f"{table.where}: cables that were off (`unhooked = true`) pull at no "
+            "`load_cell`; leave one of them out."
         )
     return {key: value for key, value in known.items() if value is not None}
 

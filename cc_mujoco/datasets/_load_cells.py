@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,6 +80,8 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
             every = [one for names in wanted for one in names]
             raise CableError.unknown("load cell", name, every)
     lacking = [names[0] for names in wanted if not set(names) & set(given)]
+    if len(given) == 1 and lacking and file.source(_torque_at(end)).measured:
+        return False  # one cell beside a torque sensor, see `Facts.load_cell`
     if given and lacking:
         raise CableError(
             f"of the load cells at the {end} ends only {', '.join(given)} is declared; "
@@ -90,6 +93,57 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
 def is_cell_at_end(name: str, end: str) -> bool:
     """Return whether a channel is a load cell at an end of a cable."""
     return channels.is_tension(name) and channels.cable_end(name)[1] == end
+
+
+def _torque_at(end: str) -> str:
+    """Return the torque that acts at an end of the cables."""
+    return next(torque for torque, own in END_OF_TORQUE.items() if own == end)
+
+
+class SingleCell(NamedTuple):
+    """Load cell in one cable, compared in place of the torque at that end.
+
+    Attributes:
+        row: 0 at the motor, 1 at the joint.
+        cable: index of the cable, the agonist first.
+        factor: torque per tension [m]: the radius there, negative for the antagonist.
+        rest: tension that counts as none, that of the trial at rest [N].
+    """
+
+    row: int
+    cable: int
+    factor: float
+    rest: float
+
+    @classmethod
+    def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:
+        """Return the cell of a channel.
+
+        Args:
+            channel: such as `tension_agonist_distal_n`.
+            bench: of the scene.
+            pretension: of the trial [N]; None is the scene's.
+
+        Raises:
+            CableError: the scene has no such cable.
+        """
+        for row, (torque, end) in enumerate(END_OF_TORQUE.items()):
+            for cable, names in enumerate(_cell_names(end, bench)):
+                if channel in names:
+                    radius = torque_radius(torque, bench)
+                    rest = bench.cables[0].pretension if not pretension else pretension
+                    return cls(row, cable, -radius if cable else radius, rest)
+        every = [
+            names[0]
+            for end in END_OF_TORQUE.values()
+            for names in _cell_names(end, bench)
+        ]
+        raise CableError.unknown("load cell", channel, every)
+
+    def torque(self, tension: FloatArray) -> FloatArray:
+        """Return what the cable adds to the torque at rest (samples,) [N m]."""
+        found: FloatArray = self.factor * (tension - self.rest)
+        return found
 
 
 def torque_radius(torque: str, bench: Bench) -> float:
@@ -122,7 +176,12 @@ def compare_with_sensor(
     torque: str, trials: Sequence[Trial], bench: Bench | None
 ) -> list[DataFinding]:
     """Return findings on load cells at the same end as a torque sensor."""
-    having = [trial for trial in trials if cells_at_end(torque, trial)]
+    having = [
+        trial
+        for trial in trials
+        if cells_at_end(torque, trial)
+        and not is_cell_at_end(trial.facts.load_cell, END_OF_TORQUE[torque])
+    ]
     if not having:
         return []
     sensor = having[0].labels.get(torque, torque)

@@ -65,6 +65,8 @@ class Facts:
         known_joint_torque: torque that a known weight in place of the cable puts into
             the joint [N m].
         swapped: True if the two torque sensors had changed places.
+        load_cell: channel of a load cell in one cable (`tension_<cable>_proximal_n`),
+            which is compared in place of the torque at that end; "" without one.
         temperature: of the rig [degC].
         locked: the side that was held fast, so that its angle is constant.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
@@ -82,6 +84,7 @@ class Facts:
     known_motor_torque: float = 0.0
     known_joint_torque: float = 0.0
     swapped: bool = False
+    load_cell: str = ""
     temperature: float | None = None
     locked: Locked | None = None
     tilt: float | None = None

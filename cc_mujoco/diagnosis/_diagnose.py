@@ -18,7 +18,11 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks.lead_check import check_lead
-from cc_mujoco.diagnosis._checks.run import check_bench, check_known_torques
+from cc_mujoco.diagnosis._checks.run import (
+    check_bench,
+    check_known_torques,
+    check_load_cells,
+)
 from cc_mujoco.diagnosis._inference.pipeline import (
     run_inference,
     unanswered_diagnosis,
@@ -134,7 +138,7 @@ def _infer(
     dataset, findings = load(data, dataset_toml, bench, sorted(columns))
     known = bench.known(dataset.constants)
     findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
-    findings += check_known_torques(dataset)
+    findings += check_known_torques(dataset) + check_load_cells(dataset, known)
     notes = [finding.statement for finding in findings]
     wrong = errors(findings)
     if wrong or not dataset.trials:

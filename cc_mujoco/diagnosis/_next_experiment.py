@@ -115,7 +115,8 @@ def plan(
     noise = _noise(file, instruments, bench)
     noise |= derived_noise(noise, instruments, file.rig, bench)
     with single_threaded_blas():
-        found = planned(bench, swing, speed, file.rig, noise, ids, instruments)
+        cells = [name for name in file.columns if channels.is_tension(name)]
+        found = planned(bench, swing, speed, file.rig, noise, ids, instruments, cells)
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             write_motion(place / name, motion)

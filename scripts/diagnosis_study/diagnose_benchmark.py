@@ -21,7 +21,6 @@ need this folder in their PYTHONPATH; records are the same but for their `second
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import tempfile
 import time
@@ -40,10 +39,7 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import BaselineFit, Diagnosis, DiagnosisResult
     from rig.nominal import Rig
-    from rig.trials import Trial
 
-MAX_PROPOSED = 2
-"""Proposed trials that are recorded at most."""
 PAIRS = (
     ("viscous_friction", "backlash"),
     ("viscous_friction", "joint_gravity"),
@@ -161,67 +157,21 @@ def settled(
 ) -> dict[str, Any] | None:
     """Return the result once the experiments that ties propose have been done, too.
 
-    At most `MAX_PROPOSED` are. None if none is proposed at first.
+    None if none is proposed at first.
     """
-    from cc_mujoco.assets import scene_path
-    from cc_mujoco.datasets import Bench
-    from cc_mujoco.diagnosis import infer
-    from rig.dataset import clean_dataset, make_dataset
-    from rig.generate import facts_of, write_data
-    from rig.makes import MAKES
+    from proposal_loop import loop
+
     from rig.nominal import make_rig
-    from rig.sensors import BASIC
 
     if not result.diagnosis.next_experiment:
         return None
-    seed, amounts = record["seed"], record["amounts"]
-    rig = make_rig(seed, make=record["make"])
-    data = make_dataset(rig, amounts, record["trials"], seed)
-    told, done = [facts_of(record["trials"], seed)], []
-    while len(done) < MAX_PROPOSED and result.diagnosis.next_experiment:
-        name = f"trial_{len(data):02d}"
-        motion, trial, table = proposed_trial(result, name)
-        (more,) = clean_dataset(rig, amounts, [trial], seed)
-        key = [seed, rig.seed, len(data)]
-        data.append(MAKES[rig.make].logger.logged(more, rig, BASIC, key))
-        told.append(table)
-        done.append(motion)
-        place = folder / str(len(done))
-        write_data(place, data, "\n".join(told))
-        result, _ = infer([place], Bench.of(scene_path("bench")))
-    return {"experiment": done[0], "experiments": done, **said(result.diagnosis)}
-
-
-def proposed_trial(result: DiagnosisResult, name: str) -> tuple[str, Trial, str]:
-    """Return the motion that a diagnosis proposes, a trial of it, and its facts.
-
-    Args:
-        result: of the diagnosis.
-        name: of the trial.
-    """
-    from cc_mujoco.diagnosis import MOTION_STEP
-    from cc_mujoco.diagnosis._inference.motions import trial_table
-    from rig.nominal import NOMINAL
-    from rig.trials import asked
-
-    motion = result.motion
-    assert motion is not None
-    time = np.arange(0.0, MOTION_STEP * (motion.motor.size - 1), 1e-3)
-    known = MOTION_STEP * np.arange(motion.motor.size)
-    motor, joint = (np.interp(time, known, s) for s in (motion.motor, motion.joint))
-    held = {"joint free": "free", "joint locked": "locked"}
-    load = held.get(motion.description.split(",")[0], "human")
-    trial = dataclasses.replace(
-        asked(motor, joint, load),
-        tightness=motion.pretension or 1.0,
-        unhooked=motion.pretension == 0.0,
-        tilt=motion.tilt,
-        known_torques=motion.known_torques,
-        swapped=motion.swapped,
+    rig = make_rig(record["seed"], make=record["make"])
+    steps = loop(
+        rig, record["amounts"], record["trials"], record["seed"], folder, first=result
     )
-    tension = NOMINAL["pretension_n"] * motion.pretension
-    table = "\n".join(trial_table(name, motion, tension))
-    return motion.description, trial, f"{table}\n"
+    done = [step.proposed for step in steps[:-1]]
+    last = said(steps[-1].diagnosis)
+    return {"experiment": done[0], "experiments": done, **last}
 
 
 def said(diagnosis: Diagnosis) -> dict[str, Any]:

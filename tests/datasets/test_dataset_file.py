@@ -61,7 +61,10 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         swapped=True,
         notes="operator sneezed at the end",
     )
-    assert file.facts_of(Path("run_8.parquet")) == Facts(pretension=12.0)
+    assert file.facts_of(Path("run_8.parquet")) == Facts(
+        pretension=12.0, load_cell="tension_agonist_distal_n"
+    )
+    assert file.facts_of(Path("run_9.parquet")) == Facts(pretension=12.0)
     assert file.facts_of(Path("walk.csv")) == Facts()
     assert file.name == "wrist rig, March" and len(file.sha256) == 64
 
@@ -105,6 +108,11 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("[trials.a]\npretension = -3", "pretension must be more than 0"),
         ("[trials.a]\nlocked = 'both'", "unknown locked"),
         ("[trials.a]\nrepeats = 'b'", "unknown key"),
+        ("[trials.a]\nload_cell = 'left'", "load_cell must be a channel such as"),
+        (
+            "[trials.a]\nload_cell = 'tension_a_distal_n'\nunhooked = true",
+            "pull at no `load_cell`",
+        ),
         ("name = [", "is not a TOML file"),
     ],
 )

@@ -300,7 +300,8 @@ def test_a_plan_stays_within_the_joints_own_motions(tmp_path: Path, text: str) -
 def test_load_cells_that_make_no_torque_are_refused(
     tmp_path: Path, cells: tuple[str, ...], said: str
 ) -> None:
-    text = "".join(f"[columns.{name}]\nnoise = 0.05\n" for name in cells)
+    text = "[columns.joint_torque_nm]\nmeasured = false\n"
+    text += "".join(f"[columns.{name}]\nnoise = 0.05\n" for name in cells)
     with pytest.raises(CableError, match=said):
         plan(scene_path("bench"), tmp_path / "out", dataset_toml=told(tmp_path, text))
     assert not (tmp_path / "out").exists()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -49,17 +49,21 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     """
     still = [(trial, find_holds(trial)) for trial in dataset.trials]
     found: dict[str, Noise] = {}
-    for channel in dataset.channels:
+    cells = sorted({trial.facts.load_cell for trial in dataset.trials} - {""})
+    for channel in dict.fromkeys([*dataset.channels, *cells]):
+        trials = [trial for trial in dataset.trials if channel in trial.channels]
+        if not trials:
+            continue
         source = file.source(channel)
-        column = dataset.trials[0].labels.get(channel, channel)
+        column = trials[0].labels.get(channel, channel)
         factor = file.factor(channel, column)
         if source.resolution is not None:
             step = source.resolution * factor
         else:
             # A joint that is locked in a trial shows no digit there.
-            steps = [digit_of(trial, channel) for trial in dataset.trials]
+            steps = [digit_of(trial, channel) for trial in trials]
             step = float(np.median([each for each in steps if each > 0.0] or [0.0]))
-        spans = [float(np.ptp(values)) for values in _valid_stretches(dataset, channel)]
+        spans = [float(np.ptp(values)) for values in _valid_stretches(trials, channel)]
         least = max(step / math.sqrt(12.0), _MIN_NOISE_SHARE * max(spans, default=0.0))
         if source.noise is not None:
             found[channel] = Noise(source.noise * factor, step, "declared")
@@ -67,10 +71,11 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
         held = [
             scatter
             for trial, parts in still
+            if channel in trial.channels
             for part in parts
             for scatter in _line_scatter(trial.channel(channel)[part], trial.step)
         ]
-        rough = [_roughness(trial, channel) for trial in dataset.trials]
+        rough = [_roughness(trial, channel) for trial in trials]
         seen = float(np.median(held or rough))
         how: Literal["holds", "differences"] = "holds" if held else "differences"
         found[channel] = Noise(max(least, seen), step, how)
@@ -87,9 +92,9 @@ def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
         yield math.sqrt(float(rest @ rest) / (length - 2))
 
 
-def _valid_stretches(dataset: Dataset, channel: str) -> Iterator[FloatArray]:
+def _valid_stretches(trials: Sequence[Trial], channel: str) -> Iterator[FloatArray]:
     """Yield the valid stretches of a channel."""
-    for trial in dataset.trials:
+    for trial in trials:
         for part in trial.segments:
             yield trial.channel(channel)[part]
 

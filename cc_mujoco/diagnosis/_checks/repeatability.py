@@ -63,6 +63,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
             ("tilt", original.facts.tilt or 0.0, trial.facts.tilt or 0.0),
             ("state of the cables", original.facts.unhooked, trial.facts.unhooked),
             ("place of the sensors", original.facts.swapped, trial.facts.swapped),
+            ("load cell", original.facts.load_cell, trial.facts.load_cell),
         )
         if one is not None and other is not None and one != other
     ]

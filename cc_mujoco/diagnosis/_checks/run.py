@@ -17,6 +17,7 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
+from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
@@ -30,6 +31,7 @@ from cc_mujoco.diagnosis._checks.signs import (
     group_trials,
     wrong_unit,
 )
+from cc_mujoco.errors import CableError
 
 MAX_JOINT_TURNS, MAX_MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
@@ -154,6 +156,32 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     findings = check_ratio(closest, ratio, several) if closest else []
     for trial in trials:
         findings += _check_overload(trial, bench) + _check_known_range(trial, bench)
+    return findings
+
+
+def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
+    """Find declared load cells that the data or the scene do not have."""
+    findings = []
+    for trial in dataset.trials:
+        channel = trial.facts.load_cell
+        if not channel:
+            continue
+        where = f"[trials.{trial.name!r}] load_cell = {channel!r}"
+        if channel not in trial.tensions:
+            problem = (
+                f"{trial.path} has no such column; record it there, or name its own "
+                "file in [files]"
+            )
+        else:
+            try:
+                row = SingleCell.of(channel, bench, None).row
+            except CableError as wrong:
+                problem = str(wrong).rstrip(".")
+            else:
+                if row in dataset.instruments.rows:
+                    continue
+                problem = "the torque at that end is not compared; leave it out"
+        findings.append(error(f"{where}: {problem}.", trial.name, channel))
     return findings
 
 

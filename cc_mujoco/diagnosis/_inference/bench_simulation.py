@@ -424,6 +424,11 @@ class SimulatedRig:
                 + values.get(TORQUE_OFFSETS[1], 0.0),
             ]
         )
+        if (cell := record.load_cell) is not None:  # no torque sensor shows its fault
+            late = setting.late if cell.row else 0.0
+            ends = (shown.tension_proximal, shown.tension_distal)[cell.row]
+            pull = cell.torque(ends[cell.cable])
+            both[cell.row] = shift_signal(pull, -late / record.dt)
         rows = both[list(self.instruments.rows)]
         return low_pass(rows, record.band, 1.0 / record.dt)
 

@@ -109,7 +109,7 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
     known = [
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
-    best: tuple[tuple[bool, float], Proposal] | None = None
+    best: tuple[tuple[bool, bool, float], Proposal] | None = None
     taken = {record.trial for record in problem.plant.records}
     trial = next(
         name for k in itertools.count(1) if (name := f"trial_{k:02d}") not in taken
@@ -148,7 +148,8 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
             )
             for true in (0, 1)
         ]
-        rank = settles[worse], score
+        # A load cell is put into a cable only where nothing else settles the tie.
+        rank = settles[worse], not motion.load_cell, score
         if settles[better] and (best is None or rank > best[0]):
             description = _describe_difference(problem, rivals.ids, shown, left, noise)
             if not settles[worse]:
@@ -218,24 +219,31 @@ def recorded(
             continue
         tension = usual if record.pretension is None else record.pretension
         own = lag(record.motor_angle, record.joint_angle)
-        matching = [m for m in every if _matches_motion(m, record, tension / usual)]
+        matching = [
+            m for m in every if _matches_motion(m, bench, record, tension / usual)
+        ]
         if matching:
             nearest = min(matching, key=lambda m: abs(lag(m.motor, m.joint) - own))
             found.add(nearest.description)
     return found
 
 
-def _matches_motion(motion: CataloguedTrial, record: Record, pretension: float) -> bool:
+def _matches_motion(
+    motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
+) -> bool:
     """Return whether a record may be one of a motion.
 
     Args:
         motion: of the catalogue.
+        bench: the rig.
         record: of the data.
         pretension: of it, over the usual one of the data.
     """
     if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
         return False
     if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
+        return False
+    if record.load_cell != motion.cell_on(bench, record.pretension):
         return False
     weights = zip(record.known_torques, motion.known_torques, strict=True)
     if any((own != 0.0) != (other != 0.0) for own, other in weights):
@@ -426,6 +434,7 @@ def _record(problem: Problem, motion: CataloguedTrial) -> Record:
         tilt=motion.tilt,
         known_torques=motion.known_torques,
         swapped=motion.swapped,
+        load_cell=motion.cell_on(problem.plant.bench, tension * motion.pretension),
         notes="",
         path=None,
         columns={

@@ -23,6 +23,8 @@ BOOTSTRAP_BLOCK = 1.0
 """Length of a block of the bootstrap [s]."""
 RECORD_PIECES = 12
 """Stretches of a record that are held out in turn."""
+HELD_SHARE = 0.1
+"""Motion of an angle, over the largest in any trial, below which it was held."""
 TRIAL_FOLDS = 3
 """Parts of the trials that are held out in turn; fewer trials are split in time."""
 
@@ -58,8 +60,10 @@ def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return folds of whole trials: the reserved ones, or a third in turn.
 
-    Trials that repeat each other stay together. Fewer trials than parts:
-    `interleaved_folds`.
+    Trials that repeat each other stay together. Trials of a kind (see `trial_kinds`)
+    are spread over the folds, and one that is the only one of its kind is in every
+    training part: the others cannot predict it, nor fix what it alone determines. Fewer
+    trials than parts: `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         return (
@@ -68,12 +72,17 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
                 tuple(record.reserved for record in records),
             ),
         )
-    groups = sorted({record.group for record in records if record.counts.any()})
-    if len(groups) < TRIAL_FOLDS:
+    kinds = trial_kinds(records)
+    if len(kinds) < TRIAL_FOLDS:
         return interleaved_folds(records)
+    known = list(kinds.values())
+    shared = [group for group in kinds if known.count(kinds[group]) > 1]
+    groups = sorted(shared or kinds)
+    groups.sort(key=lambda group: known.index(kinds[group]))
     found = []
-    for part in range(TRIAL_FOLDS):
-        out = set(groups[part::TRIAL_FOLDS])
+    parts = min(TRIAL_FOLDS, len(groups))
+    for part in range(parts):
+        out = set(groups[part::parts])
         found.append(
             Fold(
                 tuple(r.counts & (r.group not in out) for r in records),
@@ -81,6 +90,51 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
             )
         )
     return tuple(found)
+
+
+def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
+    """Return the kind of every group of repeated trials.
+
+    That is which side was held, pretension (in steps of 20 %), tilt, known weights,
+    exchanged sensors, load cell and occasion.
+    """
+    used = [record for record in records if record.counts.any()]
+    angles = [(record.motor_angle, record.joint_angle) for record in used]
+    spans = np.array([[np.ptp(angle) for angle in pair] for pair in angles])
+    moved = spans > HELD_SHARE * spans.max(axis=0, initial=0.0)
+    kinds: dict[str, tuple[object, ...]] = {}
+    for record, (motor, joint) in zip(used, moved.tolist(), strict=True):
+        tension = record.pretension
+        kinds.setdefault(
+            record.group,
+            (
+                motor,
+                joint,
+                round(math.log(tension) / 0.2) if tension else tension,
+                round(record.tilt, 1),
+                record.known_torques,
+                record.swapped,
+                record.load_cell,
+                record.occasion,
+            ),
+        )
+    return kinds
+
+
+def never_held_out(
+    division: Sequence[Fold], records: Sequence[Record]
+) -> tuple[str, ...]:
+    """Return the trials that are in every training part, none if some are reserved."""
+    if any(record.split == "test" for record in records):
+        return ()
+    held = {
+        record.trial
+        for fold in division
+        for record, test in zip(records, fold.test, strict=True)
+        if test.any()
+    }
+    used = (record.trial for record in records if record.counts.any())
+    return tuple(name for name in dict.fromkeys(used) if name not in held)
 
 
 class CrossValidation(NamedTuple):

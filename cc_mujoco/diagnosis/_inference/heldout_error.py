@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis._inference.folds import (
     BOOTSTRAP_BLOCK,
     Fold,
     interleaved_folds,
+    never_held_out,
     trial_folds,
 )
 from cc_mujoco.diagnosis._report_data import TrialTrace
@@ -152,12 +153,14 @@ def traces(
 class Held(NamedTuple):
     """Torques (2, samples) of every record without and with the added effects.
 
-    Those that are held out, predicted by the others; and the gap of them.
+    Those that are held out, predicted by the others; the gap of them; and the trials
+    that were never held out.
     """
 
     before: tuple[FloatArray, ...]
     after: tuple[FloatArray, ...]
     gap: dict[str, Gap]
+    never: tuple[str, ...] = ()
 
 
 class Holdout:
@@ -185,5 +188,6 @@ class Holdout:
                 for g in gap.values()
             )
             if not problem.effects or better >= 0.0:
-                return Held(before, after, gap)
+                records = problem.plant.records
+                return Held(before, after, gap, never_held_out(division, records))
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.diagnosis._inference.records import wind_up_angle
 from cc_mujoco.report._html import list_words
 
@@ -41,6 +43,7 @@ class CataloguedTrial:
         known_torques: of known weights in place of the cables, at motor and joint; see
             `Facts` [N m].
         swapped: whether the torque sensors change places.
+        load_cell: channel of a load cell in one cable, or ""; see `Facts`.
         usual: whether a plan considers it; others are proposed for a tie.
         standard: whether a plan always has it: no other trial separates the effects of
             weights, springs and sensors.
@@ -53,8 +56,15 @@ class CataloguedTrial:
     tilt: float = 0.0
     known_torques: tuple[float, float] = (0.0, 0.0)
     swapped: bool = False
+    load_cell: str = ""
     usual: bool = True
     standard: bool = False
+
+    def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
+        """Return its load cell on a rig of this pretension [N], None without one."""
+        if not self.load_cell:
+            return None
+        return SingleCell.of(self.load_cell, bench, pretension)
 
     @property
     def toml(self) -> tuple[str, ...]:
@@ -69,6 +79,8 @@ class CataloguedTrial:
                 lines.append(f"known_{side}_torque = {torque:g}")
         if self.swapped:
             lines.append("swapped = true")
+        if self.load_cell:
+            lines.append(f'load_cell = "{self.load_cell}"')
         return tuple(lines)
 
 
@@ -78,6 +90,7 @@ def motions(
     rate: float,
     load: float | None = None,
     instruments: Instruments = TORQUE_SENSORS,
+    cells: Collection[str] = (),
 ) -> list[CataloguedTrial]:
     """Return trials within these limits, and one of twice the swing.
 
@@ -89,6 +102,8 @@ def motions(
         rate: largest speed of the motor [rad/s].
         load: stiffness of a known load that the joint turns in every trial [N m/rad].
         instruments: what the torques are known from; some trials take torque sensors.
+        cells: channels of load cells in single cables that the rig has; a plan has the
+            trial of each.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -277,9 +292,32 @@ def motions(
                 usual=False,
             )
         )
+    found += [
+        CataloguedTrial(
+            f"a load cell in cable {bench.names[0]} at its {end} end "
+            f"(`{_cell_channel(bench, end)}`), joint against a spring, triangles at "
+            "five speeds",
+            ladder,
+            free(give * ladder),
+            load_cell=_cell_channel(bench, end),
+            usual=_cell_channel(bench, end) in cells,
+            standard=_cell_channel(bench, end) in cells,
+        )
+        for instrument, end in zip(instruments, ("proximal", "distal"), strict=True)
+        if instrument in ("torque sensor", "motor current")
+    ]
     if instruments.joint != "torque sensor":  # which alone sees weights and springs
-        found = [replace(each, standard=False) for each in found if each.pretension]
+        found = [
+            replace(each, standard=each.load_cell in cells)
+            for each in found
+            if each.pretension
+        ]
     return [_centre_motion(each, motor_middle, joint_middle) for each in found]
+
+
+def _cell_channel(bench: Bench, end: str) -> str:
+    """Return the channel of a load cell in the agonist."""
+    return f"tension_{bench.names[0]}_{end}_n"
 
 
 def middle_angle(bench: Bench, swing: float) -> float:

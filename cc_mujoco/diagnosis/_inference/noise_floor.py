@@ -119,16 +119,38 @@ def noise_floor(
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (MIN_FLOOR_SHARE * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
-    alone = [total + base for total in plain]
+    bases = [_cell_noise(base, record, dataset, filtering) for record in plant.records]
+    alone = [total + own for total, own in zip(plain, bases, strict=True)]
     short = _unexplained(plant, clean, alone)
     return NoiseFloor(
         tuple(np.sqrt(each + short[:, None]) for each in alone),
         tuple(
-            np.sqrt(_highest_local_mean(total, record.dt) + base)
-            for total, record in zip(wide, plant.records, strict=True)
+            np.sqrt(_highest_local_mean(total, record.dt) + own)
+            for total, record, own in zip(wide, plant.records, bases, strict=True)
         ),
         np.sqrt(short)[:, None],
     )
+
+
+def _cell_noise(
+    base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
+) -> FloatArray:
+    """Return the variance (rows, 1) of the instruments of a record [(N m)^2].
+
+    Args:
+        base: of the torque sensors.
+        record: the record, with a load cell in place of one of them or without.
+        dataset: of the record.
+        filtering: of its signals.
+    """
+    if (cell := record.load_cell) is None:
+        return base
+    found = base.copy()
+    channel = dataset.trial(record.trial).facts.load_cell
+    deviation = abs(cell.factor) * dataset.noise.get(channel, _NO_NOISE).deviation
+    row = dataset.instruments.rows.index(cell.row)
+    found[row] = max(deviation**2 * filtering.passed, MIN_FLOOR_SHARE**2 * base[row, 0])
+    return found
 
 
 def _unexplained(

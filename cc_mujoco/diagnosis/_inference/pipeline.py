@@ -262,6 +262,7 @@ def _conclude(
             Trials(constants, along),
         ),
         gap=model.held.gap,
+        problems=_never_held_out_note(model.held.never),
         baseline=Baseline(
             {p.name: estimated[p.name] for p in baseline_fit.problem.tuned},
             undetermined(baseline_fit.problem, baseline_fit.whole.x, counts),
@@ -278,6 +279,19 @@ def _conclude(
     )
     motion = proposal.motion if proposal else None
     return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit, motion)
+
+
+def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
+    """Return a note on the trials that no held-out error is of."""
+    if not trials:
+        return ()
+    one = len(trials) == 1
+    return (
+        f"{list_words(trials)} {'is the only trial' if one else 'are the only trials'} "
+        f"of {'its' if one else 'their'} kind (side held, pretension, tilt, weights), "
+        f"so {'it is' if one else 'they are'} in every fit and the held-out error is "
+        "that of the others; record more like it to check it.",
+    )
 
 
 def _extend_tie(

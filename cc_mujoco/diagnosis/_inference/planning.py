@@ -9,7 +9,7 @@ judged without another simulation.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -109,6 +109,7 @@ def planned(
     noise: Mapping[str, Noise],
     ids: Sequence[str] | None = None,
     instruments: Instruments = TORQUE_SENSORS,
+    cells: Collection[str] = (),
 ) -> TrialPlan:
     """Return the smallest set of trials that leaves no effect untestable or tied.
 
@@ -123,13 +124,14 @@ def planned(
         noise: of the channels where it is known.
         ids: effects to consider; default all.
         instruments: what the torques are to be known from.
+        cells: channels of load cells in single cables that the rig has.
     """
     load = None
     if instruments.joint == "known load":
         load = load_values(constants).get("load_stiffness", 0.0)
     every = [
         motion
-        for motion in motions(bench, swing, rate, load, instruments)
+        for motion in motions(bench, swing, rate, load, instruments, cells)
         if motion.usual
     ]
     rows = len(instruments.rows)
@@ -210,6 +212,7 @@ def _record(motion: CataloguedTrial, bench: Bench, rows: int) -> Record:
         tilt=motion.tilt,
         known_torques=motion.known_torques,
         swapped=motion.swapped,
+        load_cell=motion.cell_on(bench, bench.cables[0].pretension),
     )
 
 

@@ -28,6 +28,7 @@ from cc_mujoco.datasets._channels import (
     other_angle,
 )
 from cc_mujoco.datasets._coupled_route import RecordedPath
+from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Trial
 from cc_mujoco.diagnosis._inference.load_trials import (
@@ -111,6 +112,8 @@ class Record:
     """Torques of known weights in place of the cables, at motor and joint [N m]."""
     swapped: bool = False
     """True if the torque sensors had changed places."""
+    load_cell: SingleCell | None = None
+    """Load cell in one cable, compared in place of the torque at its end."""
     notes: str = ""
     """Notes on the trial."""
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -215,6 +218,11 @@ def _record(
             for name in known.channels
         ]
     )
+    cell = None
+    if trial.facts.load_cell:
+        name, pretension = trial.facts.load_cell, trial.facts.pretension
+        cell = SingleCell.of(name, bench, pretension)
+        torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
     read = passed[:, ::thin].copy()
     measured = low_pass(torques, band, trial.rate)[:, ::thin]
     smooth = np.array(
@@ -254,6 +262,7 @@ def _record(
             trial.facts.known_joint_torque,
         ),
         swapped=trial.facts.swapped,
+        load_cell=cell,
         notes=trial.facts.notes,
         start=float(time[0] - trial.time[0]),
         split=trial.facts.split,

@@ -113,7 +113,11 @@ def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) ->
         declared and bench.cables[0].pretension == 0.0
     ):
         bench = _with_usual_pretension(bench, declared)
-    thin = [_thin_record(record) for record in records if not record.unhooked]
+    thin = [
+        _thin_record(record)
+        for record in records
+        if not record.unhooked and record.load_cell is None
+    ]
     if sum(int(record.counts.sum()) for record in thin) < _MIN_SAMPLES:
         return Start(bench, {}, {})
     known = bool(declared) or "pretension" in dataset.constants

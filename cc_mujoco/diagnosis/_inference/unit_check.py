@@ -111,7 +111,9 @@ def _torque_pairs(
     kept = [
         (record.measured[row, record.free], torque[row, record.free])
         for record, torque in zip(plant.records, played, strict=True)
-        if np.count_nonzero(record.free) > 1 and not record.unhooked
+        if np.count_nonzero(record.free) > 1
+        and not record.unhooked
+        and record.load_cell is None
     ]
     return [measured for measured, _ in kept], [simulated for _, simulated in kept]
 

@@ -322,7 +322,10 @@ def rollout_difference(
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
     round_pulley = replace(problem.plant.bench, arm=())
-    whole = replace(problem.plant, instruments=TORQUE_SENSORS, bench=round_pulley)
+    sensed = tuple(replace(each, load_cell=None) for each in records)
+    whole = replace(
+        problem.plant, records=sensed, instruments=TORQUE_SENSORS, bench=round_pulley
+    )
     shows = _writable_effects(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisations()]

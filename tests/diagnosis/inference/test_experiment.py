@@ -112,6 +112,7 @@ def as_recorded(motion: CataloguedTrial, like: Record) -> Record:
         tilt=motion.tilt,
         known_torques=motion.known_torques,
         swapped=motion.swapped,
+        load_cell=motion.cell_on(BENCH, 80.0 * motion.pretension),
     )
 
 

@@ -46,9 +46,9 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 def test_the_missing_effect_is_named_and_the_gap_closes(
     name: str, values: dict[str, float]
 ) -> None:
-    # Without a locked trial in a fold, friction and pretension are undetermined there:
-    # with one in all, the gap of gravity closes by 0.62 and 0.49 only.
-    data = dataset({name: values}, 2.5, seed=3, changes=TUNED, chosen=(0, 1, 2, 3))
+    # The only locked trial, without which friction and pretension are undetermined, is
+    # in every training part: held out in turn, gravity's gap closes by 0.62 only.
+    data = dataset({name: values}, 2.5, seed=3, changes=TUNED)
     result = run_inference(data, BENCH, Options(FEW))
     found = result.diagnosis
     assert found.verdict == "named", found.statement
@@ -60,7 +60,8 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
         assert fitted.ci95[0] < fitted.value < fitted.ci95[1]
     for gap in found.gap.values():
         assert gap.rmse_after <= gap.rmse_before
-    assert max(gap.gap_closed for gap in found.gap.values()) > 0.8
+    assert max(gap.gap_closed for gap in found.gap.values()) > 0.9
+    assert any("trial_1 is the only trial of its kind" in p for p in found.problems)
     text = json.loads(found.to_json())
     assert text["schema"] == SCHEMA_VERSION
     assert text["effects"][0]["id"] == name
@@ -176,6 +177,7 @@ def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
     )
     monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
     monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
+    monkeypatch.setattr(module, "never_held_out", lambda *_: ())
     fit: Any = SimpleNamespace(problem=problem, whole=SimpleNamespace(x=np.zeros(0)))
     held = module.Holdout(fit, 0).out(fit.problem, np.zeros(0))
     assert held is not None

@@ -51,7 +51,7 @@ from cc_mujoco.diagnosis.effects import _library as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table
-from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce
+from cc_mujoco.thesis import Claim, reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -84,17 +84,11 @@ SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
-    """Return Markdown: a count of the verdicts, and the same by experiment."""
+    """Return the counts of the verdicts in a sentence."""
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
-    rows = [f"| experiment | {' | '.join(order)} |", "|---" * (len(order) + 1) + "|"]
-    whole: Counter[str] = Counter()
-    for name, found in claims.items():
-        own = Counter[str](claim.verdict for claim in found)
-        whole.update(own)
-        numbers = " | ".join(str(own[verdict] or "") for verdict in order)
-        rows.append(f"| `{name}`: {EXPERIMENTS[name]} | {numbers} |")
+    whole = Counter(claim.verdict for found in claims.values() for claim in found)
     told = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
-    return f"{whole.total()} claims: {told}.\n\n" + "\n".join(rows)
+    return f"{whole.total()} claims: {told}."
 
 
 def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:

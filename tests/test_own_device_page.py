@@ -38,7 +38,7 @@ NAMED = re.compile(r"# ([\w.]+)\n")
 ADDRESS = 'address = "127.0.0.1:5005"'
 DURATION = re.compile(r"\b(duration[ =])(\d+(?:\.\d+)?)")
 SHORTER = 5.0
-MOST_WORDS = 2000
+MOST_WORDS = 1300
 
 
 def blocks(section: str) -> list[tuple[str, str]]:
@@ -204,26 +204,17 @@ def test_the_page_is_short_and_the_scene_has_names_of_its_own() -> None:
     assert lines is not None and int(lines[1]) == len(text.splitlines()) <= 70
 
 
-def test_every_key_of_a_description_is_in_the_table() -> None:
-    listed: dict[str, set[str]] = {}
-    for table, keys in re.findall(r"^\| ([^|]*) \| ([^|]*) \|", _rows(), re.M):
-        listed.setdefault(table.strip("` "), set()).update(re.findall(r"`(\w+)`", keys))
-    tables = {"rope", "sensors", "axis", "wearer"}
+def test_every_key_is_in_the_written_description_or_on_the_page(folder: Path) -> None:
+    assert cli.main(["device", "knee_exo.xml", "--out", "described.toml"]) == 0
+    told = (folder / "described.toml").read_text("utf-8") + SECTIONS["Every key"]
     fields = {
-        kind: {f.name for f in dataclasses.fields(kind)} for kind in (Sensing, Cuff)
+        field.name for kind in (Sensing, Cuff) for field in dataclasses.fields(kind)
     }
-    assert listed == {
-        "": set(derivation.KEYS) - tables,
-        "rope": {"strength", "diameter"},
-        "sensors": fields[Sensing],
-        "axis": set(derivation.AXIS_KEYS) - {"cuff", "observation"},
-        "axis.cuff": fields[Cuff] - {"tendon"},
-        "axis.observation": {*derivation.UNITS, "phase"},
-        "wearer.JOINT": set(WEARER_KEYS),
+    keys = {
+        *derivation.KEYS,
+        *derivation.AXIS_KEYS,
+        *derivation.UNITS,
+        *WEARER_KEYS,
+        *fields,
     }
-
-
-def _rows() -> str:
-    """Return the rows of the table of keys, its first cell never empty."""
-    _, _, table = SECTIONS["Every key"].partition("|---|---|---|\n")
-    return re.sub(r"^\| \|", "|  |", table, flags=re.M)
+    assert not {key for key in keys - {"tendon"} if not re.search(rf"\b{key}\b", told)}

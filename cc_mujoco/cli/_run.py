@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from cc_mujoco.hardware._trials import Planned
 
 
-REPORTED_LIMIT_SHARE = 0.02
-"""Share of the cycles at a limit of the torque from which on that is reported."""
-
-
 @dataclass(frozen=True)
 class RunRig:
     """Drive a real rig with a controller, within limits, and record it."""
@@ -35,7 +31,7 @@ class RunRig:
     rig: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")]
     """Address, limits and task of the rig."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for log.csv and run.json; must not hold a run."""
+    """Folder for log.csv, run.json and report.html; must not hold a run."""
     controller: Annotated[str | None, option_help("NAME")] = None
     """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors; of
     several axes also AXIS=NAME,AXIS=NAME."""
@@ -199,10 +195,13 @@ class RunRig:
                 loop.run(duration)
             finally:
                 _close_log(log, loop.outcome)
+        _write_report(axes, self.out, loop.outcome, what, name)
         return loop.outcome
 
     def _told(self, found: RunOutcome, period: float) -> None:
         """Print how a run went, and leave if it did not go well."""
+        from cc_mujoco.hardware._run_report import AT_LIMIT_SHARE
+
         late, work = found.late.told(), found.work.told()
         print(
             f"{found.cycles} cycles of {period * 1e3:g} ms, {found.missed} missed, "
@@ -214,13 +213,13 @@ class RunRig:
                 f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
                 f"{work['p99_us']:g}, {work['longest_us']:g}"
             )
-        if found.limited > REPORTED_LIMIT_SHARE * found.cycles:
+        if found.limited > AT_LIMIT_SHARE * found.cycles:
             print(
                 f"in {found.limited / found.cycles:.0%} of the cycles a motor got "
                 "all that [limits] torque allows, and went where that let it; raise it "
                 "if the rig may, or ask for less"
             )
-        if found.rate_limited > REPORTED_LIMIT_SHARE * found.cycles:
+        if found.rate_limited > AT_LIMIT_SHARE * found.cycles:
             print(
                 f"in {found.rate_limited / found.cycles:.0%} of the cycles a torque "
                 "changed as fast as [limits] torque_rate allows, and went where that "
@@ -243,6 +242,34 @@ def _close_log(log: RunLog, outcome: RunOutcome) -> None:
         except CableError as error:
             if not outcome.code:
                 outcome.sentence, outcome.code = str(error), 3
+
+
+def _write_report(
+    axes: RigAxes, folder: Path, outcome: RunOutcome, what: str, trial: str | None
+) -> None:
+    """Write the page of a run; a run without a page is a run all the same."""
+    from cc_mujoco.assets import SCENES
+    from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
+    from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
+
+    first = axes.settings[0]
+    file = first.path.parent / first.scene
+    run = ReportedRun(
+        folder / f"{trial or DEFAULT_LOG_NAME}.csv",
+        outcome,
+        trial or what,
+        first.scene if first.scene in SCENES or not file.is_file() else str(file),
+        first.period,
+        {
+            name: each.limits
+            for name, each in zip(axes.log_names, axes.settings, strict=True)
+        },
+        trial is not None,
+    )
+    try:
+        print(f"report:     {write_run_report(run)}")
+    except (CableError, OSError) as error:
+        print(f"report:     none, {error}")
 
 
 def _wait_until_ready(trial: str) -> None:

@@ -16,10 +16,11 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._run_log import RUN_MARK, page_of
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Readings, RunLog
+from cc_mujoco.hardware import Readings, RunLog, RunOutcome
 from cc_mujoco.hardware._replay import as_episode, read_rows
 from cc_mujoco.hardware._run_log import RUN_COLUMNS
-from hardware.fakes import add_row
+from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
+from hardware.fakes import LIMITS, add_row
 
 BENCH = Bench.of(scene_path("bench"))
 
@@ -158,3 +159,33 @@ def test_other_options_and_other_logs_are_refused(
     pyarrow.csv.write_csv(empty, tmp_path / "empty.csv")
     with pytest.raises(CableError, match="has no column motor_angle_rad"):
         read_rows(tmp_path / "empty.csv")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [
+        (
+            RunOutcome("the 0.8 s are over.", cycles=400),
+            ["missed the desired one by {:.3g} N m RMS", "no limit was reached", "ask"],
+        ),
+        (
+            RunOutcome("the 0.8 s are over.", cycles=400, limited=100),
+            ["it reached its torque limit in 25% of the cycles", "cc-mujoco diagnose"],
+        ),
+        (
+            RunOutcome("the joint is at 9 rad.", code=3, cycles=400),
+            ["ended after 0.798 s: the joint is at 9 rad.", "--replay"],
+        ),
+    ],
+)
+def test_the_page_of_a_run_says_how_it_went_and_what_comes_next(
+    log: Path, outcome: RunOutcome, words: list[str]
+) -> None:
+    run = ReportedRun(log, outcome, "pi", "bench", 0.002, {"": LIMITS})
+    text = write_run_report(run).read_text("utf-8")
+    rows = read_rows(log)
+    off = (rows["joint_torque_nm"] - rows["desired_torque_nm"])[:391]
+    for each in words:
+        assert each.format(np.sqrt(np.mean(off**2))) in text
+    assert text.index("<h1") < text.index("<svg") < text.index("<code")
+    assert "nan" not in text

@@ -51,13 +51,9 @@ def test_every_claim_is_a_row_and_is_counted_under_its_experiment() -> None:
     assert [row[0] for row in rows] == [n for n, made in claims.items() for _ in made]
     whole = sum(map(len, claims.values()))
     agree = whole - len(EXPERIMENTS)
-    first, _, *lines = block(claims).splitlines()
-    assert first.startswith(f"{whole} claims: {agree} agrees, 0 better, ")
-    assert f"{len(EXPERIMENTS)} misprint" in first
-    for (name, made), line in zip(claims.items(), lines[2:], strict=True):
-        assert line.startswith(
-            f"| `{name}`: {EXPERIMENTS[name]} | {len(made) - 1 or ''}"
-        )
+    counted = block(claims)
+    assert counted.startswith(f"{whole} claims: {agree} agrees, 0 better, ")
+    assert f"{len(EXPERIMENTS)} misprint" in counted
 
 
 def test_the_page_counts_the_claims_of_the_file() -> None:

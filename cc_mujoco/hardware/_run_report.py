@@ -1,0 +1,240 @@
+"""Page on a run of a rig: one sentence, one picture, the next command."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
+from cc_mujoco.hardware._limits import Limits
+from cc_mujoco.hardware._loop import RunOutcome
+from cc_mujoco.hardware._replay import read_rows
+from cc_mujoco.report._html import (
+    Html,
+    element,
+    folded,
+    join_pieces,
+    list_words,
+    page,
+    paragraph,
+    table,
+)
+from cc_mujoco.report._svg import PLOT_STYLE, time_plot
+
+Array = NDArray[np.float64]
+
+AT_LIMIT_SHARE = 0.02
+"""Share of the cycles at a limit of the torque from which on that is reported."""
+
+
+@dataclass(frozen=True)
+class ReportedRun:
+    """A run whose log is complete."""
+
+    log: Path
+    """Its rows."""
+    outcome: RunOutcome
+    what: str
+    """Name of its controller, or of its trial."""
+    scene: str
+    """Name of a device, or the file of one."""
+    period: float
+    """Period of the loop [s]."""
+    limits: Mapping[str, Limits]
+    """Limits by the name of the axis in the log, empty of a device with one."""
+    is_trial: bool = False
+    """Whether it played a trial of a plan, whose torque is that of a servo."""
+
+    @property
+    def page(self) -> Path:
+        """Path of the page, beside the log."""
+        first = "" if self.log.stem == DEFAULT_LOG_NAME else f"{self.log.stem}_"
+        return self.log.with_name(f"{first}report.html")
+
+
+def write_run_report(run: ReportedRun) -> Path:
+    """Write the page of a run beside its log, and return its path.
+
+    Raises:
+        CableError: The log has less than two rows.
+        OSError: The page cannot be written.
+    """
+    rows = read_rows(run.log)
+    time = rows["time_s"]
+    axes = {
+        name: {
+            key.removeprefix(f"{name}.") if name else key: column
+            for key, column in rows.items()
+            if key.startswith(f"{name}." if name else "")
+        }
+        for name in run.limits
+    }
+    errors = {name: _errors(time, axes[name], run.limits[name]) for name in axes}
+    order = sorted(axes, key=lambda name: -errors[name][0])
+    pictures = {n: _picture(n, time, axes[n], run.limits[n]) for n in order}
+    title = _sentence(run, float(time[-1]), errors[order[0]], order[0])
+    text = page(
+        title,
+        _kind(run),
+        element(
+            "header",
+            paragraph("Run of a rig", kind="small"),
+            element("h1", title),
+            pictures[order[0]],
+            _next(run, order[0]),
+        ),
+        *(folded(f"Axis {name}", pictures[name]) for name in order[1:]),
+        *(_used(name, axes[name], run.limits[name]) for name in order),
+        _timing(run),
+        style=PLOT_STYLE,
+    )
+    with replacing(run.page) as place:
+        place.write_text(text, encoding="utf-8")
+    return run.page
+
+
+def _kind(run: ReportedRun) -> str:
+    """Return the class of the page, which colours its edge."""
+    if run.outcome.code:
+        return "fix-data"
+    return "named" if _touched(run) else "none"
+
+
+def _errors(
+    time: Array, rows: Mapping[str, Array], limits: Limits
+) -> tuple[float, float]:
+    """Return the RMS error after the soft start, and the RMS of the desired torque."""
+    desired = rows["desired_torque_nm"]
+    counted = np.isfinite(desired) & (time >= limits.soft_start)
+    if not counted.any():
+        counted = np.isfinite(desired)
+    if not counted.any():
+        return math.nan, math.nan
+    off = rows["joint_torque_nm"][counted] - desired[counted]
+    return float(np.sqrt(np.mean(off**2))), float(
+        np.sqrt(np.mean(desired[counted] ** 2))
+    )
+
+
+def _touched(run: ReportedRun) -> list[str]:
+    """Return the limits of the torque that a motor often reached."""
+    cycles = max(1, run.outcome.cycles)
+    counts = {"torque": run.outcome.limited, "rate": run.outcome.rate_limited}
+    return [
+        f"its {name} limit in {count / cycles:.0%} of the cycles"
+        for name, count in counts.items()
+        if count > AT_LIMIT_SHARE * cycles
+    ]
+
+
+def _sentence(
+    run: ReportedRun, duration: float, errors: tuple[float, float], axis: str
+) -> str:
+    """Return what ran, how well the torque was followed and which limits it reached."""
+    told = run.outcome.sentence.rstrip(".")
+    if run.outcome.code:
+        return f"{run.what} ended after {duration:.3g} s: {told}."
+    error, size = errors
+    parts = [f"{run.what} ran for {duration:.3g} s"]
+    if not run.is_trial and math.isfinite(error):
+        share = f", {error / size:.0%} of its RMS" if size > 1e-9 else ""
+        where = f"the torque at {axis}" if axis else "the joint's torque"
+        parts.append(f"{where} missed the desired one by {error:.3g} N m RMS{share}")
+    touched = _touched(run)
+    limit = f"it reached {list_words(touched)}" if touched else "no limit was reached"
+    return "; ".join([*parts, limit]) + "."
+
+
+def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) -> Html:
+    """Return torques and angle of an axis over time."""
+    start = f"{name}: " if name else ""
+    torque = {"measured": rows["joint_torque_nm"], "desired": rows["desired_torque_nm"]}
+    commanded = {"commanded": rows["motor_torque_nm"]}
+    angle = {"measured": rows["joint_angle_rad"]}
+    bounds = (-limits.torque, limits.torque)
+    return join_pieces(
+        [
+            time_plot(f"{start}joint torque [N m]", time, torque),
+            time_plot(
+                f"{start}motor torque [N m], limit dotted", time, commanded, bounds
+            ),
+            time_plot(
+                f"{start}joint [rad], range dotted", time, angle, limits.joint_range
+            ),
+        ]
+    )
+
+
+def _next(run: ReportedRun, axis: str) -> Html:
+    """Return the command that comes next."""
+    folder = run.log.parent
+    if run.outcome.code:
+        words = ["cc-mujoco", "play", run.scene, "--replay", str(run.log)]
+        return paragraph(
+            "To see what led to it: ", element("code", shlex.join(words)), kind="lead"
+        )
+    source = folder if run.is_trial else run.log
+    words = ["cc-mujoco", "diagnose", str(source), "--scene", run.scene]
+    words += ["--axis", axis] if axis else []
+    words += ["--out", str(folder.with_name(f"{folder.name}_diagnosis"))]
+    why = (
+        "Next, with all trials: "
+        if run.is_trial
+        else "Next, ask what the scene lacks: "
+    )
+    return paragraph(why, element("code", shlex.join(words)), kind="lead")
+
+
+def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
+    """Return how much of each limit a run used."""
+    low, high = limits.joint_range
+    angle = rows["joint_angle_rad"]
+
+    def largest(key: str) -> float:
+        return float(np.abs(rows[key]).max())
+
+    def row(title: str, value: float, limit: float, unit: str) -> list[str]:
+        if not math.isfinite(limit):
+            return [title, f"{value:.3g} {unit}", "none", "-"]
+        shown = [title, f"{value:.3g} {unit}", f"{limit:.3g} {unit}"]
+        return [*shown, f"{value / limit:.0%}"]
+
+    lines = [
+        row("motor torque", largest("motor_torque_nm"), limits.torque, "N m"),
+        row(
+            "motor speed", largest("motor_velocity_rad_s"), limits.motor_speed, "rad/s"
+        ),
+        row("joint torque", largest("joint_torque_nm"), limits.joint_torque, "N m"),
+        [
+            "joint angle",
+            f"{angle.min():.3g} to {angle.max():.3g} rad",
+            f"{low:.3g} to {high:.3g} rad",
+            f"{(angle.max() - angle.min()) / (high - low):.0%}",
+        ],
+    ]
+    title = f"Limits of {name}" if name else "Limits"
+    head = ("", "largest", "limit", "used")
+    return join_pieces([element("h2", title), table(head, lines)])
+
+
+def _timing(run: ReportedRun) -> Html:
+    """Return how punctual a run was."""
+    found = run.outcome
+    told = [
+        f"{found.cycles} cycles of {run.period * 1e3:g} ms, {found.missed} missed, "
+        f"{found.without_reading} without a new reading."
+    ]
+    if late := found.late.told():
+        told.append(
+            f"Late by {late['p50_us']:g} us (median), {late['p99_us']:g} us (99 %), "
+            f"{late['longest_us']:g} us (longest)."
+        )
+    told += [f"{n} packets ignored: {why}." for why, n in sorted(found.ignored.items())]
+    return join_pieces([element("h2", "Timing"), *map(paragraph, told)])

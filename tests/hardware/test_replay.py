@@ -184,7 +184,9 @@ def test_the_page_of_a_run_says_how_it_went_and_what_comes_next(
     run = ReportedRun(log, outcome, "pi", "bench", 0.002, {"": LIMITS})
     text = write_run_report(run).read_text("utf-8")
     rows = read_rows(log)
-    off = (rows["joint_torque_nm"] - rows["desired_torque_nm"])[:391]
+    counted = rows["time_s"] >= LIMITS.soft_start
+    counted &= np.isfinite(rows["desired_torque_nm"])
+    off = (rows["joint_torque_nm"] - rows["desired_torque_nm"])[counted]
     for each in words:
         assert each.format(np.sqrt(np.mean(off**2))) in text
     assert text.index("<h1") < text.index("<svg") < text.index("<code")

@@ -137,7 +137,10 @@ class Diagnose:
             print(f"  record it as {planned.trial} (`cc-mujoco run --plan {folder}`),")
             if found.occasions:
                 last = found.occasions.names[-1]
-                print(f"  put it beside the trials of {last}, and run this again")
+                print(
+                    f"  put it beside the trials of {last}, replace their dataset.toml"
+                )
+                print(f"  by that of {folder}, and run this again")
             else:
                 trial = f"{planned.trial}.csv"
                 print(f"  then: {continue_command(trial, str(self.out), 'NEW_FOLDER')}")

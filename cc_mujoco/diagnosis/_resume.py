@@ -68,8 +68,8 @@ class Earlier(NamedTuple):
         if occasions:
             raise CableError(
                 f"{folder} is of several occasions ({', '.join(occasions)}); diagnose "
-                "their folders anew, with the new trials in the folder of their "
-                "occasion."
+                "their folders anew, with the new trials (and, of a proposed one, "
+                "its dataset.toml) in the folder of their occasion."
             )
         data[scene["path"]] = scene["sha256"]
         if dataset["path"]:

@@ -120,7 +120,8 @@ def loop(
 
     bench = Bench.of(scene_path("bench"))
     data = make_dataset(rig, amounts, recorded, seed)
-    facts, steps = facts_of(recorded, seed), []
+    facts = facts_of(recorded, seed)
+    steps: list[Step] = []
     while True:
         place = folder / f"data_{len(steps)}"
         write_data(place, data, facts)

@@ -25,6 +25,7 @@ from cc_mujoco.diagnosis._inference.motions import (
     motions,
     trial_table,
 )
+from cc_mujoco.diagnosis._inference.occasions import occasions_of
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._verdict import NextExperiment
@@ -110,17 +111,14 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
     best: tuple[tuple[bool, bool, float], Proposal] | None = None
-    taken = {record.trial for record in problem.plant.records}
-    trial = next(
-        name for k in itertools.count(1) if (name := f"trial_{k:02d}") not in taken
-    )
+    trial = next_trial_name(problem.plant.records)
     better, worse = np.argsort([model.held_out_mse for model in rivals.models])
     every = catalogue(problem)
     done = recorded(every, problem.plant.bench, problem.plant.records)
     for motion in every:
         if motion.description in done:
             continue
-        record = _record(problem, motion)
+        record = as_record(problem, motion)
         shown = [
             other.plant.limited([record]).simulate(other.values(x), other.effects)[0]
             for other, x in fitted
@@ -164,10 +162,17 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
                 rivals.ids,
                 description,
                 trial,
-                tuple(trial_table(trial, motion, tension)),
+                tuple(trial_table(trial, motion, tension, record.occasion)),
             )
             best = rank, Proposal(experiment, motion)
     return best[1] if best else None
+
+
+def next_trial_name(records: Sequence[Record]) -> str:
+    """Return a name that no trial has on any occasion."""
+    taken = {record.trial.rsplit("/", 1)[-1] for record in records}
+    names = (f"trial_{k:02d}" for k in itertools.count(1))
+    return next(name for name in names if name not in taken)
 
 
 def _describe_difference(
@@ -412,8 +417,11 @@ def refit_difference(
     return left
 
 
-def _record(problem: Problem, motion: CataloguedTrial) -> Record:
+def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
+    """Return a motion as a record of the last occasion of the data."""
     records = problem.plant.records
+    last = occasions_of(records)[-1]  # on which it is recorded
+    records = tuple(each for each in records if each.occasion == last)
     base = next((each for each in records if not each.unhooked), records[0])
     size = min(motion.motor.size, motion.joint.size)
     tension = base.pretension

@@ -340,15 +340,20 @@ def _centre_motion(
     return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)
 
 
-def trial_table(name: str, motion: CataloguedTrial, tension: float) -> list[str]:
+def trial_table(
+    name: str, motion: CataloguedTrial, tension: float, occasion: str = ""
+) -> list[str]:
     """Return the lines of a trial in `dataset.toml`.
 
     Args:
         name: of the trial.
         motion: of the catalogue.
         tension: pretension of the trial [N]; 0 with the cables off.
+        occasion: of several on which the rig was recorded.
     """
     known = [f"pretension = {tension:g}"] if tension else []
+    if occasion:
+        known.append(f'occasion = "{occasion}"')
     notes = f'notes = "{motion.description}"'
     return [f'[trials."{name}"]', *known, *motion.toml, notes]
 

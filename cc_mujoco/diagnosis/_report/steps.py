@@ -177,7 +177,11 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
     either = names.list(planned.separates, "or")
     then = f"record it as {planned.trial}, then continue this diagnosis with it"
     if diagnosis.occasions is not None:
-        then = f"record it into the folder of the last occasion, then {RUN_AGAIN}"
+        last = diagnosis.occasions.names[-1]
+        then = (
+            f"record it as {planned.trial} among the trials of {last}, replace their "
+            f"dataset.toml by that of the folder, then {RUN_AGAIN}"
+        )
     return _step_item(
         "What to record",
         f"{capitalise(planned.description)}. It tells whether it is {either}. Folder "

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +18,9 @@ from cc_mujoco.diagnosis._inference.bench_simulation import (
     SimulatedRig,
     baseline_parameters,
 )
+from cc_mujoco.diagnosis._inference.experiment import as_record, next_trial_name
 from cc_mujoco.diagnosis._inference.fitting import fit
+from cc_mujoco.diagnosis._inference.motions import motions, trial_table
 from cc_mujoco.diagnosis._inference.occasion_report import compare_size, describe_change
 from cc_mujoco.diagnosis._inference.occasions import occasions_of, values_on
 from cc_mujoco.diagnosis._inference.records import prepare
@@ -69,6 +74,20 @@ def test_an_occasion_has_its_ratios_and_differences_and_the_last_one_none() -> N
     assert march["friction"] == pytest.approx(0.1)
     assert march["joint_angle_offset"] == pytest.approx(0.03)
     assert values_on(values, "June") is values
+
+
+def test_a_proposed_trial_is_of_the_last_occasion_and_has_a_free_name() -> None:
+    march, june = (on(name, dataset(duration=1.0)) for name in ("March", "June"))
+    records, _ = prepare(replace(march, trials=march.trials + june.trials), BENCH)
+    named = (*records[:-1], replace(records[-1], trial="June/trial_01"))
+    assert next_trial_name(named) == "trial_02"
+    plant: Any = SimpleNamespace(plant=SimpleNamespace(records=named, bench=BENCH))
+    motion = motions(BENCH, 0.8, 3.0)[0]
+    proposed = as_record(plant, motion)
+    assert proposed.occasion == "June"
+    lines = trial_table("trial_02", motion, 80.0, proposed.occasion)
+    facts = tomllib.loads("\n".join(lines))["trials"]["trial_02"]
+    assert facts["occasion"] == "June" and facts["pretension"] == 80.0
 
 
 def test_a_change_moves_the_torques_of_its_occasion_only() -> None:

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from cc_mujoco.device import Device
 
 
+ONNX = "onnx"
+"""Target of a policy without an observation or C."""
+
+
 @dataclass(frozen=True)
 class Export:
     """Write a controller for C: object file, header, parameters, example."""
@@ -24,11 +28,11 @@ class Export:
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
     """Device whose cables the controller knows: a name, or an MJCF file."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Controller: pi, feedback, model, stiction, predictive or adaptive."""
+    """Controller: pi, feedback, model, stiction, predictive, adaptive or a policy."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
     target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
-    """Machine that it runs on: host, aarch64 or armv7."""
+    """Machine that it runs on: host, aarch64 or armv7; of a policy also onnx."""
     axis: Annotated[str | None, option_help("NAME")] = None
     """Axis that the controller drives, of a device with several."""
     model: Annotated[Path | None, option_help("FILE.xml")] = None
@@ -51,12 +55,14 @@ class Export:
             TARGETS,
             ExportPlan,
             require_ours,
-            require_round_pulleys,
+            require_ros2_states,
             write,
         )
 
+        if self.target == ONNX:
+            self._write_onnx()
+            return
         device = find_device(self.scene)
-
         target = look_up("target", self.target, TARGETS)
         if self.model is not None:
             try:
@@ -73,7 +79,7 @@ class Export:
         drive = made.drives(description.period)[place]
         plan = ExportPlan.of(self.controller, drive, made.driven[place], axis)
         if self.ros2_control:
-            require_round_pulleys(plan, drive)
+            require_ros2_states(plan, drive)
         if not self.allow_active:
             self._require_passive(device, axis or None)
         scene = f"axis {axis} of the scene" if axis else "the scene"
@@ -86,6 +92,20 @@ class Export:
             f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
             f"build with:  {build}"
         )
+
+    def _write_onnx(self) -> None:
+        from cc_mujoco._utils.provenance import POLICY_ENDING
+        from cc_mujoco.control import write_onnx
+
+        if not self.controller.endswith(POLICY_ENDING):
+            raise CableError(
+                f"--target {ONNX} is for policies, files that end in {POLICY_ENDING}, "
+                f"not for controller {self.controller!r}."
+            )
+        self.out.mkdir(parents=True, exist_ok=True)
+        path = self.out / "policy.onnx"
+        write_onnx(self.controller, path)
+        print(path)
 
     def _require_passive(self, device: Device, axis: str | None) -> None:
         from cc_mujoco.design._passivity import activity

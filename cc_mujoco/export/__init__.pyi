@@ -5,6 +5,6 @@ from ._files import EXPORT_FILES as EXPORT_FILES
 from ._files import require_ours as require_ours
 from ._files import write as write
 from ._plugin_library import write_plugin as write_plugin
-from ._ros2_control import require_round_pulleys as require_round_pulleys
+from ._ros2_control import require_ros2_states as require_ros2_states
 from ._targets import TARGETS as TARGETS
 from ._targets import Target as Target

@@ -25,6 +25,16 @@ _READING_MEANINGS = {
 }
 
 
+_POLICY_MEANINGS = {
+    "motor_angle_rad": "angle of the motor, 0 where it is in the scene",
+    "joint_angle_rad": "angle of the joint, 0 where it is in the scene",
+    "phase_sine": "sine of the phase of the gait",
+    "phase_cosine": "its cosine",
+    "reference_angle_rad": "angle that the task commands",
+}
+"""Meanings of the readings of a policy, where they differ."""
+
+
 def renamed(text: str, axis: str) -> str:
     """Return C, or the name of a file, with the name of an axis in all its names.
 
@@ -51,7 +61,10 @@ def header(plan: ExportPlan, what: str) -> str:
         plan: What is exported.
         what: Of which controller, for what scene and machine.
     """
-    described = [(name, _READING_MEANINGS[name]) for name in plan.law.seen]
+    meanings = _READING_MEANINGS
+    if plan.policy is not None:
+        meanings = meanings | _POLICY_MEANINGS
+    described = [(name, meanings[name]) for name in plan.law.seen]
     described += [
         (name, f"tension of {cable} at node {node}, from its sensor [N]")
         for name, cable, node in plan.tension_readings

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco._utils.compilation import FloatArray
-from cc_mujoco._utils.provenance import is_user_controller
+from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import TERMS
@@ -25,9 +25,11 @@ from cc_mujoco.control import (
     Controller,
     Feedback,
     ModelBased,
+    Policy,
     PredictiveCompensation,
     ProportionalIntegral,
     StictionCompensation,
+    read_policy,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
@@ -38,6 +40,7 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
 from cc_mujoco.export import _adaptive as adaptive
 from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export import _policy as policy
 from cc_mujoco.export import _predictive as predictive
 
 
@@ -139,6 +142,8 @@ class ExportPlan:
     """Tension sensors, of a controller that reads them."""
     axis: str = ""
     """Name of the axis, of a device with several; it is part of all names in C."""
+    policy: policy.PolicyTables | None = None
+    """Numbers of a policy, of one that was trained."""
 
     @classmethod
     def of(
@@ -156,10 +161,12 @@ class ExportPlan:
             CableError: There is no such controller, it cannot be exported, or it needs
                 cables and there are none.
         """
+        if name.endswith(POLICY_ENDING):
+            return cls._of_policy(name, drive, axis)
         if is_user_controller(name):
             raise CableError(
-                f"controller {name!r} cannot be exported, for neither a policy nor "
-                f"code from outside is compiled; {', '.join(EXPORTED)} can be."
+                f"controller {name!r} cannot be exported, for code from outside is not "
+                f"compiled; policies and {', '.join(EXPORTED)} can be."
             )
         kind = look_up("controller", name, CONTROLLERS)
         if kind not in LAWS:
@@ -198,6 +205,24 @@ class ExportPlan:
             axis,
         )
 
+    @classmethod
+    def _of_policy(cls, name: str, drive: Drive, axis: str) -> ExportPlan:
+        made = Policy(drive, name)  # of this device, with these samples
+        network, (observed,) = read_policy(name)
+        law = ExportedLaw(
+            policy.set_policy, policy.step_policy, False, seen=observed.columns
+        )
+        whole = made.drive.observed.torque if made.drive.observed else 0.0
+        low, high, period = made.drive.low, made.drive.high, drive.period
+        fields = (
+            Field("low", "N m", -1e9, 1e9, low, "least torque of the motor"),
+            Field("high", "N m", -1e9, 1e9, high, "greatest torque of the motor"),
+            Field("torque", "N m", 0.0, 1e9, whole, "torque of the motor at a share 1"),
+            Field("period", "s", period, period, period, "time between two steps"),
+        )
+        tables = policy.PolicyTables(network, observed)
+        return cls(law, fields, (), (), (), axis=axis, policy=tables)
+
     @property
     def seen(self) -> tuple[str, ...]:
         """Readings that it uses."""
@@ -217,6 +242,8 @@ class ExportPlan:
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape that the compiled functions are given: see `entries`."""
+        if self.policy is not None:
+            return self.policy.shape
         told = (len(self.cables), *self.segments, *self.sections)
         if self.plans:
             told = *told, *self.plans[0].shape[:2]
@@ -228,6 +255,8 @@ class ExportPlan:
     @property
     def tables(self) -> tuple[float, ...]:
         """Numbers that no parameter changes: see `entries`."""
+        if self.policy is not None:
+            return self.policy.numbers
         tables = [number for table in self.plans for number in np.ravel(table)]
         fading = [] if self.taps is None else [self.taps.fading]
         return tuple(map(float, [*tables, *fading]))
@@ -239,6 +268,8 @@ class ExportPlan:
     @property
     def places(self) -> tuple[int, ...]:
         """Places of numbers in the memory; the last is how many there are."""
+        if self.policy is not None:
+            return (self.policy.memory_size,)
         longest = max(self.segments, default=0)
         if self.plans:
             delays, knots = self.plans[0].shape[:2]

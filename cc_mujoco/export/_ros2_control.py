@@ -23,12 +23,19 @@ _STATES = {
 """State interface of every reading: whose, and which."""
 
 
-def require_round_pulleys(plan: ExportPlan, drive: Drive) -> None:
+def require_ros2_states(plan: ExportPlan, drive: Drive) -> None:
     """Refuse a controller that does not read what sensors measure.
 
     Raises:
-        CableError: Its model needs to know how a joint winds the cables.
+        CableError: Its model needs to know how a joint winds the cables, or it reads
+            the phase of a gait or a commanded angle.
     """
+    others = set(plan.law.seen) - {*_STATES, "desired_torque_nm"}
+    if others:
+        raise CableError(
+            f"--ros2-control cannot be with this policy, for it reads "
+            f"{', '.join(sorted(others))}, of which ros2_control has no state."
+        )
     if not plan.law.has_model or not (drive.lever or drive.crossed):
         return
     why = "pull a lever" if drive.lever else "pass other joints"

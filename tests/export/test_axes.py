@@ -105,7 +105,15 @@ def test_controllers_of_two_axes_run_in_one_program(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", ["knee_exo", "knee4", "knee_mid", "elbow"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "knee_exo",
+        "elbow",
+        pytest.param("knee4", marks=pytest.mark.study),
+        pytest.param("knee_mid", marks=pytest.mark.study),
+    ],
+)
 def test_devices_of_others_are_exported(name: str, tmp_path: Path) -> None:
     scene = str(CASES / f"{name}.xml")
     Export(scene, "stiction", tmp_path / "out", allow_active=True).run()

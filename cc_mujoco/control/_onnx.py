@@ -1,0 +1,99 @@
+"""Policies as ONNX files, for runtimes that know neither Python nor this package.
+
+    write_onnx("runs/policy.safetensors", "runs/policy.onnx")
+
+The graph is the network: `observation` (n, size) and `action` (n, motors) of float32,
+computed in double as the policy is. What is observed, of which the graph knows nothing,
+stands in the metadata `cc_mujoco` as JSON; `Observed` says how to form it. Needs
+`pip install 'cc_mujoco[onnx]'`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.control._policy import POLICY_METADATA_KEY, Network, read_policy
+from cc_mujoco.errors import CableError
+
+OPSET, IR_VERSION = 13, 8
+"""Versions of the operators and of the format; old ones, which every runtime reads."""
+_OPERATORS = {"tanh": "Tanh", "relu": "Relu"}
+"""Operators of `ACTIVATIONS`; the identity has none."""
+
+
+def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
+    """Write a policy as an ONNX file.
+
+    Args:
+        policy: Its file, see `write_policy`.
+        path: Where to write; ends in `.onnx`.
+
+    Raises:
+        CableError: The policy cannot be read, or the package `onnx` is not installed.
+    """
+    network, observed = read_policy(policy)
+    try:
+        import onnx
+    except ImportError:
+        raise CableError(
+            "a policy as ONNX needs the package onnx: pip install 'cc_mujoco[onnx]'."
+        ) from None
+    model = onnx.helper.make_model(
+        _graph(onnx, network),
+        producer_name="cc_mujoco",
+        ir_version=IR_VERSION,
+        opset_imports=[onnx.helper.make_opsetid("", OPSET)],
+    )
+    about = {"observed": [own.to_dict() for own in observed]}
+    onnx.helper.set_model_props(model, {POLICY_METADATA_KEY: json.dumps(about)})
+    onnx.checker.check_model(model, full_check=True)
+    with replacing(Path(path)) as file:
+        file.write_bytes(model.SerializeToString())
+
+
+def _graph(onnx: Any, network: Network) -> Any:
+    """Return the graph of a network."""
+    helper, kinds = onnx.helper, onnx.TensorProto
+    nodes: list[Any] = []
+    constants: list[Any] = []
+
+    def constant(name: str, value: Any) -> str:
+        array = np.asarray(value, dtype=np.float64)
+        constants.append(onnx.numpy_helper.from_array(array, name))
+        return name
+
+    def node(operator: str, *inputs: str, **attributes: Any) -> str:
+        name = f"{operator.lower()}_{len(nodes)}"
+        nodes.append(helper.make_node(operator, list(inputs), [name], **attributes))
+        return name
+
+    x = node("Cast", "observation", to=kinds.DOUBLE)
+    x = node("Sub", x, constant("mean", network.mean))
+    x = node("Div", x, constant("deviation", network.deviation))
+    if np.isfinite(network.far):
+        far = constant("least", -network.far), constant("most", network.far)
+        x = node("Min", node("Max", x, far[0]), far[1])
+    last = len(network.weights) - 1
+    for place, (weights, biases) in enumerate(
+        zip(network.weights, network.biases, strict=True)
+    ):
+        x = node("MatMul", x, constant(f"{place}.weight", weights.T))
+        x = node("Add", x, constant(f"{place}.bias", biases))
+        if place < last and network.activation in _OPERATORS:
+            x = node(_OPERATORS[network.activation], x)
+    if network.squashed:
+        x = node("Tanh", x)
+    x = node("Min", node("Max", x, constant("low", -1.0)), constant("high", 1.0))
+    nodes.append(helper.make_node("Cast", [x], ["action"], to=kinds.FLOAT))
+    shapes = ("observation", network.mean.size), ("action", network.motors)
+    ends = [
+        [helper.make_tensor_value_info(name, kinds.FLOAT, ["n", size])]
+        for name, size in shapes
+    ]
+    return helper.make_graph(nodes, "policy", *ends, constants)

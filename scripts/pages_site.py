@@ -57,8 +57,6 @@ box.addEventListener('input', () => {
 if (matchMedia('(max-width: 760px)').matches)
   document.querySelectorAll('#groups details').forEach(d => d.open = false);
 """
-MATH = """<script>MathJax = {tex: {inlineMath: [['$', '$']]}};</script>
-<script async src="https://cdn.jsdelivr.net/npm/mathjax@3/es5/tex-svg.js"></script>"""
 
 
 def topics(front: str) -> dict[str, tuple[list[str], list[tuple[str, str]]]]:
@@ -147,7 +145,7 @@ def write_site(out: Path) -> None:
             '<!doctype html><html lang="en"><meta charset="utf-8">'
             f"<title>{title}</title>"
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<style>{STYLE}</style>{MATH if '$' in body else ''}<body>{menu}"
+            f"<style>{STYLE}</style><body>{menu}"
             f'<main>{linked}</main><script>const UP = "{up}";</script>'
             f'<script src="{up}index.js"></script><script>{SCRIPT}</script>'
             "</body></html>",

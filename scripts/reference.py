@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 import shutil
 import sys
 import tomllib
@@ -17,6 +18,7 @@ from types import ModuleType
 from typing import get_type_hints
 
 import pdoc
+from latex2mathml.converter import convert
 
 from cc_mujoco.errors import CableError
 
@@ -28,6 +30,8 @@ ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "build" / "docs"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PACKAGES: list[str] = SETTINGS["tool"]["setuptools"]["packages"]
+EQUATION = re.compile(r"\\\((.+?)\\\)|\\\[(.+?)\\\]", re.S)
+"""Equation in a docstring, in a line or on lines of its own."""
 
 
 def opened(package: str) -> list[ModuleType]:
@@ -76,6 +80,16 @@ def resolve(module: ModuleType) -> None:
             item.__new__.__annotations__ = get_type_hints(item)
 
 
+def equations(text: str) -> str:
+    """Return a docstring with its equations as MathML, which needs no network."""
+    return EQUATION.sub(
+        lambda found: convert(
+            found[1] or found[2], display="inline" if found[1] else "block"
+        ),
+        text,
+    )
+
+
 def main() -> None:
     """Write the reference of the public packages, and the pages around it."""
     for package in PACKAGES:
@@ -84,7 +98,10 @@ def main() -> None:
         for module in opened(package):
             resolve(module)
     shutil.rmtree(OUT, ignore_errors=True)
-    pdoc.render.configure(docformat="google", math=True, show_source=False)
+    pdoc.render.configure(docformat="google", show_source=False)
+    # Markdown would take the backslashes, so equations come first.
+    to_html = pdoc.render.env.filters["to_html"]
+    pdoc.render.env.filters["to_html"] = lambda text: to_html(equations(text))
     pdoc.pdoc("cc_mujoco", output_directory=OUT)
     write_site(OUT)
     print(f"written: {(OUT / 'index.html').relative_to(ROOT)}")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pages_site
 import pytest
+import reference
 
 import cc_mujoco
 
@@ -41,3 +42,11 @@ def test_links_and_pictures_of_the_site_are_there(site: Path) -> None:
         for target in re.findall(r'(?:href|src)="([^"#]+)', page.read_text("utf-8")):
             if "://" not in target and target.rpartition("/")[2] != "cc_mujoco.html":
                 assert (page.parent / target).exists(), (page, target)
+
+
+def test_equations_are_drawn_without_a_network(site: Path) -> None:
+    text = reference.equations(r"a \(T_p\) and \[ \frac{W}{W + D} > 0 \]")
+    assert "<msub><mi>T</mi><mi>p</mi></msub>" in text and "<mfrac>" in text
+    assert "\\" not in text
+    for page in site.rglob("*.html"):
+        assert not re.search(r'src="https?:', page.read_text("utf-8")), page

@@ -84,6 +84,8 @@ LONG = (
     "test_kernel_physics.py",
     "test_bending.py",
     "test_agreement.py",
+    "test_policy.py",
+    "test_ros2_control.py",
     "test_language.py",
     "test_location.py",
     "test_moving_route.py",

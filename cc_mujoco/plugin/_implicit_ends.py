@@ -96,7 +96,7 @@ from cc_mujoco.plugin._instance_data import (
 Floats = npt.NDArray[np.float64]
 
 _STABILITY_LIMIT_RK4, _IMPLICIT_LIMIT_RK4 = 5.8, 0.3
-"""Limits of RK4, as the two of `_newmark.py` for Euler."""
+"""`STABILITY_LIMIT` and `IMPLICIT_LIMIT` for RK4."""
 MAX_DOFS = 300
 """Degrees of freedom up to which the ends are implicit: factors are dense."""
 _MAX_ROUNDS = 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ from cc_mujoco.control import controller
 from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.errors import CableError
+from cc_mujoco.export import ExportPlan, require_ros2_states
 from cc_mujoco.export._files import export_files
 
 COMPILER = shutil.which("g++") or shutil.which("clang++")
@@ -140,3 +142,14 @@ def test_cables_on_a_lever_are_refused_with_a_model(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="the cables pull a lever"):
         Export("ankle", "stiction", out, ros2_control=True).run()
     assert not out.exists()
+
+
+def test_readings_without_a_state_are_refused() -> None:
+    device = find_device("wrist")
+    made = DeviceModel(device.description, bare_model(device).compile())
+    drive = made.drives(device.description.period)[0]
+    plan = ExportPlan.of("pi", drive, made.driven[0])
+    require_ros2_states(plan, drive)
+    law = dataclasses.replace(plan.law, seen=(*plan.law.seen, "phase_sine"))
+    with pytest.raises(CableError, match="it reads phase_sine, of which"):
+        require_ros2_states(dataclasses.replace(plan, law=law), drive)

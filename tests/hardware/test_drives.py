@@ -405,3 +405,27 @@ def test_a_bus_carries_one_kind_of_can(closing: ExitStack) -> None:
     closing.callback(one.close)
     with pytest.raises(CableError, match="CAN FD for one axis and classical CAN"):
         moteus.Moteus(place, 1, buses)
+
+
+def test_drives_on_one_bus_hear_their_own_frames(closing: ExitStack) -> None:
+    place = CanPlace(next(_channels), "virtual")
+    buses: dict[Any, Any] = {}
+    made = []
+    for node in (1, 2):
+        kind = can.CanProtocol.CAN_FD
+        bus = can.Bus(place.channel, "virtual", protocol=kind)
+        closing.callback(bus.shutdown)
+        one = moteus.Moteus(place, node, buses)
+        closing.callback(one.close)
+        made.append((one, MoteusController(bus, node)))
+    for _ in range(20):
+        for one, _ in made:
+            one.write(0.1 if one is made[0][0] else -0.2)
+        for _, peer in made:
+            peer.step()
+        seen = [one.read() for one, _ in made]
+    (first, one), (second, other) = made[0], made[1]
+    assert [peer.command[0x22] for peer in (one, other)] == pytest.approx([0.1, -0.2])
+    assert seen[0] is not None and seen[0].velocity > 0.0
+    assert seen[1] is not None and seen[1].velocity < 0.0
+    assert not first.ignored.total() and not second.ignored.total()

@@ -97,16 +97,18 @@ def _carried_length(
     """
     if abs(flow) <= _FLOW_TOLERANCE:
         return 0.0, 0.0
-    k, way = (j, -1) if flow > 0.0 else (j + 1, 1)
-    left, total = abs(flow), 0.0
+    k, way = j + 1, 1
+    if flow > 0.0:
+        k, way = j, -1
+    left, total, own = abs(flow), 0.0, ratio
     while left > 0.0:
         last = k + way < 0 or k + way > n
         part = left if last else min(left, length[k])
-        total += part / ratio
+        total += part / own
         left -= part
         k += way
         if left > 0.0:
-            ratio = stretch_ratio(prm, tension[k])
+            own = stretch_ratio(prm, tension[k])
     total = total if flow > 0.0 else -total
     low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
     if low == high:

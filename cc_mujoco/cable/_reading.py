@@ -15,6 +15,8 @@ from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import Cable
 
 Floats = NDArray[np.float64]
+PATH_MEMORY = 2
+"""Numbers in the state of the plugin between the kernel's and an open path's."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,16 @@ def read_states(
 def guided_compliance(cable: Cable) -> Floats:
     """Return the compliance of the nodes of a cable in a guiding conduit [m/N]."""
     return 1.0 / kernel.node_stiffness(packed_parameters(cable), cable.segments)
+
+
+def slack_compliance(cable: Cable) -> tuple[Floats, float]:
+    """Return compliances of springs at the nodes [m/N] and of slack cable [1/N]."""
+    springs = np.zeros(cable.segments + 1)
+    springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
+    strain = 1.0 / cable.axial_stiffness
+    if cable.bedding_strain > 0.0:
+        strain += cable.bedding_strain / cable.bedding_tension
+    return springs, strain
 
 
 @compiled

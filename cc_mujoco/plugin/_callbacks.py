@@ -299,9 +299,8 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     def turn(model: int, data: int, tendon: int) -> float:
         """Return the total turning angle of a tendon at the last position [rad]."""
         whole, total = np.ones(1), np.empty(1)
-        points = mj_struct.integer(data, mj_struct.TEN_WRAPNUM, tendon)
         length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-        path.bend(model, data, tendon, points, length, whole, total)
+        path.bend(model, data, tendon, 0, length, whole, total)
         return float(total[0])
 
     export_callback("cc_mujoco_turn", turn)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco._utils.compilation import exported, types
+from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.cable._parameters import (
     BEND_ALLOWED,
     BENDS,
@@ -37,9 +38,6 @@ from cc_mujoco.cable._parameters import (
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, append, internal, quote, text
 from cc_mujoco.plugin._parse_float import is_digit, is_space, number, strip
-
-ROLLING = -1.0
-"""Radius that stands for a guide without friction."""
 
 VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""

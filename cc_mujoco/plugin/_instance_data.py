@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._reading import PATH_MEMORY
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
@@ -73,7 +74,7 @@ HEADER_SIZE = FIRST_STAGE_VALID + 8
 TEXT_CAPACITY = 4096
 EARLY_KEPT, EARLY_REPLACED = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""
-STATE_TIME, STATE_POSE, STATE_PATH = 0, 1, 2
+STATE_TIME, STATE_POSE, STATE_PATH = 0, 1, PATH_MEMORY
 """Place, behind the kernel's own state, of the time of the committed configuration, of
 a checksum of its pose, and of what an open cable remembers of its path."""
 

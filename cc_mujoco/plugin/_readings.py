@@ -18,11 +18,15 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.cable._parameters import BENDS, PATHS
+from cc_mujoco.cable._reading import (
+    PATH_MEMORY,
+    guided_compliance,
+    read_states,
+    slack_compliance,
+)
 from cc_mujoco.cable._reading import CableReading as CableReading
-from cc_mujoco.cable._reading import guided_compliance, read_states
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._instance_data import STATE_PATH
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._registration import plugin_function
 
@@ -93,8 +97,8 @@ class Reader:
         self._lengths = -1
         if cable.path != PATHS[0]:
             # The first that is remembered of a path, see `_instance_data.path_memory`.
-            self._lengths = self.start + kernel.state_size(cable.segments) + STATE_PATH
-            self._compliance, self._strain = _slack_compliance(cable)
+            self._lengths = self.start + kernel.state_size(cable.segments) + PATH_MEMORY
+            self._compliance, self._strain = slack_compliance(cable)
         self._total = int(model.npluginstate)
 
     def read(self, plugin_state: Floats) -> CableReading:
@@ -213,13 +217,3 @@ def _instance(model: mujoco.MjModel, name: str) -> int:
     if name not in found:
         raise CableError.unknown("cable", name, found)
     return found[name]
-
-
-def _slack_compliance(cable: Cable) -> tuple[Floats, float]:
-    """Return compliances of springs at the nodes [m/N] and of slack cable [1/N]."""
-    springs = np.zeros(cable.segments + 1)
-    springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
-    strain = 1.0 / cable.axial_stiffness
-    if cable.bedding_strain > 0.0:
-        strain += cable.bedding_strain / cable.bedding_tension
-    return springs, strain

@@ -12,7 +12,6 @@ from numba import cfunc
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
-from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
@@ -111,11 +110,12 @@ def compile_leading(options: dict[str, Any]) -> None:
         n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
         tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
         seen = floats(shape, size)
-        points, reach = open_path.measure_path(
+        mouth = load_word(block + MOUTH)
+        reach = open_path.measure_path(
             model,
             data,
             tendon,
-            load_word(block + MOUTH),
+            mouth,
             guided,
             n,
             floats(guides_at(block, n), n),
@@ -124,15 +124,11 @@ def compile_leading(options: dict[str, Any]) -> None:
         if state == 0:
             return
         reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
-        assign(open_path.angles(seen, n)[:guided], open_path.angles(reference, n))
-        assign(open_path.contacts(seen, n)[:guided], open_path.contacts(reference, n))
-        if guided > 0:
-            inside = open_path.lengths(reference, n)
-            assign(open_path.lengths(seen, n)[: guided + 1], inside)
+        open_path.keep_conduit(seen, reference, n, guided)
         if load_word(block + BENDS_WITH_ROUTE) == 1:
             length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon) - reach
             contact = open_path.contacts(reference, n)[:guided]
-            path.bend(model, data, tendon, points, length, contact, seen[:guided])
+            path.bend(model, data, tendon, mouth + 1, length, contact, seen[:guided])
 
     export_callback("cc_mujoco_survey", survey_path)
 
@@ -167,24 +163,11 @@ def compile_leading(options: dict[str, Any]) -> None:
         attributes = mj_struct.attributes(model, load_word(block + INSTANCE))
         _, count = config.read(attributes, values, sections)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        angles, contacts = kernel.segment_angles(prm, n), layout.contact_length(prm, n)
-        lengths = open_path.lengths(reference, n)
         if guided > 0:
             inside = np.empty(kernel.parameter_size(guided))
             kernel.pack(values, sections[:count], guided, inside)
-            bent = kernel.segment_angles(inside, guided)
-            assign(open_path.angles(reference, n)[:guided], bent)
-            contact = layout.contact_length(inside, guided)
-            assign(open_path.contacts(reference, n)[:guided], contact)
-            assign(lengths[: guided + 1], layout.node_length(inside, guided))
-        assign(layout.node_length(prm, n), lengths)
-        assign(angles, open_path.angles(reference, n))
-        assign(contacts, open_path.contacts(reference, n))
-        prm[layout.LENGTH] = lengths.sum()
-        prm[layout.GUIDED] = guided
-        kernel.pack_mesh(values, n, prm)
-        kernel.expect_change(prm)
-        kernel.expect_lengthening(prm)
+            open_path.store_conduit(inside, reference, n, guided)
+        open_path.pack_reference(values, n, guided, reference, prm)
         invalidate(block)
         store_word(block + REFERENCE_KNOWN, 1)
 
@@ -195,21 +178,20 @@ def compile_leading(options: dict[str, Any]) -> None:
         """Give the packed segments the path at an address, as seen from a state."""
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        contacts, changed = layout.contact_length(prm, n), False
         if is_open(block):
             size = open_path.shape_size(n)
             path_now = floats(shape, size)
             reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
             gained = floats(scratch_at(block, n), n + 1)
-            contacts = open_path.contacts(path_now, n)
-            before = path_memory(state, n)
-            open_path.lengthen(path_now, reference, before, n, gained)
-            changed = moving_path.carry(
-                prm, n, layout.tensions(floats(state, kernel.state_size(n)), n),
-                open_path.previous_lengths(reference, before, n),
-                open_path.lengths(path_now, n), gained,
-            )  # fmt: skip
-        if prepare.set_path(prm, n, floats(shape, n), contacts) or changed:
+            tension = layout.tensions(floats(state, kernel.state_size(n)), n)
+            memory = path_memory(state, n)
+            changed = open_path.lay(
+                prm, n, tension, path_now, reference, memory, gained
+            )
+        else:
+            contacts = layout.contact_length(prm, n)
+            changed = prepare.set_path(prm, n, floats(shape, n), contacts)
+        if changed:
             invalidate(block)
 
     export_callback("cc_mujoco_lay", lay_path)
@@ -227,11 +209,10 @@ def compile_leading(options: dict[str, Any]) -> None:
                 set_reference(block, model, data)
             _survey(block, model, data, state, now)
         else:
-            points = mj_struct.integer(data, mj_struct.TEN_WRAPNUM, tendon)
             length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
             prm = floats(parameters_at(block), kernel.parameter_size(n))
             inside = layout.contact_length(prm, n)
-            path.bend(model, data, tendon, points, length, inside, floats(now, n))
+            path.bend(model, data, tendon, 0, length, inside, floats(now, n))
         lay(block, now, state)
 
     export_callback("cc_mujoco_follow", follow_path)

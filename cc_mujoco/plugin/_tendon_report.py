@@ -20,12 +20,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.cable._open_path import MIN_NODE_LENGTH
 from cc_mujoco.cable._parameters import PATHS, ROLLER, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, instances
-from cc_mujoco.plugin._open_path import MIN_NODE_LENGTH
 from cc_mujoco.plugin._readings import route_tendon
 from cc_mujoco.plugin._settle import step_limits
 from cc_mujoco.plugin._spec import compile_spec

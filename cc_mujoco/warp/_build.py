@@ -12,25 +12,36 @@ import warp as wp
 
 from cc_mujoco.warp._runtime import PRELUDE
 from cc_mujoco.warp._translate import translate
-from cc_mujoco.warp._variants import FUNCTIONS, known_values
+from cc_mujoco.warp._variants import (
+    FUNCTIONS,
+    GUIDED,
+    PATH_FUNCTIONS,
+    Paths,
+    known_values,
+)
 
 _ELEMENTS = {wp.float32: "wp::float32", wp.float64: "wp::float64"}
 
 
 @lru_cache(maxsize=32)
-def functions(real: Any, terms: frozenset[str], yields: bool) -> SimpleNamespace:
-    """Return the Warp functions for guided cables with fixed bends.
+def functions(
+    real: Any, terms: frozenset[str], yields: bool, paths: Paths = GUIDED
+) -> SimpleNamespace:
+    """Return the Warp functions for cables.
 
     Args:
         real: `wp.float32` or `wp.float64`.
         terms: names of the parameters whose terms may be on; the others are off in
             every cable and world, and nothing of them is compiled.
         yields: whether ends may give way within a step, see `_pack.expect_yielding`.
+        paths: what is known of their paths; as it is, they are guided.
 
     Returns:
-        Those of `_variants.FUNCTIONS`, and what they call, by name.
+        Those of `_variants.FUNCTIONS`, of `PATH_FUNCTIONS` where a tendon leads one of
+        the cables, and what they call, by name.
     """
-    library = translate(FUNCTIONS, known_values(terms, yields, real is wp.float32))
+    wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
+    library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))
     source = f"{PRELUDE.replace('ELEMENT', _ELEMENTS[real])}\n\n{library.source}"
     digest = hashlib.sha256(source.encode()).hexdigest()[:16]
     namespace = _run(source, f"cc_mujoco_{real.__name__}_{digest}", real)

@@ -18,18 +18,36 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT
-from cc_mujoco.cable._parameters import ENDS, TERMS, Cable
-from cc_mujoco.cable._reading import CableReading, guided_compliance, read_states
+from cc_mujoco.cable._parameters import ENDS, PATHS, TERMS, Cable
+from cc_mujoco.cable._reading import (
+    PATH_MEMORY,
+    CableReading,
+    guided_compliance,
+    read_states,
+    slack_compliance,
+)
+from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import add_forces, look_ahead_kernel, moment_row
-from cc_mujoco.warp._kernels import ATTEMPTS, CableRows, forget, kernels, write_rows
+from cc_mujoco.warp._kernels import (
+    ATTEMPTS,
+    FOLLOWED,
+    TIED,
+    CableRows,
+    forget,
+    kernels,
+    write_rows,
+)
 from cc_mujoco.warp._model import (
     end_rate,
     lengths_in_qpos0,
     require_plain,
+    require_routes,
     require_supported,
 )
+from cc_mujoco.warp._paths import LedCables
+from cc_mujoco.warp._variants import paths_of
 
 Floats = NDArray[np.float64]
 
@@ -67,10 +85,11 @@ def attach(
         CableError: no cable, an end or integrator that is not supported, or a model
             that is not that of `without_plugin`.
     """
+    routes: Mapping[str, Route] = {}
     if cables is None:
         # Of a MuJoCo that can run the plugin, which other scenes do not need.
         scene = import_module("cc_mujoco.warp._scene")
-        model, cables = scene.held_cables(source)
+        model, cables, routes = scene.held_cables(source)
     elif isinstance(source, mujoco.MjModel):
         model = source
     else:
@@ -78,7 +97,7 @@ def attach(
             "cables given by name are attached to the compiled model that `m` was made "
             f"of, an MjModel, not {type(source).__name__}"
         )
-    return AttachedCables(m, d, model, cables, terms, rest_in_pose)
+    return AttachedCables(m, d, model, cables, routes, terms, rest_in_pose)
 
 
 class AttachedCables:
@@ -100,6 +119,7 @@ class AttachedCables:
         d: mjw.Data,
         model: mujoco.MjModel,
         cables: Mapping[str, HeldCable],
+        routes: Mapping[str, Route],
         terms: tuple[str, ...],
         rest_in_pose: bool,
     ) -> None:
@@ -107,9 +127,11 @@ class AttachedCables:
         if not cables:
             raise CableError("the scene has no cable to attach to mujoco_warp")
         plain = {name: held.cable for name, held in cables.items()}
-        require_supported(plain, int(m.opt.integrator))
+        require_supported(int(m.opt.integrator))
+        require_routes(plain, routes)
         self._model, self.names = model, tuple(cables)
         self._cables, self._worlds = tuple(plain.values()), int(d.nworld)
+        self._routes = [routes.get(name) for name in cables]
         self.terms = _terms_in_use(self._cables, terms)
         self._rest_in_pose = bool(rest_in_pose)
         actuators = actuators_of(model, cables)
@@ -123,7 +145,9 @@ class AttachedCables:
             for index, cable in enumerate(self._cables)
         ]
         self._implicit = any(self._look)
-        self._kernels = kernels(self.terms, self._implicit)
+        segments = [cable.segments for cable in self._cables]
+        self._paths = paths_of(segments, self._routes)
+        self._kernels = kernels(self.terms, self._implicit, self._paths)
         self._looks = wp.array(self._look, dtype=int, device=d.time.device)
         self._allocate(d, actuators)
         self.is_evaluated = False
@@ -138,11 +162,18 @@ class AttachedCables:
         """Return the square of step times frequency of the ends; 0 if explicit."""
         if cable.ends != ENDS[0] or self._step is None:
             return 0.0
+        route, prm = self._routes[index], self._packed(index, cable)
         rates = (
-            end_rate(self._model, cable, actuator, end)
+            end_rate(self._model, prm, cable.segments, actuator, end)
             for end, actuator in enumerate(self._actuators_of[index])
+            if route is None or not route.tied[end]
         )
-        return max(rates) * self._step**2
+        return max(rates, default=0.0) * self._step**2
+
+    def _packed(self, index: int, cable: Cable) -> Floats:
+        """Return the packed parameters of a cable in the place of one."""
+        route = self._routes[index]
+        return packed_parameters(cable) if route is None else route.packed(cable)
 
     def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
         count, worlds = self._shape
@@ -161,18 +192,21 @@ class AttachedCables:
         packed = np.zeros((count, kernel.parameter_size(most)), np.float32)
         values = np.zeros((count, worlds, at.SCALARS), np.float32)
         for i, cable in enumerate(self._cables):
-            own = packed_parameters(cable)
+            own = self._packed(i, cable)
             packed[i, : own.size] = own
             values[i] = own[: at.SCALARS]
         trn_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
         held = self._model.actuator_trntype[actuators] == trn_tendon
-        rest = lengths_in_qpos0(self._model)[actuators]
+        tied = np.array([r.tied if r else (False, False) for r in self._routes])
+        rest = np.where(tied, 0.0, lengths_in_qpos0(self._model)[actuators])
+        followed = np.where(tied, TIED, np.where(held, FOLLOWED, 0))
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
         self._proximal = actuators[:, 0]
         self._segments = wp.array([c.segments for c in self._cables], **ints)
         self._actuators = wp.array(actuators, **ints)
-        self._followed = wp.array(held.astype(np.int32), **ints)
+        self._followed = wp.array(followed.astype(np.int32), **ints)
+        self._tied = wp.array(tied.astype(np.int32), **ints)
         self._rest = wp.array(rest.astype(np.float32), **reals)
         self.values = wp.array(values, **reals)
         self._prm = matrix(packed.shape[1])
@@ -183,7 +217,8 @@ class AttachedCables:
         self._trial, self._status = matrix(8), wp.zeros(rows, **ints)
         self._place = wp.zeros((2, rows, 2), **reals)
         nv = int(self._model.nv)
-        self._slope = wp.zeros((2, 2 * rows, nv if held.any() else 0), **reals)
+        is_followed = bool((held & ~tied).any())
+        self._slope = wp.zeros((2, 2 * rows, nv if is_followed else 0), **reals)
         self._aim = wp.zeros((rows, 9), **reals)
         self._stamp = wp.full(rows, np.inf, **reals)
         self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
@@ -194,11 +229,18 @@ class AttachedCables:
         fields: Any = CableRows
         for name in set(fields.vars) - {"worlds", "tensions"}:
             setattr(self._rows, name, getattr(self, f"_{name}"))
+        self._led: LedCables | None = None
+        if self._paths.led:
+            kinds = self.terms, self._implicit, self._paths
+            self._led = LedCables(
+                self._model, self._cables, self._routes, worlds, matrix, device, kinds
+            )
         if self._implicit:
             self._right = wp.zeros((worlds, nv), **reals)
             self._found = wp.zeros((worlds, nv), **reals)
             ends = np.full(self._model.nu, -1, np.int32)
-            ends[actuators.ravel()] = np.arange(actuators.size)
+            places = np.arange(actuators.size).reshape(actuators.shape)
+            ends[actuators] = np.where(tied, -2, places)
             self._ends = wp.array(ends, **ints)
             # Inertia with the damping that the integrator takes implicitly, factors.
             self._inertia = [wp.zeros_like(a) for a in (d.M, d.qLD, d.qLDiagInv)]
@@ -228,18 +270,23 @@ class AttachedCables:
             ],
             device=d.time.device,
         )  # fmt: skip
+        if self._led is not None:
+            self._led.lead(self._rows, self._fresh, self._rest_in_pose, d)
         if self._implicit:
             self._look_ahead(m, d)
         if self._is_split:
             self._evaluate_in_parts(m, d)
-            return
-        wp.launch(
-            self._kernels.evaluate,
-            dim=self._shape,
-            inputs=[self._rows, m.opt.timestep],
-            outputs=[d.actuator_force],
-            device=d.time.device,
-        )
+        else:
+            wp.launch(
+                self._kernels.evaluate,
+                dim=self._shape,
+                inputs=[self._rows, m.opt.timestep],
+                outputs=[d.actuator_force],
+                device=d.time.device,
+            )
+        if self._led is not None:
+            # `mujoco_warp` adds passive forces up after its actuators.
+            self._led.pull(self._rows, True, m, d, d.qfrc_passive)
 
     @property
     def kernels(self) -> dict[str, Any]:
@@ -248,7 +295,9 @@ class AttachedCables:
         used = {"begin": own.begin, "fronts": own.fronts, "graph": own.graph}
         if self._implicit:
             used |= {"add_forces": add_forces, "moment_row": moment_row}
-            used["look_ahead"] = look_ahead_kernel(self.terms)
+            used["look_ahead"] = look_ahead_kernel(self.terms, self._paths)
+        if self._led is not None:
+            used |= self._led.kernels
         return used | {"commit": own.commit}
 
     def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
@@ -289,6 +338,8 @@ class AttachedCables:
             outputs=[self._right],
             device=d.time.device,
         )  # fmt: skip
+        if self._led is not None:
+            self._led.pull(self._rows, False, m, d, self._right)
         mjw.xfrc_accumulate(m, d, self._right)
         mjw.solve_m(m, damped, self._found, self._right)
         for cable in range(len(self._cables)):
@@ -304,7 +355,7 @@ class AttachedCables:
                 )  # fmt: skip
                 mjw.solve_m(m, damped, self._answers[2 * cable + end], self._right)
         wp.launch(
-            look_ahead_kernel(self.terms),
+            look_ahead_kernel(self.terms, self._paths),
             dim=self._shape,
             inputs=[
                 self._rows, m.opt.timestep, *moments, self._answers, self._found,
@@ -414,7 +465,7 @@ class AttachedCables:
         own = self._cables[index]
         given = np.zeros((len(cables), self._prm.shape[1]), np.float32)
         for row, cable in zip(given, cables.values(), strict=True):
-            kinds = ("segments", "bend", "path", "route", "mouth", "ends")
+            kinds = ("segments", "bend", "path", "route", "mouth", "guides", "ends")
             for key in kinds:
                 if getattr(cable, key) != getattr(own, key):
                     raise CableError(
@@ -425,10 +476,15 @@ class AttachedCables:
                 self._require_compiled(name, term)
             self._require_round_pulley(index, cable)
             self._require_followed(index, cable)
-            packed = packed_parameters(cable)
+            packed = self._packed(index, cable)
             row[: packed.size] = packed
         worlds = np.fromiter(cables, np.int32, len(cables))
         write_rows(self._prm, index * self._worlds + worlds, given)
+        route = self._routes[index]
+        if route is not None and self._led is not None and cables:
+            paths = [self._led.reference_row(route, own) for own in cables.values()]
+            rows = index * self._worlds + worlds
+            write_rows(self._led.reference, rows, np.stack(paths))
         write_rows(self.values[index], worlds, given[:, : at.SCALARS])
 
     def repack(self) -> None:
@@ -440,6 +496,8 @@ class AttachedCables:
             outputs=[self._prm],
             device=self._prm.device,
         )
+        if self._led is not None:
+            self._led.repack(self._rows, self.values)
 
     def _require_compiled(self, name: str, term: str) -> None:
         if term not in self.terms:
@@ -478,8 +536,15 @@ class AttachedCables:
             CableError: there is no cable of that name.
         """
         index = self._index(name)
-        compliance = guided_compliance(self._cables[index])
-        return read_states(self._pending(index), 0, compliance)
+        cable, states = self._cables[index], self._pending(index)
+        if cable.path == PATHS[0] or self._led is None:
+            return read_states(states, 0, guided_compliance(cable))
+        lengths = self._pending_path(index)[:, : cable.segments + 1]
+        compliance, strain = slack_compliance(cable)
+        start = states.shape[1]
+        return read_states(
+            np.hstack([states, lengths]), 0, compliance, strain, lengths=start
+        )
 
     def plugin_state(self) -> Floats:
         """Return the states as the plugin has them, a copy (worlds, npluginstate).
@@ -495,13 +560,25 @@ class AttachedCables:
             instance = self._model.actuator_plugin[actuators[0]]
             start = int(self._model.plugin_stateadr[instance])
             found[:, start : start + state.shape[1]] = state
+            if self._cables[index].path != PATHS[0]:
+                path = self._pending_path(index)
+                start += state.shape[1] + PATH_MEMORY
+                found[:, start : start + path.shape[1]] = path
         return found
 
     def _pending(self, index: int) -> Floats:
         """Return the states of a cable after its last evaluation (worlds, size)."""
         size = kernel.state_size(self._cables[index].segments)
+        return self._pending_rows(self._state, index, size)
+
+    def _pending_path(self, index: int) -> Floats:
+        """Return what the cables of an open path remember of it (worlds, size)."""
+        assert self._led is not None
+        return self._pending_rows(self._led.memory, index, self._led.memory_size(index))
+
+    def _pending_rows(self, both: Any, index: int, size: int) -> Floats:
         rows = slice(index * self._worlds, (index + 1) * self._worlds)
-        states = self._state[:, rows, :size].numpy()
+        states = both[:, rows, :size].numpy()
         pending = 1 - self._now[rows].numpy()
         found: Floats = states[pending, np.arange(self._worlds)].astype(float)
         return found

@@ -11,14 +11,15 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._newmark import STABILITY_LIMIT, VELOCITY_GAIN
 from cc_mujoco.warp._build import functions
 from cc_mujoco.warp._kernels import OPTIONS, CableRows
+from cc_mujoco.warp._variants import GUIDED, Paths
 
 _TENSIONS = at.STATE_HEADER
 
 
 @lru_cache(maxsize=16)
-def look_ahead_kernel(terms: frozenset[str]) -> Any:
-    """Return the kernel that aims the ends of cables with these terms."""
-    end_stiffness = functions(wp.float32, terms, True).end_stiffness
+def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
+    """Return the kernel that aims the ends of cables with these terms and paths."""
+    end_stiffness = functions(wp.float32, terms, True, paths).end_stiffness
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def look_ahead(
@@ -43,8 +44,14 @@ def look_ahead_kernel(terms: frozenset[str]) -> Any:
         row = cable * worlds + world
         h = timestep[world % timestep.shape[0]]
         for end in range(2):
+            aim[row, 5 + end] = aim[row, end]
+            aim[row, 7 + end] = 0.0
+            if rows.tied[cable, end] != 0:
+                continue
             mobility = float(0.0)
             for other in range(2 * rows.segments.shape[0]):
+                if rows.tied[other // 2, other % 2] != 0:
+                    continue
                 a = rows.actuators[other // 2, other % 2]
                 moved = float(0.0)
                 for i in range(rownnz[world, a]):
@@ -128,7 +135,8 @@ def add_forces(
 ):
     """Add up the forces of the step, with tensions and constraints as they were.
 
-    `ends` is twice the cable and the end of each actuator, -1 of others.
+    `ends` is twice the cable and the end of each actuator; -1 of others, -2 of an end
+    that is tied to the cable's own path.
     """
     world = wp.tid()
     for i in range(total.shape[1]):
@@ -137,6 +145,8 @@ def add_forces(
             total[world, i] = total[world, i] + constraint[world, i]
     for actuator in range(ends.shape[0]):
         pull = float(force[world, actuator])
+        if ends[actuator] == -2:
+            pull = 0.0
         if ends[actuator] >= 0:
             cable, end = ends[actuator] // 2, ends[actuator] % 2
             row = cable * worlds + world

@@ -20,6 +20,7 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.warp._build import functions
+from cc_mujoco.warp._variants import GUIDED, Paths
 
 _ECCENTRICITY, _PHASE = law.INDEX["eccentricity"], law.INDEX["eccentricity_phase"]
 _OVALITY, _OVALITY_PHASE = law.INDEX["ovality"], law.INDEX["ovality_phase"]
@@ -33,6 +34,10 @@ _DONE = -1
 """Status of a cable whose forces are written."""
 ATTEMPTS = 3
 """Most attempts at a step in which an end may become taut or slack."""
+RESET = 2
+"""Freshness of a cable that this evaluation lays at rest; 1 until its first step."""
+FOLLOWED, TIED = 1, 2
+"""Ends held by a tendon: followed by its velocity, or tied to the cable's own path."""
 _DRAW = 0.01
 """Share of the error of a followed end that a step takes away."""
 
@@ -46,6 +51,7 @@ class CableRows:
         segments: of each cable (cables,).
         looks: not 0 where the ends of a cable look ahead (cables,).
         actuators: at the ends (cables, 2).
+        tied: not 0 where an end is tied to the cable's own path (cables, 2).
         aim: where the ends are, how they yield, lever, and where the step leads, see
             `look_ahead` (rows, 9).
         trial: displacements and yielding of both ends in the attempt at hand, which
@@ -62,6 +68,7 @@ class CableRows:
     segments: wp.array(dtype=int)
     looks: wp.array(dtype=int)
     actuators: wp.array2d(dtype=int)
+    tied: wp.array2d(dtype=int)
     aim: wp.array2d(dtype=float)
     trial: wp.array2d(dtype=float)
     status: wp.array(dtype=int)
@@ -73,14 +80,17 @@ class CableRows:
 
 
 @lru_cache(maxsize=16)
-def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
+def kernels(
+    terms: frozenset[str], implicit: bool, paths: Paths = GUIDED
+) -> SimpleNamespace:
     """Return the kernels for cables with these terms.
 
     Args:
         terms: parameters whose terms may be on.
         implicit: whether ends look ahead, see `plugin/_implicit_ends.py`.
+        paths: what is known of their paths; as it is, they are guided.
     """
-    own = functions(wp.float32, terms, implicit)
+    own = functions(wp.float32, terms, implicit, paths)
     begin_step, solve_step, finish_step = (
         own.begin_step, own.solve_step, own.finish_step,
     )  # fmt: skip
@@ -119,16 +129,20 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
         row = cable * time.shape[0] + world
         is_reset = time[world] < stamp[row]
         if is_reset:
-            fresh[row] = 1
+            fresh[row] = RESET
         elif time[world] > stamp[row]:
             now[row] = 1 - now[row]
             fresh[row] = 0
+        elif fresh[row] == RESET:
+            fresh[row] = 1
         stamp[row] = time[world]
         for end in range(2):
             actuator = actuators[cable, end]
             # Small numbers round less: displacements are from the pose `qpos0` on.
             u = lengths[world, actuator] - rest[cable, end]
-            if followed[cable, end] != 0:
+            if followed[cable, end] == TIED:
+                u = 0.0
+            if followed[cable, end] == FOLLOWED:
                 # By its velocity, at the mean slope of the length over the step.
                 moved = float(0.0)
                 line = 2 * row + end
@@ -215,7 +229,9 @@ def kernels(terms: frozenset[str], implicit: bool) -> SimpleNamespace:
                 ahead += sense * rows.aim[row, 7 + end] * gained
                 rows.trial[row, end] = ahead
                 relaxes = sense * (ahead - rows.state[1 - now, row, end])
-                if after <= 0.0:
+                if rows.tied[row // rows.worlds, end] != 0:
+                    doubt = 0.0
+                elif after <= 0.0:
                     if before <= 0.0 and relaxes < 0.0:
                         doubt = 1.0
                 elif before <= 0.0:

@@ -10,35 +10,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 
 Floats = NDArray[np.float64]
 
 
-def require_supported(cables: Mapping[str, Cable], integrator: int) -> None:
-    """Refuse cables and an integrator that cannot run in mujoco_warp.
+def require_supported(integrator: int) -> None:
+    """Refuse an integrator with which cables cannot run in mujoco_warp.
+
+    Raises:
+        CableError: with what takes its place.
+    """
+    if integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise CableError(
+            "cables in mujoco_warp take one evaluation a step; set the integrator to "
+            "Euler or implicitfast, not RK4"
+        )
+
+
+def require_routes(cables: Mapping[str, Cable], routes: Mapping[str, Route]) -> None:
+    """Refuse cables that a tendon leads where it is not known how.
 
     Raises:
         CableError: with what takes their place.
     """
     for name, cable in cables.items():
-        if cable.bend != BENDS[0]:
-            raise CableError(
-                f"cable {name!r}: bend={cable.bend!r} is not supported in mujoco_warp; "
-                f"use bend={BENDS[0]!r}, a conduit whose bends stay"
-            )
-        if cable.path != PATHS[0]:
-            raise CableError(
-                f"cable {name!r}: path={cable.path!r} is not supported in mujoco_warp; "
-                f"use path={PATHS[0]!r}, a conduit from end to end"
-            )
-    if cables and integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        raise CableError(
-            "cables in mujoco_warp take one evaluation a step; set the integrator to "
-            "Euler or implicitfast, not RK4"
-        )
+        for key, usual in (("bend", BENDS[0]), ("path", PATHS[0])):
+            if name not in routes and getattr(cable, key) != usual:
+                raise CableError(
+                    f"cable {name!r}: {key}={getattr(cable, key)!r} needs the tendon "
+                    "of a scene with the plugin; attach that scene, or use "
+                    f"{key}={usual!r}"
+                )
 
 
 def require_plain(
@@ -59,8 +64,13 @@ def lengths_in_qpos0(model: mujoco.MjModel) -> Floats:
     return np.array(data.actuator_length)
 
 
-def end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> float:
-    """Return the square of the frequency of an end that friction holds [1/s^2]."""
+def end_rate(
+    model: mujoco.MjModel, prm: Floats, n: int, actuator: int, end: int
+) -> float:
+    """Return the square of the frequency of an end that friction holds [1/s^2].
+
+    `prm` are the packed parameters of a cable of n segments.
+    """
     target = model.actuator_trnid[actuator, 0]
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         dof = model.jnt_dofadr[target]
@@ -69,5 +79,5 @@ def end_rate(model: mujoco.MjModel, cable: Cable, actuator: int, end: int) -> fl
             mobility = min(mobility, 1.0 / model.dof_armature[dof])
     else:
         mobility = model.tendon_invweight0[target]
-    stiffness = kernel.end_stiffness(packed_parameters(cable), cable.segments, end == 1)
+    stiffness = kernel.end_stiffness(prm, n, end == 1)
     return float(mobility * model.actuator_gear[actuator, 0] ** 2 * stiffness)

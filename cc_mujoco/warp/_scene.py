@@ -5,8 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from cc_mujoco.cable._route import Route
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._route_reading import routes
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.warp._ends import HeldCable
 from cc_mujoco.warp._model import require_supported
@@ -14,19 +16,19 @@ from cc_mujoco.warp._model import require_supported
 
 def held_cables(
     source: mujoco.MjSpec | mujoco.MjModel,
-) -> tuple[mujoco.MjModel, dict[str, HeldCable]]:
-    """Return the compiled scene and its cables with their ends.
+) -> tuple[mujoco.MjModel, dict[str, HeldCable], dict[str, Route]]:
+    """Return the compiled scene, its cables with their ends, and the tendons' routes.
 
     Raises:
         CableError: a configuration cannot be used.
     """
     cables = from_mjcf(source)
     option = source.opt if isinstance(source, mujoco.MjModel) else source.option
-    require_supported(cables, int(option.integrator))
+    require_supported(int(option.integrator))
     model = source if isinstance(source, mujoco.MjModel) else compile_spec(source)
     places = instances(model)
     held = {}
     for name, cable in cables.items():
         ends = np.flatnonzero(model.actuator_plugin == places[name]).tolist()
         held[name] = HeldCable(cable, *ends)
-    return model, held
+    return model, held, routes(model, cables)

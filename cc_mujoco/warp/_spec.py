@@ -22,11 +22,12 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
         spec: specification with cables; not changed.
 
     Raises:
-        CableError: it is no specification, or has a cable or an integrator that is not
-            supported in mujoco_warp.
+        CableError: it is no specification, or has a cable that cannot be used, or an
+            integrator that is not supported in mujoco_warp.
     """
     require_spec(spec)
-    require_supported(from_mjcf(spec), int(spec.option.integrator))
+    from_mjcf(spec)
+    require_supported(int(spec.option.integrator))
     plain = spec.copy()
     for actuator in plain.actuators:
         if actuator.plugin.plugin_name == PLUGIN:

@@ -31,7 +31,7 @@ _BUILTINS: dict[Any, str] = {
     range: "range", np.isfinite: "wp.isfinite", np.sign: "sign_of",
     math.exp: "wp.exp", math.log: "wp.log", math.sqrt: "wp.sqrt", math.cos: "wp.cos",
     math.sin: "wp.sin", math.isfinite: "wp.isfinite", math.expm1: "expm1",
-    math.log1p: "log1p",
+    math.log1p: "log1p", math.atan2: "wp.atan2",
 }  # fmt: skip
 _ANNOTATIONS = {
     "FloatArray": "wp.array(dtype=Real)", "float": "Real", "int": "wp.int32",

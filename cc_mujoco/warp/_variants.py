@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as pack
+from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.cable._parameters import PARAMETERS, TERMS
+from cc_mujoco.cable._route import Route
 from cc_mujoco.warp._fold import Known
 
 FUNCTIONS: tuple[Any, ...] = (
@@ -19,22 +23,73 @@ FUNCTIONS: tuple[Any, ...] = (
     eccentric.wound_length, eccentric.lever_ratio,
 )  # fmt: skip
 """Compiled functions that kernels call."""
+PATH_FUNCTIONS: tuple[Any, ...] = (
+    geometry.bend, open_path.measure, open_path.keep_conduit, open_path.lay,
+    open_path.contacts, open_path.save_path, open_path.pull_forces, pack.set_path,
+    open_path.pack_reference, pack.expect_change, at.contact_length, at.tensions,
+)  # fmt: skip
+"""Those that kernels of cables that a tendon leads call too."""
 
 _SINGLE_PRECISION = {"LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6}
 """Tolerances of rounding in single precision."""
 
 
-def known_values(terms: frozenset[str], yields: bool, single: bool) -> Known:
-    """Return what is known of guided cables with fixed bends before any step.
+class Paths(NamedTuple):
+    """What of the paths of some cables is known before any step.
+
+    Attributes:
+        bends: entry `BENDS_CHANGE` of their parameters; None if they differ.
+        lengthens: entry `PATH_LENGTHENS`; None if they differ.
+        bent: whether a tendon bends the conduit of one of them.
+    """
+
+    bends: float | None = 0.0
+    lengthens: float | None = 0.0
+    bent: bool = False
+
+    @property
+    def led(self) -> bool:
+        """Whether a tendon leads one of the cables."""
+        return self.bends != 0.0
+
+
+GUIDED = Paths()
+"""Cables that no tendon leads."""
+
+
+def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
+    """Return what is known of cables with these segments and routes."""
+    given = list(zip(segments, routes, strict=True))
+    bends = {0.0 if route is None else 1.0 for _, route in given}
+    lengthens = {
+        0.0 if route is None or route.guided == n else 1.0 for n, route in given
+    }
+    return Paths(
+        bends.pop() if len(bends) == 1 else None,
+        lengthens.pop() if len(lengthens) == 1 else None,
+        any(route is not None and route.bends for _, route in given),
+    )
+
+
+def known_values(
+    terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
+) -> Known:
+    """Return what is known of cables before any step.
 
     Args:
         terms: parameters whose terms may be on.
         yields: whether ends may give way within a step, see `_pack.expect_yielding`.
         single: whether numbers are of single precision.
+        paths: what is known of their paths; as it is, they are guided.
     """
     packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
     values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
-    packed |= {at.BENDS_CHANGE: 0.0, at.PATH_LENGTHENS: 0.0, at.CARRY_ENERGY: 0.0}
+    if paths.bends is not None:
+        packed[at.BENDS_CHANGE] = paths.bends
+    if paths.lengthens is not None:
+        packed[at.PATH_LENGTHENS] = paths.lengthens
+    if paths.lengthens == 0.0:
+        packed[at.CARRY_ENERGY] = 0.0
     # They depend on which terms are on, not on their sizes.
     constant: Any = law.is_constant_coulomb
     dependent: Any = law.is_state_dependent

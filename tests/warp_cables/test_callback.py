@@ -218,19 +218,16 @@ def test_parameters_that_cannot_be_are_refused(rig, wanted, what):
 def test_what_is_not_supported_is_refused_in_one_sentence():
     plain = without_plugin(scene(CABLE)).compile()
     m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=1)
-    routed = scene(CABLE.replace(bend="route", route="cord"))
-    opened = scene(CABLE.replace(path="open", route="cord"))
     for source, what in (
-        (routed, "bend='route' is not supported in mujoco_warp"),
-        (opened, "path='open' is not supported in mujoco_warp"),
         (scene(), "no cable"),
         (scene(CABLE, SHORT), "not of the scene with its cables"),
     ):
         with pytest.raises(CableError, match=what):
             attach(m, d, source)
-        if "not supported" in what:
-            with pytest.raises(CableError, match=what):
-                without_plugin(source)
+    for key, other in (("bend", "route"), ("path", "open")):
+        led = HeldCable(CABLE.replace(**{key: other, "route": "cord"}), 0, 1)
+        with pytest.raises(CableError, match=f"{key}='{other}' needs the tendon"):
+            attach(m, d, plain, cables={"cable0": led})
     with pytest.raises(CableError, match="not RK4"):
         without_plugin(scene(CABLE, integrator="RK4"))
     m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

@@ -10,6 +10,7 @@ import pytest
 from cable.terms_on import TERMS_ON
 from cc_mujoco._utils.compilation import compiled
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
@@ -17,7 +18,7 @@ from cc_mujoco.cable._parameters import TERMS
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp._fold import Known
 from cc_mujoco.warp._translate import translate
-from cc_mujoco.warp._variants import FUNCTIONS, known_values
+from cc_mujoco.warp._variants import FUNCTIONS, PATH_FUNCTIONS, Paths, known_values
 
 OTHERS = (
     kernel.slack_length, kernel.stored_energy, kernel.total_stretch, pack.rebend,
@@ -26,10 +27,11 @@ OTHERS = (
 
 
 def test_every_function_is_in_the_subset():
-    names = translate([*FUNCTIONS, *OTHERS], Known()).names
+    names = translate([*FUNCTIONS, *PATH_FUNCTIONS, *OTHERS], Known()).names
     for needed in (
         "_fronts.march", "_graph.sweep", "_presliding.preslide", "_kernel.step",
         "_nonlinear_elasticity.relinearize", "_pre_step.add_end_springs",
+        "_path_geometry.arc", "_open_path.lengthen", "_moving_path.carry",
     ):  # fmt: skip
         assert needed in names
 
@@ -44,6 +46,14 @@ def test_terms_that_are_off_leave_nothing(terms):
     assert ("_pre_step.relax_stress" in library.names) == ("stress_relaxation" in on)
     assert "_moving_path.apply_material_law" not in library.names
     assert "_pre_step.add_end_springs" not in library.names
+
+
+def test_what_is_known_of_paths_leaves_nothing_to_ask():
+    on, led = frozenset({"friction"}), Paths(1.0, 1.0, False)
+    library = translate(FUNCTIONS, known_values(on, False, True, led))
+    assert "_moving_path.apply_material_law" in library.names
+    assert f"prm[{at.PATH_LENGTHENS}] !=" not in library.source
+    assert f"prm[{at.BENDS_CHANGE}] !=" not in library.source
 
 
 @compiled

@@ -1,0 +1,583 @@
+"""The open part of a cable's path: what its pieces gain, and how they pull, compiled.
+
+From one site of the tendon to the next is a span: a straight piece, or two with an arc
+around a geom between them. On an open path a bend is where the cable rubs, so the mesh
+is that of the path: a straight piece is one node and has one tension, a site at which
+the path turns is one segment, and the arc around a geom is a few. What `segments` is
+more than sites and geoms need goes to the arcs, or to the straight pieces of a path
+without any. Of a mixed path the conduit comes first, as far as the site of its mouth.
+
+A site may be a guide of some radius. Its corner stays where it is, so that the two
+straight pieces, and their moment arms, are those of the tangents to its arc; the cable
+rubs over the arc, which counts for drag per length. What the arc is shorter than its
+tangents, radius (2 tan(turn/2) - turn), is neglected. A roller turns with the cable and
+takes nothing; it has neither turn nor contact here.
+
+The cable slips on the surface of the body that bends it. What a straight piece gains in
+length is its unit direction times the motion of the material points at its ends, one of
+them the point of the surface that it touches:
+
+    dl = u . (dx_surface - dx_site) = d|p - a| - u . dp,
+
+with p the place of that point in the frame of the geom. The second term is what the
+surface takes along: about a pulley that turns its arc, about a cylinder on which the
+path climbs also its part along the axis. Between two states it is the integral over the
+great circle, or the helix, from one p to the other, by the trapezoidal rule in u. The
+piece behind the geom gains the rest, so that all gains add up to the change of the
+length of the path. While a geom is not touched, both halves of the span gain equally,
+without friction. Across its own direction the path moves over a surface without
+friction, because it remains the shortest one.
+
+Each piece pulls the bodies at its ends with its own tension, along itself. With these
+gains that is virtual work: joints feel - sum T_j dl_j/dq.
+An end that is tied to the tendon's last site has the tendon as transmission of its
+actuator; MuJoCo then applies that one force along the whole tendon, which is taken off.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cc_mujoco._utils.compilation import FloatArray, borrow, compiled, internal
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _pack as pack
+from cc_mujoco.cable._path_geometry import (
+    CENTRE,
+    FIRST,
+    KIND,
+    LAST,
+    MIN_PIECE_LENGTH,
+    PLACE_SIZE,
+    SITE,
+    SPHERE,
+    TOUCHED,
+    Point,
+    angle_between,
+    arc,
+    between,
+    cross,
+    direction_to,
+    dot,
+    in_geom_frame,
+    place_vector,
+)
+
+_CONTACT, _EXTENT = 1, 2
+_LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE, _TOUCH_POINT, _TOUCH_DIRECTION = (
+    3,
+    4,
+    5,
+    6,
+    7,
+    10,
+)
+_ROWS = _TOUCH_DIRECTION + 3
+"""Rows of a shape, for every node; those of a span are at its first node. From
+`_LENGTH` on they are remembered: length of the node, length of the span, what is
+touched, length before the geom, and, in the frame of the geom, place of the point
+touched first and direction in which the path arrives there."""
+_AS_REFERENCE, _NOT_TOUCHING, _STRAIGHT = 0.0, -1.0, 1.0
+"""Values that `_TOUCH` may have, beside `SPHERE` and `CYLINDER`."""
+ROLLING = -1.0
+"""Radius that stands for a guide that turns with the cable, without friction."""
+MIN_NODE_LENGTH = 1e-6
+"""Length added to the path of every node, as none may have length 0 [m]."""
+
+
+@compiled
+def shape_size(n: int) -> int:
+    """Return the size of the result of `measure` for a cable of n segments."""
+    return _ROWS * (n + 1)
+
+
+@compiled
+def memory_size(n: int) -> int:
+    """Return the size of the path memory in the state of a cable of n segments."""
+    return (_ROWS - _LENGTH) * (n + 1)
+
+
+@internal
+def angles(shape: FloatArray, n: int) -> FloatArray:
+    """Wrap angle of every segment (n,) [rad]."""
+    return shape[:n]
+
+
+@internal
+def _row(shape: FloatArray, n: int, row: int) -> FloatArray:
+    return shape[row * (n + 1) : (row + 1) * (n + 1)]
+
+
+@internal
+def contacts(shape: FloatArray, n: int) -> FloatArray:
+    """Return the length over which every segment rubs (n,) [m]."""
+    return _row(shape, n, _CONTACT)[:n]
+
+
+@internal
+def lengths(shape: FloatArray, n: int) -> FloatArray:
+    """Return the length of path that every node represents (n + 1,) [m]."""
+    return _row(shape, n, _LENGTH)
+
+
+@internal
+def _store_vector(shape: FloatArray, n: int, row: int, j: int, v: Point) -> None:
+    """Write a vector at node j, into three rows."""
+    _row(shape, n, row)[j] = v.x
+    _row(shape, n, row + 1)[j] = v.y
+    _row(shape, n, row + 2)[j] = v.z
+
+
+@internal
+def fewest_segments(number: int, mouth: int) -> int:
+    """Return the segments that a path of some places takes at least behind a mouth.
+
+    `mouth` is the place of a site in the path, 0 where all of it is open.
+    """
+    # Each geom, and each site but the last; the first one too where it is a mouth.
+    return number - mouth - (1 if mouth > 0 else 2)
+
+
+@internal
+def _geoms_behind(places: FloatArray, number: int, mouth: int) -> int:
+    """Return the number of geoms in the path behind a mouth."""
+    count = 0
+    for k in range(mouth, number):
+        if places[PLACE_SIZE * k + KIND] != SITE:
+            count += 1
+    return count
+
+
+@internal
+def _part_size(total: int, parts: int, i: int) -> int:
+    """Return the size of part i of a whole number that is shared out."""
+    return total // parts + (1 if i < total % parts else 0)
+
+
+@internal
+def _angle(a: Point, b: Point) -> float:
+    """Return the angle between two directions [rad]; 0 where one is none."""
+    if dot(a, a) > 0.0 and dot(b, b) > 0.0:
+        return angle_between(a, b)
+    return 0.0
+
+
+@internal
+def _surface_travel(
+    touch: float, first: Point, u: Point, last: Point, v: Point
+) -> float:
+    """Return the path length that a surface carries away from the piece [m].
+
+    The path touched the surface at `first`, arriving along u, and does so at `last`
+    along v; all are in the frame of the geom.
+    """
+    p, q, axis = first, last, Point(0.0, 0.0, 1.0)
+    along = 0.0
+    if touch != SPHERE:
+        along = 0.5 * (u.z + v.z) * (q.z - p.z)
+        p, q = Point(first.x, first.y, 0.0), Point(last.x, last.y, 0.0)
+    normal = cross(p, q)
+    size = math.sqrt(dot(normal, normal))
+    if not size > 0.0:
+        return along
+    if touch == SPHERE:
+        axis = Point(normal.x / size, normal.y / size, normal.z / size)
+    turned = math.atan2(dot(axis, normal), dot(p, q))
+    # Directions have a part across the surface where the path touches it from inside.
+    arm = 0.5 * (dot(u, cross(axis, p)) + dot(v, cross(axis, q)))
+    return along + arm * turned
+
+
+@internal
+def measure(
+    places: FloatArray,
+    number: int,
+    mouth: int,
+    guided: int,
+    n: int,
+    guides: FloatArray,
+    shape: FloatArray,
+) -> float:
+    """Measure the open part of a path.
+
+    Args:
+        places: of the path, see `_path_geometry.py`.
+        number: how many they are; the first and the last are sites.
+        mouth: the one, a site, at which the conduit ends; 0: none.
+        guided: number of segments in the conduit.
+        n: number of segments in all.
+        guides: of every place behind the mouth: 0 where nothing is given, `ROLLING`, or
+            the radius of a site [m].
+        shape: out, `shape_size(n)`; that of the segments and nodes behind the conduit.
+
+    Returns:
+        Length from the mouth on [m].
+    """
+    place = max(mouth, 1)  # of the first guide
+    reach = 0.0
+    wraps = _geoms_behind(places, number, mouth)
+    spare = n - guided - fewest_segments(number, mouth) + wraps
+    spans = number - 1 - mouth - wraps
+    turn, contact = angles(shape, n), contacts(shape, n)
+    extent, length = _row(shape, n, _EXTENT), lengths(shape, n)
+    total, touch = _row(shape, n, _TOTAL), _row(shape, n, _TOUCH)
+    for i in range(_EXTENT * (n + 1), _ROWS * (n + 1)):
+        shape[i] = 0.0
+    seen, span = 0, 0  # geoms and spans
+    j = guided
+    k = 0
+    arriving = Point(0.0, 0.0, 0.0)
+    while k < number - 1:
+        kind, ahead, touched = places[PLACE_SIZE * (k + 1) + KIND], k + 1, False
+        if kind != SITE:
+            ahead = k + 2
+            touched = places[PLACE_SIZE * (k + 1) + TOUCHED] != 0.0
+        a, b = place_vector(places, k, FIRST), place_vector(places, ahead, FIRST)
+        leaving, straight = direction_to(a, b)
+        behind, p = leaving, a
+        left, right, around, corner = straight, 0.0, 0.0, 0.0
+        if touched:
+            p = place_vector(places, k + 1, FIRST)
+            q = place_vector(places, k + 1, LAST)
+            leaving, left = direction_to(a, p)
+            behind, right = direction_to(q, b)
+            chord, distance = direction_to(p, q)
+            if left <= MIN_PIECE_LENGTH:
+                leaving = behind
+                if distance > MIN_PIECE_LENGTH:
+                    leaving = chord
+            if distance > MIN_PIECE_LENGTH:
+                around, corner = arc(places, k + 1, leaving)
+            else:
+                corner = _angle(leaving, behind)
+            if right <= MIN_PIECE_LENGTH:
+                behind = leaving
+        if k >= mouth:
+            if k > 0:
+                guide, turned = guides[k - place], _angle(arriving, leaving)
+                # The arc of a guide: what it cuts off the corner is neglected.
+                turn[j] = turned if guide != ROLLING else 0.0
+                contact[j] = turned * guide if guide > 0.0 else 0.0
+                j += 1
+            m, rolls = 0, False
+            if kind != SITE:
+                m = _part_size(spare, wraps, seen)
+                rolls = guides[k + 1 - place] == ROLLING
+                seen += 1
+            elif wraps == 0:
+                m = _part_size(spare, spans, span)
+            span += 1
+            reach += left + around + right
+            total[j], extent[j] = left + around + right, float(m) + 1.0
+            for i in range(m):
+                turn[j + i] = 0.0 if rolls else corner / float(m)
+                contact[j + i] = 0.0 if rolls else around / float(m)
+                length[j + i] = MIN_NODE_LENGTH + around / float(m)
+            if touched:
+                half = 0.5 * around / float(m)
+                length[j] = MIN_NODE_LENGTH + left + half
+                length[j + m] = MIN_NODE_LENGTH + right + half
+                touch[j] = kind
+                _row(shape, n, _LENGTH_BEFORE)[j] = left
+                arm = between(place_vector(places, k + 1, CENTRE), p)
+                own = in_geom_frame(places, k + 1, arm)
+                _store_vector(shape, n, _TOUCH_POINT, j, own)
+                own = in_geom_frame(places, k + 1, leaving)
+                _store_vector(shape, n, _TOUCH_DIRECTION, j, own)
+            else:
+                for i in range(m + 1):
+                    length[j + i] = MIN_NODE_LENGTH + straight / (float(m) + 1.0)
+                touch[j] = _NOT_TOUCHING if kind != SITE else _STRAIGHT
+            j += m
+        # Sites in one place have no path between them, and rub as one.
+        if dot(behind, behind) > 0.0:
+            arriving = behind
+        k = ahead
+    return reach
+
+
+@internal
+def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> float:
+    """Return the largest stiffness of the straight pieces, from the nodes' [N/m]."""
+    extent, most = _row(shape, n, _EXTENT), 0.0
+    for j in range(n + 1):
+        if extent[j] != 0.0:
+            last = j + int(extent[j]) - 1
+            most = max(most, stiffness[j], stiffness[last])
+    return most
+
+
+@internal
+def save_path(shape: FloatArray, n: int, memory: FloatArray) -> None:
+    """Write the path memory of a state."""
+    for i in range(memory_size(n)):
+        memory[i] = shape[_LENGTH * (n + 1) + i]
+
+
+@internal
+def _previous_value(
+    reference: FloatArray, memory: FloatArray, n: int, j: int, row: int
+) -> float:
+    """Return the value of a row at node j in a state, see `lengthen`."""
+    at = (row - _LENGTH) * (n + 1) + j
+    if memory[(_TOUCH - _LENGTH) * (n + 1) + j] == _AS_REFERENCE:
+        return float(reference[_LENGTH * (n + 1) + at])
+    return float(memory[at])
+
+
+@internal
+def previous_lengths(reference: FloatArray, memory: FloatArray, n: int) -> FloatArray:
+    """Return the path length of every node in a state (n + 1,) [m], see `lengthen`."""
+    # Every node has a length, unless nothing is remembered yet.
+    if memory[0] == 0.0:
+        return lengths(reference, n)
+    return memory[: n + 1]
+
+
+@internal
+def _previous_vector(
+    reference: FloatArray, memory: FloatArray, n: int, j: int, row: int
+) -> Point:
+    return Point(
+        _previous_value(reference, memory, n, j, row),
+        _previous_value(reference, memory, n, j, row + 1),
+        _previous_value(reference, memory, n, j, row + 2),
+    )
+
+
+@internal
+def _vector(shape: FloatArray, n: int, j: int, row: int) -> Point:
+    return Point(
+        _row(shape, n, row)[j], _row(shape, n, row + 1)[j], _row(shape, n, row + 2)[j]
+    )
+
+
+@internal
+def path_growth(
+    shape: FloatArray, reference: FloatArray, memory: FloatArray, n: int
+) -> float:
+    """Return by how much the path is longer than in a state [m]; as `lengthen`."""
+    extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
+    grown = 0.0
+    for j in range(n + 1):
+        if extent[j] != 0.0:
+            grown += total[j] - _previous_value(reference, memory, n, j, _TOTAL)
+    return grown
+
+
+@internal
+def lengthen(
+    shape: FloatArray,
+    reference: FloatArray,
+    memory: FloatArray,
+    n: int,
+    gained: FloatArray,
+) -> None:
+    """Compute the lengthening of the path at every node since a state.
+
+    Args:
+        shape: the path now, of `measure`.
+        reference: the same in the pose `qpos0`.
+        memory: of the state; where it is 0, that of a reset, the reference counts.
+        n: number of segments.
+        gained: out, (n + 1,) [m].
+    """
+    for i in range(n + 1):
+        gained[i] = 0.0
+    extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
+    total, left = _row(shape, n, _TOTAL), _row(shape, n, _LENGTH_BEFORE)
+    for j in range(n + 1):
+        if extent[j] == 0.0:
+            continue
+        m = int(extent[j]) - 1
+        grown = total[j] - _previous_value(reference, memory, n, j, _TOTAL)
+        if touch[j] == _STRAIGHT:
+            for i in range(m + 1):
+                gained[j + i] = grown / float(m + 1)
+            continue
+        first = 0.5 * grown
+        before = _previous_value(reference, memory, n, j, _TOUCH)
+        if touch[j] != _NOT_TOUCHING and touch[j] == before:
+            first = left[j] - _previous_value(reference, memory, n, j, _LENGTH_BEFORE)
+            first -= _surface_travel(
+                before,
+                _previous_vector(reference, memory, n, j, _TOUCH_POINT),
+                _previous_vector(reference, memory, n, j, _TOUCH_DIRECTION),
+                _vector(shape, n, j, _TOUCH_POINT),
+                _vector(shape, n, j, _TOUCH_DIRECTION),
+            )
+        gained[j] = first
+        gained[j + m] = grown - first
+
+
+@compiled
+def store_conduit(
+    inside: FloatArray, reference: FloatArray, n: int, guided: int
+) -> None:
+    """Give the reference the conduit of a cable that is packed by itself.
+
+    `inside` are its packed parameters, of as many segments as `guided`.
+    """
+    inside, reference = borrow(inside), borrow(reference)
+    angle, contact = angles(reference, n), contacts(reference, n)
+    length, own_length = lengths(reference, n), at.node_length(inside, guided)
+    own_angle = at.segment_angles(inside, guided)
+    own_contact = at.contact_length(inside, guided)
+    for j in range(guided):
+        angle[j], contact[j] = own_angle[j], own_contact[j]
+    for i in range(guided + 1):
+        length[i] = own_length[i]
+
+
+@compiled
+def pack_reference(
+    values: FloatArray, n: int, guided: int, reference: FloatArray, prm: FloatArray
+) -> None:
+    """Prepare the parameters of a cable on an open path, in the pose `qpos0`.
+
+    Args:
+        values: scalar parameters in the order of `PARAMETERS`.
+        n: number of segments.
+        guided: as in `measure`.
+        reference: the path in that pose, that of the conduit included.
+        prm: out, packed parameters.
+    """
+    values, reference, prm = borrow(values), borrow(reference), borrow(prm)
+    angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
+    own_angle, own_contact = angles(reference, n), contacts(reference, n)
+    length, own_length = at.node_length(prm, n), lengths(reference, n)
+    for j in range(n):
+        angle[j], contact[j] = own_angle[j], own_contact[j]
+    whole = 0.0
+    for i in range(n + 1):
+        length[i] = own_length[i]
+        whole += own_length[i]
+    prm[at.LENGTH] = whole
+    prm[at.GUIDED] = float(guided)
+    pack.pack_mesh(values, n, prm)
+    pack.expect_change(prm)
+    pack.expect_lengthening(prm)
+
+
+@internal
+def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) -> None:
+    """Give the segments and nodes in the conduit what they have in the reference."""
+    angle, contact, length = angles(shape, n), contacts(shape, n), lengths(shape, n)
+    own_angle, own_contact = angles(reference, n), contacts(reference, n)
+    own_length = lengths(reference, n)
+    for j in range(guided):
+        angle[j], contact[j] = own_angle[j], own_contact[j]
+    for i in range(guided + 1 if guided > 0 else 0):
+        length[i] = own_length[i]
+
+
+@internal
+def lay(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    shape: FloatArray,
+    reference: FloatArray,
+    memory: FloatArray,
+    gained: FloatArray,
+) -> bool:
+    """Lay a packed cable along a path, as seen from a state.
+
+    Args:
+        prm: packed parameters of a cable of an open path.
+        n: number of segments.
+        tension: of the state (n + 1,) [N].
+        shape: the path now.
+        reference: the same in the pose `qpos0`.
+        memory: of the state.
+        gained: scratch (n + 1,).
+
+    Returns:
+        Whether anything that a step depends on is another than before.
+    """
+    lengthen(shape, reference, memory, n, gained)
+    before = previous_lengths(reference, memory, n)
+    changed = moving_path.carry(prm, n, tension, before, lengths(shape, n), gained)
+    bends = pack.set_path(prm, n, angles(shape, n), contacts(shape, n))
+    return changed or bends
+
+
+@internal
+def pull_forces(
+    places: FloatArray,
+    number: int,
+    mouth: int,
+    shape: FloatArray,
+    n: int,
+    guided: int,
+    node: FloatArray,
+    tied: float,
+    aside: int,
+    forces: FloatArray,
+) -> None:
+    """Find the forces of the pieces at the points where they begin.
+
+    Each piece pulls the body at its end with the opposite force.
+
+    Args:
+        places: of the path, at the position of `shape`.
+        number: how many they are.
+        mouth: as in `measure`.
+        shape: of `measure`.
+        n: number of segments.
+        guided: as in `measure`.
+        node: tension of the nodes (n + 1,) [N], negative where slack.
+        tied: force along the whole tendon that MuJoCo applies [N], positive where it
+            lengthens it; it is taken off.
+        aside: axis of the world along which a piece without length pulls, since it has
+            no direction; -1 where it does not pull.
+        forces: out, for each place but the last (6 * (number - 1),) [N]: the force at
+            the site, towards the geom that is touched or else the site ahead; and, for
+            a geom that is touched, behind it at the site, the force where the path
+            leaves the geom.
+    """
+    extent = _row(shape, n, _EXTENT)
+    for i in range(6 * (number - 1)):
+        forces[i] = 0.0
+    j, k = guided, 0
+    if mouth > 0:
+        j += 1
+    while k < number - 1:
+        ahead, touched = k + 1, False
+        if places[PLACE_SIZE * (k + 1) + KIND] != SITE:
+            ahead = k + 2
+            touched = places[PLACE_SIZE * (k + 1) + TOUCHED] != 0.0
+        left, right = 0.0, 0.0
+        if k >= mouth:
+            m = int(extent[j]) - 1
+            left, right = max(node[j], 0.0), max(node[j + m], 0.0)
+            if not touched:
+                left = right = 0.5 * (left + right)
+            j += m + 1
+        left, right = left + tied, right + tied
+        a, b = place_vector(places, k, FIRST), place_vector(places, ahead, FIRST)
+        if touched:
+            p = place_vector(places, k + 1, FIRST)
+            q = place_vector(places, k + 1, LAST)
+            _store_pull(forces, 6 * k, a, p, left, aside)
+            _store_pull(forces, 6 * k + 3, q, b, right, aside)
+        else:
+            _store_pull(forces, 6 * k, a, b, left, aside)
+        k = ahead
+
+
+@internal
+def _store_pull(
+    forces: FloatArray, i: int, first: Point, second: Point, tension: float, aside: int
+) -> None:
+    """Write the force with which a piece draws its first point to its second."""
+    d, length = direction_to(first, second)
+    if length <= MIN_PIECE_LENGTH:
+        d = Point(
+            1.0 if aside == 0 else 0.0,
+            1.0 if aside == 1 else 0.0,
+            1.0 if aside == 2 else 0.0,
+        )
+    forces[i] = tension * d.x
+    forces[i + 1] = tension * d.y
+    forces[i + 2] = tension * d.z

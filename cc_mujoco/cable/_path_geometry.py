@@ -1,0 +1,243 @@
+"""Geometry of the path of a tendon over sites and geoms, compiled.
+
+A path is given by its places, in their order: `PLACE_SIZE` numbers each. Where it
+touches a geom, it meets it at one point and leaves it at another; a site is one point.
+
+From these points the wrap angle of each segment of a conduit follows (`bend`), without
+memory of its own:
+
+- Around a geom the path bends evenly along the arc, a great circle of a sphere or a
+  helix on a cylinder.
+- A site stands for a point of a smooth curve. Its turning angle is spread evenly from
+  half-way to the site before it to half-way to the next, so that a polygon of equal
+  chords has the even curvature of its circle and bends move along the cable without
+  jumps. Sites close together make a tight bend.
+- The conduit keeps its length. A path that gets shorter or longer carries its bends
+  along in proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from cc_mujoco._utils.compilation import FloatArray, internal
+
+KIND, TOUCHED, FIRST, LAST, CENTRE, AXES = 0, 1, 2, 5, 8, 11
+"""Numbers of a place: what it is; whether the path touches it, of a geom; where that
+begins, the point of a site; where it ends; centre and three axes of the geom."""
+PLACE_SIZE = 20
+SITE, SPHERE, CYLINDER = 0.0, 2.0, 3.0
+"""What a place may be."""
+MIN_PIECE_LENGTH = 1e-9
+"""Pieces of the path below this length have no direction [m]."""
+_MIN_ARC_ANGLE = -1e-6
+"""An arc's angle above this is 0 with rounding, not almost a full turn [rad]."""
+
+
+class Point(NamedTuple):
+    """A point or a vector in space."""
+
+    x: float
+    y: float
+    z: float
+
+
+@internal
+def vector_at(row: FloatArray, i: int) -> Point:
+    """Return the vector whose three numbers begin at i."""
+    return Point(row[i], row[i + 1], row[i + 2])
+
+
+@internal
+def place_vector(places: FloatArray, k: int, what: int) -> Point:
+    """Return a vector of place k, for example `FIRST`."""
+    return vector_at(places, PLACE_SIZE * k + what)
+
+
+@internal
+def dot(a: Point, b: Point) -> float:
+    """Return the scalar product."""
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+@internal
+def cross(a: Point, b: Point) -> Point:
+    """Return the vector product."""
+    return Point(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+@internal
+def between(a: Point, b: Point) -> Point:
+    """Return the vector from a to b."""
+    return Point(b.x - a.x, b.y - a.y, b.z - a.z)
+
+
+@internal
+def direction_to(a: Point, b: Point) -> tuple[Point, float]:
+    """Return direction and distance [m] from a to b, zero direction if too short."""
+    way = between(a, b)
+    length = math.sqrt(way.x * way.x + way.y * way.y + way.z * way.z)
+    if length <= MIN_PIECE_LENGTH:
+        return Point(0.0, 0.0, 0.0), length
+    return Point(way.x / length, way.y / length, way.z / length), length
+
+
+@internal
+def in_geom_frame(places: FloatArray, k: int, v: Point) -> Point:
+    """Return a vector in the frame of the geom at place k."""
+    return Point(
+        dot(place_vector(places, k, AXES), v),
+        dot(place_vector(places, k, AXES + 3), v),
+        dot(place_vector(places, k, AXES + 6), v),
+    )
+
+
+@internal
+def angle_between(a: Point, b: Point) -> float:
+    """Return the angle between two directions [rad]; both of length 1."""
+    off = between(a, b)
+    # The square of the sine of half the angle; arcsine by its series where it is small.
+    q = 0.25 * (off.x * off.x + off.y * off.y + off.z * off.z)
+    if q < 0.01:
+        series = 35.0 / 1152.0 + q * (63.0 / 2816.0 + q * (231.0 / 13312.0))
+        series = 3.0 / 40.0 + q * (5.0 / 112.0 + q * series)
+        return 2.0 * math.sqrt(q) * (1.0 + q * (1.0 / 6.0 + q * series))
+    normal = cross(a, b)
+    size = math.sqrt(normal.x * normal.x + normal.y * normal.y + normal.z * normal.z)
+    return math.atan2(size, dot(a, b))
+
+
+@internal
+def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
+    """Return the length [m] and turning angle [rad] of the path around a geom.
+
+    It meets the geom at place k in direction d.
+    """
+    p, q = place_vector(places, k, FIRST), place_vector(places, k, LAST)
+    c = place_vector(places, k, CENTRE)
+    r, s = between(c, p), between(c, q)
+    # The path turns about this axis.
+    axis = cross(r, d)
+    along = 0.0
+    if places[PLACE_SIZE * k + KIND] != SPHERE:
+        own = place_vector(places, k, AXES + 6)
+        sense = 1.0 if dot(axis, own) >= 0.0 else -1.0
+        axis = Point(sense * own.x, sense * own.y, sense * own.z)
+        low = dot(r, axis)
+        high = dot(s, axis)
+        r = Point(r.x - low * axis.x, r.y - low * axis.y, r.z - low * axis.z)
+        s = Point(s.x - high * axis.x, s.y - high * axis.y, s.z - high * axis.z)
+        along = high - low
+    size = math.sqrt(dot(axis, axis))
+    turned = math.atan2(dot(axis, cross(r, s)) / size, dot(r, s))
+    if turned < _MIN_ARC_ANGLE:
+        turned += 2.0 * math.pi
+    turned = max(turned, 0.0)
+    radius = math.sqrt(dot(r, r))
+    around = radius * turned
+    length = math.sqrt(around * around + along * along)
+    # A helix bends less than its circle.
+    if length > 0.0:
+        return length, turned * around / length
+    return length, 0.0
+
+
+@internal
+def _distribute_angle(
+    out: FloatArray,
+    n: int,
+    length: FloatArray,
+    scale: float,
+    begin: float,
+    end: float,
+    angle: float,
+    j: int,
+    stop: float,
+) -> tuple[int, float]:
+    """Add an angle evenly over the path from `begin` to `end` [m].
+
+    `scale` is metres of segments, of `length` each, per metre of path; what lies
+    outside goes to the nearest end. Nothing begins before segment j, which ends at
+    `stop`; the same of the next part of the path is returned.
+    """
+    last, here, until, left = n - 1, j, stop, angle
+    a = max(begin * scale, 0.0)
+    b = max(end * scale, a)
+    while here < last and until <= a:
+        here += 1
+        until += length[here]
+    while here < last and until < b:
+        part = left * (until - a) / (b - a)
+        out[here] += part
+        left, a = left - part, until
+        here += 1
+        until += length[here]
+    out[here] += left
+    return here, until
+
+
+@internal
+def bend(
+    places: FloatArray,
+    count: int,
+    total: float,
+    segments: FloatArray,
+    n: int,
+    out: FloatArray,
+) -> None:
+    """Wrap angle of each segment of a conduit along a path.
+
+    Args:
+        places: of the path.
+        count: number of them that the conduit follows, from the first to a site.
+        total: length of the path up to there [m].
+        segments: length of each segment (n,) [m].
+        n: number of segments.
+        out: out, wrap angles from the first point to the last (n,) [rad].
+    """
+    whole = 0.0
+    for j in range(n):
+        out[j] = 0.0
+        whole += segments[j]
+    if not total > 0.0:
+        return
+    scale = whole / total
+    p = place_vector(places, 0, FIRST)
+    d, directed = Point(0.0, 0.0, 0.0), False  # in which the path arrives at p
+    reached = 0.0  # length of the path up to p
+    # The last site: where, its bend from, its turn.
+    corner, begin, angle = 0.0, 0.0, 0.0
+    at, stop = 0, segments[0]
+    for k in range(1, count):
+        is_site = places[PLACE_SIZE * k + KIND] == SITE
+        points = 1
+        if not is_site:
+            points = 2 if places[PLACE_SIZE * k + TOUCHED] != 0.0 else 0
+        for side in range(points):
+            q = place_vector(places, k, FIRST)
+            if side == 1:
+                q = place_vector(places, k, LAST)
+            way, length = direction_to(p, q)
+            if length <= MIN_PIECE_LENGTH:
+                continue
+            if side == 1 and directed:
+                length, turned = arc(places, k, d)
+                # What the site before turns is yet to be spread, over what lies before.
+                _distribute_angle(
+                    out, n, segments, scale, reached, reached + length, turned, at, stop
+                )
+                directed = False
+            else:
+                if directed:
+                    middle = 0.5 * (corner + reached)
+                    at, stop = _distribute_angle(
+                        out, n, segments, scale, begin, middle, angle, at, stop
+                    )
+                    angle = angle_between(d, way)
+                    corner, begin = reached, middle
+                d, directed = way, True
+            p = q
+            reached += length
+    middle = 0.5 * (corner + reached)
+    _distribute_angle(out, n, segments, scale, begin, middle, angle, at, stop)

@@ -1,0 +1,55 @@
+"""How a tendon leads a cable, and the packed parameters of a cable led so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._parameters import Cable
+
+Floats = NDArray[np.float64]
+"""Numbers of double precision."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """How a tendon leads a cable, or bends its conduit."""
+
+    tendon: int
+    """Index of the spatial tendon."""
+    mouth: int
+    """Place in its path of the site at which the conduit ends, 0: none."""
+    guided: int
+    """Number of segments in the conduit."""
+    bends: bool
+    """Whether the tendon bends the conduit."""
+    tied: tuple[bool, bool]
+    """Whether the proximal and the distal end are tied to the tendon's last site."""
+    guides: Floats
+    """Guides of an open path, see `_open_path.measure` (n,)."""
+    reference: Floats
+    """Open path in the pose `qpos0`, see `_open_path.measure`."""
+
+    def reference_of(self, cable: Cable) -> Floats:
+        """Return `reference` with the conduit of a cable that may have another."""
+        n, guided, reference = cable.segments, self.guided, self.reference.copy()
+        if 0 < guided < n:
+            inside = np.empty(kernel.parameter_size(guided))
+            sections = np.array(cable.conduit, dtype=np.float64)
+            kernel.pack(np.array(cable.scalars), sections, guided, inside)
+            open_path.store_conduit(inside, reference, n, guided)
+        return reference
+
+    def packed(self, cable: Cable) -> Floats:
+        """Return the packed parameters of a cable in the pose `qpos0`."""
+        n, prm = cable.segments, packed_parameters(cable)
+        if self.guided < n:
+            values, reference = np.array(cable.scalars), self.reference_of(cable)
+            open_path.pack_reference(values, n, self.guided, reference, prm)
+        kernel.expect_change(prm)
+        return prm

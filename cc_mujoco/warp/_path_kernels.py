@@ -1,0 +1,322 @@
+"""Kernels of cables that a tendon leads: along an open path, or by its bends.
+
+The path is that of the tendon in mujoco_warp's data. A row belongs to a cable of a
+world, as in `_kernels.py`; rows of cables that nothing leads are left as they are.
+"""
+
+# Warp reads the annotations of its kernels, so they are not postponed here.
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _path_geometry as geometry
+from cc_mujoco.warp._build import functions
+from cc_mujoco.warp._kernels import OPTIONS, RESET, CableRows
+from cc_mujoco.warp._variants import Paths
+
+_TENSIONS = at.STATE_HEADER
+_SIZE, _FIRST, _LAST = geometry.PLACE_SIZE, geometry.FIRST, geometry.LAST
+_TOUCHED, _CENTRE, _AXES = geometry.TOUCHED, geometry.CENTRE, geometry.AXES
+_SITE = geometry.SITE
+
+
+@wp.struct
+class PathRows:
+    """What leads the cables, and where it does.
+
+    Attributes:
+        tendons: index of the tendon, -1 where nothing leads a cable (cables,).
+        starts: place of its path in `wrap_type` (cables,).
+        numbers: places of its path (cables,).
+        mouths: place where the conduit ends, 0: none (cables,).
+        guided: segments in the conduit (cables,).
+        bends: not 0 where the tendon bends the conduit (cables,).
+        guides: see `cable._open_path.measure` (cables, places).
+        kinds: of the places of all tendons, as `_path_geometry.SPHERE`.
+        objects: site or geom of these places.
+        bodies: that they belong to.
+        last_dofs: last degree of freedom that moves a body, -1: none (bodies,).
+        parents: degree of freedom that moves the body before, -1: none (nv,).
+        roots: root body (bodies,).
+        reference: path in the pose `qpos0`.
+        memory: path, committed and pending.
+        shape: path now.
+        places: of the path, see `cable/_path_geometry.py`.
+        forces: of the pieces, see `cable._open_path.pull_forces`.
+        gained: scratch, by node.
+        pulls: out, force of the pieces on the degrees of freedom (rows, nv).
+    """
+
+    tendons: wp.array(dtype=int)
+    starts: wp.array(dtype=int)
+    numbers: wp.array(dtype=int)
+    mouths: wp.array(dtype=int)
+    guided: wp.array(dtype=int)
+    bends: wp.array(dtype=int)
+    guides: wp.array2d(dtype=float)
+    kinds: wp.array(dtype=float)
+    objects: wp.array(dtype=int)
+    bodies: wp.array(dtype=int)
+    last_dofs: wp.array(dtype=int)
+    parents: wp.array(dtype=int)
+    roots: wp.array(dtype=int)
+    reference: wp.array2d(dtype=float)
+    memory: wp.array3d(dtype=float)
+    shape: wp.array2d(dtype=float)
+    places: wp.array2d(dtype=float)
+    forces: wp.array2d(dtype=float)
+    gained: wp.array2d(dtype=float)
+    pulls: wp.array2d(dtype=float)
+
+
+@wp.func
+def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
+    for axis in range(3):
+        row[i + axis] = v[axis]
+
+
+@wp.func
+def _vector(row: wp.array(dtype=float), i: int):
+    return wp.vec3(row[i], row[i + 1], row[i + 2])
+
+
+@wp.func
+def _path_point(points: wp.array(dtype=wp.spatial_vector), i: int):
+    if i % 2 == 0:
+        return wp.spatial_top(points[i // 2])
+    return wp.spatial_bottom(points[i // 2])
+
+
+@wp.func
+def _read_places(
+    paths: PathRows,
+    cable: int,
+    begin: int,
+    wrapped: wp.array(dtype=wp.vec2i),
+    points: wp.array(dtype=wp.spatial_vector),
+    centres: wp.array(dtype=wp.vec3),
+    frames: wp.array(dtype=wp.mat33),
+    places: wp.array(dtype=float),
+):
+    """Write the places of a path that begins at a point of all paths."""
+    point = int(begin)
+    for k in range(paths.numbers[cable]):
+        place, i = paths.starts[cable] + k, _SIZE * k
+        kind = paths.kinds[place]
+        places[i] = kind
+        if kind == _SITE:
+            _write_vector(places, i + _FIRST, _path_point(points, point))
+            point += 1
+        else:
+            geom = paths.objects[place]
+            places[i + _TOUCHED] = 0.0
+            if wrapped[point // 2][point % 2] == geom:
+                places[i + _TOUCHED] = 1.0
+                _write_vector(places, i + _FIRST, _path_point(points, point))
+                _write_vector(places, i + _LAST, _path_point(points, point + 1))
+                point += 2
+                _write_vector(places, i + _CENTRE, centres[geom])
+                frame = wp.transpose(frames[geom])
+                for axis in range(3):
+                    _write_vector(places, i + _AXES + 3 * axis, frame[axis])
+
+
+@wp.func
+def _draw(
+    paths: PathRows,
+    row: int,
+    first: wp.vec3,
+    first_body: int,
+    second: wp.vec3,
+    second_body: int,
+    force: wp.vec3,
+    centres: wp.array(dtype=wp.vec3),
+    motions: wp.array(dtype=wp.spatial_vector),
+):
+    """Add the force of a piece on its first body, and the opposite on its second.
+
+    A degree of freedom that moves both bodies does not feel it.
+    """
+    i = int(paths.last_dofs[first_body])
+    j = int(paths.last_dofs[second_body])
+    first_arm = first - centres[paths.roots[first_body]]
+    second_arm = second - centres[paths.roots[second_body]]
+    while i != j:
+        if i > j:
+            motion = motions[i]
+            way = wp.spatial_bottom(motion)
+            way += wp.cross(wp.spatial_top(motion), first_arm)
+            paths.pulls[row, i] = paths.pulls[row, i] + wp.dot(force, way)
+            i = int(paths.parents[i])
+        else:
+            motion = motions[j]
+            way = wp.spatial_bottom(motion)
+            way += wp.cross(wp.spatial_top(motion), second_arm)
+            paths.pulls[row, j] = paths.pulls[row, j] - wp.dot(force, way)
+            j = int(paths.parents[j])
+
+
+@lru_cache(maxsize=16)
+def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleNamespace:
+    """Return the kernels for led cables with these terms.
+
+    Args:
+        terms: parameters whose terms may be on.
+        yields: see `functions`.
+        kind: what of the paths may change.
+    """
+    own = functions(wp.float32, terms, yields, kind)
+    bend, measure, lay, contacts = own.bend, own.measure, own.lay, own.contacts
+    keep_conduit, save_path, set_path = own.keep_conduit, own.save_path, own.set_path
+    contact_length, tensions, pull_forces = (
+        own.contact_length, own.tensions, own.pull_forces,
+    )  # fmt: skip
+    expect_change, pack_reference = own.expect_change, own.pack_reference
+    has_open = kind.lengthens != 0.0
+    has_bends = kind.bent
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def lead(
+        rows: CableRows,
+        paths: PathRows,
+        fresh: wp.array(dtype=int),
+        rest_in_pose: bool,
+        begins: wp.array2d(dtype=int),
+        lengths: wp.array2d(dtype=float),
+        wrapped: wp.array2d(dtype=wp.vec2i),
+        points: wp.array2d(dtype=wp.spatial_vector),
+        centres: wp.array2d(dtype=wp.vec3),
+        frames: wp.array2d(dtype=wp.mat33),
+    ):
+        """Lay all led cables along the paths in the data."""
+        cable, world = wp.tid()
+        tendon = paths.tendons[cable]
+        if tendon < 0:
+            return
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        prm, shape, places = rows.prm[row], paths.shape[row], paths.places[row]
+        number, mouth = paths.numbers[cable], paths.mouths[cable]
+        guided, now = paths.guided[cable], rows.now[row]
+        _read_places(
+            paths, cable, begins[world, tendon], wrapped[world], points[world],
+            centres[world], frames[world], places,
+        )  # fmt: skip
+        if wp.static(has_open):
+            if guided < n:
+                reference = paths.reference[row]
+                reach = measure(
+                    places, number, mouth, guided, n, paths.guides[cable], shape
+                )
+                keep_conduit(shape, reference, n, guided)
+                if wp.static(has_bends):
+                    if paths.bends[cable] != 0:
+                        bend(
+                            places, mouth + 1, lengths[world, tendon] - reach,
+                            contacts(reference, n), guided, shape,
+                        )  # fmt: skip
+                if fresh[row] == RESET:
+                    if rest_in_pose:
+                        save_path(shape, n, paths.memory[now, row])
+                    else:
+                        for i in range(paths.memory.shape[2]):
+                            paths.memory[now, row, i] = 0.0
+                lay(
+                    prm, n, tensions(rows.state[now, row], n), shape, reference,
+                    paths.memory[now, row], paths.gained[row],
+                )  # fmt: skip
+                save_path(shape, n, paths.memory[1 - now, row])
+                return
+        if wp.static(has_bends):
+            inside = contact_length(prm, n)
+            bend(places, number, lengths[world, tendon], inside, n, shape)
+            set_path(prm, n, shape, inside)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def pull(
+        rows: CableRows,
+        paths: PathRows,
+        pending: int,
+        gears: wp.array2d(dtype=wp.spatial_vector),
+        centres: wp.array2d(dtype=wp.vec3),
+        motions: wp.array2d(dtype=wp.spatial_vector),
+    ):
+        """Find the forces of all pieces, in the pending or the committed state."""
+        cable, world = wp.tid()
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        guided, tendon = paths.guided[cable], paths.tendons[cable]
+        if tendon < 0 or guided == n:
+            return
+        for i in range(paths.pulls.shape[1]):
+            paths.pulls[row, i] = 0.0
+        which = int(rows.now[row])
+        tied = float(0.0)
+        if pending != 0:
+            which = 1 - which
+            for end in range(2):
+                if rows.tied[cable, end] != 0:
+                    gear = gears[world % gears.shape[0], rows.actuators[cable, end]][0]
+                    if end == 1:
+                        gear = -gear
+                    tied += gear * wp.max(
+                        rows.state[which, row, _TENSIONS + end * n], 0.0
+                    )
+        places, forces = paths.places[row], paths.forces[row]
+        number = paths.numbers[cable]
+        pull_forces(
+            places, number, paths.mouths[cable], paths.shape[row], n, guided,
+            tensions(rows.state[which, row], n), tied, -1, forces,
+        )  # fmt: skip
+        k = int(0)
+        while k < number - 1:
+            place = paths.starts[cable] + k
+            here, i = _vector(places, _SIZE * k + _FIRST), 6 * k
+            body = int(paths.bodies[place])
+            if paths.kinds[place + 1] != _SITE:
+                k += 1
+                if places[_SIZE * k + _TOUCHED] != 0.0:
+                    on = int(paths.bodies[place + 1])
+                    _draw(
+                        paths, row, here, body, _vector(places, _SIZE * k + _FIRST), on,
+                        _vector(forces, i), centres[world], motions[world],
+                    )  # fmt: skip
+                    here, body, i = _vector(places, _SIZE * k + _LAST), on, i + 3
+            k += 1
+            _draw(
+                paths, row, here, body, _vector(places, _SIZE * k + _FIRST),
+                paths.bodies[paths.starts[cable] + k], _vector(forces, i),
+                centres[world], motions[world],
+            )  # fmt: skip
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def repack(rows: CableRows, paths: PathRows, values: wp.array3d(dtype=float)):
+        """Pack the parameters of all led cables anew, in the pose `qpos0`."""
+        cable, world = wp.tid()
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        if paths.tendons[cable] >= 0:
+            expect_change(rows.prm[row])
+            if wp.static(has_open):
+                if paths.guided[cable] < n:
+                    pack_reference(
+                        values[cable, world], n, paths.guided[cable],
+                        paths.reference[row], rows.prm[row],
+                    )  # fmt: skip
+
+    return SimpleNamespace(lead=lead, pull=pull, repack=repack)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def add_pulls(
+    worlds: int,
+    cables: int,
+    pulls: wp.array2d(dtype=float),
+    total: wp.array2d(dtype=float),
+):
+    """Add the forces of all cables' pieces, in their order (worlds, nv)."""
+    world, i = wp.tid()
+    whole = total[world, i]
+    for cable in range(cables):
+        whole += pulls[cable * worlds + world, i]
+    total[world, i] = whole

@@ -1,0 +1,186 @@
+"""Arrays of the cables that a tendon leads, and how their kernels are launched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable import _path_geometry as geometry
+from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._route import Route
+from cc_mujoco.warp._path_kernels import PathRows, add_pulls, path_kernels
+from cc_mujoco.warp._variants import Paths
+
+_KINDS = {
+    int(mujoco.mjtWrap.mjWRAP_SPHERE): geometry.SPHERE,
+    int(mujoco.mjtWrap.mjWRAP_CYLINDER): geometry.CYLINDER,
+}
+Matrix = Callable[..., Any]
+"""Function that returns an array with a row for each cable and world."""
+
+
+class LedCables:
+    """Led cables of all worlds, among those that nothing leads.
+
+    Attributes:
+        rows: their arrays.
+        reference: path in the pose `qpos0`, a row for each cable and world.
+        memory: path of the committed and the pending state, a row for each.
+        kernels: by name.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cables: Sequence[Cable],
+        routes: Sequence[Route | None],
+        worlds: int,
+        matrix: Matrix,
+        device: Any,
+        kernels: tuple[frozenset[str], bool, Paths],
+    ) -> None:
+        """Make the arrays.
+
+        Args:
+            model: the compiled model.
+            cables: all of them.
+            routes: of each, None where no tendon leads it.
+            worlds: number of worlds.
+            matrix: makes an array of so many columns, and of planes before it.
+            device: of Warp.
+            kernels: arguments of `path_kernels`.
+        """
+        own = path_kernels(*kernels)
+        self._lead, self._pull, self._repack = own.lead, own.pull, own.repack
+        self.kernels = {"lead": own.lead}
+        self._has_open = kernels[2].lengthens != 0.0
+        if self._has_open:
+            self.kernels |= {"pull": own.pull, "add_pulls": add_pulls}
+        self._cables, self._worlds = len(cables), worlds
+        self._segments = [cable.segments for cable in cables]
+        most = max(self._segments)
+        led = [(i, route) for i, route in enumerate(routes) if route is not None]
+        numbers = np.zeros(self._cables, np.int32)
+        for i, route in led:
+            numbers[i] = model.tendon_num[route.tendon]
+        rows: Any = PathRows()
+        ints: dict[str, Any] = {"dtype": int, "device": device}
+
+        def by_cable(values: dict[int, int], other: int) -> Any:
+            found = [values.get(i, other) for i in range(self._cables)]
+            return wp.array(found, **ints)
+
+        rows.tendons = by_cable({i: route.tendon for i, route in led}, -1)
+        starts = {i: int(model.tendon_adr[route.tendon]) for i, route in led}
+        rows.starts, rows.numbers = by_cable(starts, 0), wp.array(numbers, **ints)
+        rows.mouths = by_cable({i: route.mouth for i, route in led}, 0)
+        rows.guided = by_cable({i: route.guided for i, route in led}, most)
+        rows.bends = by_cable({i: int(route.bends) for i, route in led}, 0)
+        guides = np.zeros((self._cables, most), np.float32)
+        for i, route in led:
+            guides[i, : route.guides.size] = route.guides
+        rows.guides = wp.array(guides, dtype=float, device=device)
+        objects = np.maximum(model.wrap_objid, 0)
+        is_geom = np.isin(model.wrap_type, list(_KINDS))
+        is_site = model.wrap_type == int(mujoco.mjtWrap.mjWRAP_SITE)
+        bodies = np.zeros(objects.size, np.int32)
+        bodies[is_geom] = model.geom_bodyid[objects[is_geom]]
+        bodies[is_site] = model.site_bodyid[objects[is_site]]
+        kinds = [_KINDS.get(int(kind), geometry.SITE) for kind in model.wrap_type]
+        rows.kinds = wp.array(kinds, dtype=float, device=device)
+        rows.objects, rows.bodies = wp.array(objects, **ints), wp.array(bodies, **ints)
+        rows.last_dofs = wp.array(_last_dofs(model), **ints)
+        rows.parents = wp.array(model.dof_parentid, **ints)
+        rows.roots = wp.array(model.body_rootid, **ints)
+        size, number = open_path.shape_size(most), int(numbers.max())
+        self._size = size
+        rows.reference, rows.shape = matrix(size), matrix(size)
+        rows.memory = matrix(open_path.memory_size(most), 2)
+        rows.places = matrix(geometry.PLACE_SIZE * number)
+        rows.forces, rows.gained = matrix(6 * number), matrix(most + 1)
+        rows.pulls = matrix(int(model.nv))
+        self.rows, self.reference, self.memory = rows, rows.reference, rows.memory
+        given = np.zeros((self._cables, worlds, size), np.float32)
+        for i, route in led:
+            given[i, :] = self.reference_row(route, cables[i])
+        self.reference.assign(given.reshape(-1, size))
+
+    def reference_row(self, route: Route, cable: Cable) -> NDArray[np.float32]:
+        """Return a row of `reference` for a cable that may have another conduit."""
+        row = np.zeros(self._size, np.float32)
+        own = route.reference_of(cable)
+        row[: own.size] = own
+        return row
+
+    def memory_size(self, index: int) -> int:
+        """Return how many numbers the state of a cable remembers of its path."""
+        return int(open_path.memory_size(self._segments[index]))
+
+    def repack(self, rows: Any, values: Any) -> None:
+        """Pack scalar parameters anew, on the paths in the pose `qpos0`."""
+        wp.launch(
+            self._repack,
+            dim=(self._cables, self._worlds),
+            inputs=[rows, self.rows, values],
+            device=values.device,
+        )
+
+    def lead(self, rows: Any, fresh: Any, rest_in_pose: bool, d: mjw.Data) -> None:
+        """Lay the cables along the paths in the data."""
+        wp.launch(
+            self._lead,
+            dim=(self._cables, self._worlds),
+            inputs=[
+                rows, self.rows, fresh, rest_in_pose, d.ten_wrapadr, d.ten_length,
+                d.wrap_obj, d.wrap_xpos, d.geom_xpos, d.geom_xmat,
+            ],
+            device=d.time.device,
+        )  # fmt: skip
+
+    def pull(
+        self, rows: Any, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any
+    ) -> None:
+        """Add the forces of the pieces to those on the degrees of freedom.
+
+        Args:
+            rows: `CableRows`.
+            is_pending: whether tensions are those after the step, and not before it.
+            m: the model.
+            d: the data.
+            total: in and out (worlds, nv).
+        """
+        if not self._has_open:
+            return
+        device = d.time.device
+        wp.launch(
+            self._pull,
+            dim=(self._cables, self._worlds),
+            inputs=[
+                rows, self.rows, int(is_pending), m.actuator_gear, d.subtree_com, d.cdof
+            ],
+            device=device,
+        )  # fmt: skip
+        wp.launch(
+            add_pulls,
+            dim=total.shape,
+            inputs=[self._worlds, self._cables, self.rows.pulls],
+            outputs=[total],
+            device=device,
+        )
+
+
+def _last_dofs(model: mujoco.MjModel) -> NDArray[np.int32]:
+    """Return the last degree of freedom that moves each body, -1 where none does."""
+    found = np.full(model.nbody, -1, np.int32)
+    for body in range(1, model.nbody):
+        found[body] = found[model.body_parentid[body]]
+        if model.body_dofnum[body] > 0:
+            found[body] = model.body_dofadr[body] + model.body_dofnum[body] - 1
+    return found

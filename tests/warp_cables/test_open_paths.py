@@ -1,0 +1,195 @@
+"""Cables on open paths in mujoco_warp against the plugin."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+import cc_mujoco
+from cc_mujoco.assets import scene_path
+from cc_mujoco.warp import attach, without_plugin
+from warp_cables.test_scenes import played, played_on_warp
+
+pytestmark = pytest.mark.study
+
+WINCH = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="{step}" integrator="implicitfast"/>
+  <extension><plugin plugin="cc_mujoco.cable"><instance name="rope">
+    <config key="route" value="rope"/> <config key="path" value="{path}"/>
+    <config key="conduit" value="{length}:inf"/> <config key="segments" value="{n}"/>
+    <config key="guides" value="guide:0.02"/> <config key="friction" value="0.15"/>
+    <config key="axial_stiffness" value="20000"/>
+    <config key="pretension" value="100"/>
+    {more}
+  </instance></plugin></extension>
+  <worldbody>
+    <body pos="-0.3 0 -0.3">
+      <joint name="drum" axis="0 1 0" armature="2e-3" damping="0.1"/>
+      <geom size="0.02" mass="0.1"/>
+    </body>
+    <site name="out" pos="-0.25 0 -0.3"/>
+    <geom name="post" type="cylinder" size="0.05 0.02" zaxis="0 1 0"/>
+    <site name="over" pos="0 0 0.2"/>
+    <site name="guide" pos="0.3 0 -0.1"/>
+    <body pos="0.5 0 -0.5">
+      <joint name="load" type="slide" axis="0 0 1" damping="20"/>
+      <joint name="swing" axis="0 1 0" damping="2" stiffness="60"/>
+      <geom size="0.05" mass="10"/> <site name="hook" pos="0.1 0 0.1"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="rope">
+      <site site="out"/> <geom geom="post" sidesite="over"/> <site site="guide"/>
+      <site site="hook"/>
+    </spatial>
+  </tendon>
+  <actuator>
+    <motor joint="drum"/>
+    <plugin joint="drum" gear="-0.03" plugin="cc_mujoco.cable" instance="rope"/>
+    <plugin tendon="rope" gear="1" plugin="cc_mujoco.cable" instance="rope"/>
+  </actuator>
+</mujoco>
+"""
+SECONDS, HOLD = 1.0, 0.02
+
+
+def winch(step: float = 5e-4, n: int = 8) -> mujoco.MjSpec:
+    given = {"step": step, "n": n, "path": "open", "more": ""}
+    probe = WINCH.format(length=1.0, **given)
+    bare = without_cable(mujoco.MjSpec.from_string(probe)).compile()
+    length = float(bare.tendon_length0[0])
+    return mujoco.MjSpec.from_string(WINCH.format(length=length, **given))
+
+
+def without_cable(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    for actuator in list(spec.actuators)[1:]:
+        spec.delete(actuator)
+    for plugin in list(spec.plugins):
+        spec.delete(plugin)
+    return spec
+
+
+def lifted(time: float) -> list[float]:
+    return [2.5 + 2.0 * np.sin(6.0 * time)]
+
+
+def moved(spec: mujoco.MjSpec):
+    """Return a control that moves all motors and wearers of a device."""
+    model = spec.compile()
+    others = np.flatnonzero(model.actuator_plugin < 0)
+    low, high = model.actuator_ctrlrange[others].T
+    names = [model.actuator(int(i)).name for i in others]
+    share = [0.1 if name.startswith("motor") else 0.2 for name in names]
+    phase = np.arange(len(others))
+
+    def control(time: float) -> list[float]:
+        wave = np.sin(8.0 * time + phase) * (1.0 - np.exp(-50.0 * time))
+        found = np.zeros(model.nu)
+        found[others] = share * wave * (high - low) / 2.0
+        return found.tolist()
+
+    return control
+
+
+@pytest.mark.parametrize(
+    ("name", "angle", "tension"),
+    [
+        ("finger", 1e-5, 1e-3),
+        ("exosuit", 1e-5, 1e-3),
+        ("hand", 1e-5, 1e-3),
+        ("bilateral", 1e-5, 1e-3),
+    ],
+)
+def test_a_device_moves_as_with_the_plugin(name, angle, tension):
+    spec = mujoco.MjSpec.from_file(str(scene_path(name)))
+    control = moved(spec)
+    angles, tensions = played(spec, control, 0.25)
+    found, pulls = played_on_warp(spec, control, 0.25)
+    assert np.ptp(tensions, axis=0).max() > 0.2 * tensions.max()
+    assert np.abs(found - angles).max() < angle
+    assert np.abs(pulls - tensions).max() < tension * tensions.max()
+
+
+@pytest.mark.parametrize("step", [4e-3, 1e-2])
+def test_long_steps_err_no_more_than_the_plugin(step):
+    def sampled(play, step):
+        every = round(HOLD / step)
+        return play(winch(step), lifted, SECONDS, HOLD)[0][every - 1 :: every]
+
+    right = sampled(played, 2e-4)
+    theirs, ours = (
+        np.sqrt(((sampled(play, step) - right) ** 2).mean(0))
+        for play in (played, played_on_warp)
+    )
+    assert (ours < 1.3 * theirs).all()
+
+
+def test_worlds_do_not_see_each_other_and_readings_are_those_of_the_plugin():
+    spec = winch()
+    model, plain = spec.compile(), without_plugin(spec).compile()
+    data, runs = mujoco.MjData(model), []
+    for resets in (False, True):
+        m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=3)
+        cables = attach(m, d, spec)
+        d.ctrl.fill_(1.0)
+        for k in range(200):
+            if resets and k == 100:
+                mjw.reset_data(m, d, wp.array([False, True, False], dtype=bool))
+                d.ctrl.fill_(1.0)
+            mjw.step(m, d)
+            if k == 99:
+                half = d.qpos.numpy().copy()
+        runs.append((d.qpos.numpy().copy(), cables.tensions.numpy().copy()))
+    np.testing.assert_array_equal(runs[0][0][[0, 2]], runs[1][0][[0, 2]])
+    np.testing.assert_array_equal(runs[0][1][[0, 2]], runs[1][1][[0, 2]])
+    np.testing.assert_array_equal(runs[1][0][1], half[1])
+    data.ctrl[0] = 1.0
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+    right, found = cc_mujoco.read(model, data, "rope"), cables.read("rope")
+    largest = right.tension.max()
+    assert np.abs(found.tension[0] - right.tension).max() < 1e-3 * largest
+    np.testing.assert_allclose(found.dissipated[0], right.dissipated, rtol=1e-3)
+    state = cables.plugin_state()[0]
+    again = cc_mujoco.plugin.read_state(model, "rope", state)
+    np.testing.assert_array_equal(again.tension, found.tension[0])
+    assert again.slack == found.slack[0]
+
+
+def test_a_replay_of_a_captured_step_is_a_step():
+    spec = winch(4e-3)
+    plain, found = without_plugin(spec).compile(), []
+    for captured in (False, True):
+        m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=2)
+        cables = attach(m, d, spec)
+        mjw.step(m, d)
+        if captured:
+            with wp.ScopedCapture("cpu") as capture:
+                mjw.step(m, d)
+        for k in range(1, 60):
+            d.ctrl.fill_(lifted(4e-3 * k)[0])
+            wp.capture_launch(capture.graph) if captured else mjw.step(m, d)
+        found.append((d.qpos.numpy().copy(), cables.tensions.numpy().copy()))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_parameters_are_given_anew_on_the_path_of_the_scene():
+    spec = winch()
+    plain = without_plugin(spec).compile()
+    m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=2)
+    cables = attach(m, d, spec)
+    stiffer = cc_mujoco.plugin.from_mjcf(spec)["rope"].replace(friction=0.3)
+    cables.vary("rope", friction=np.array([0.15, 0.3]))
+    packed = cables._prm.numpy().copy()
+    cables.assign("rope", {0: stiffer.replace(friction=0.15), 1: stiffer})
+    np.testing.assert_allclose(cables._prm.numpy(), packed, rtol=2e-6)
+    for _ in range(100):
+        mjw.step(m, d)
+    first, second = cables.tensions.numpy()[:, 0]
+    assert first[0] < second[0] or first[1] > second[1]

@@ -113,7 +113,11 @@ def _read_places(
         else:
             geom = paths.objects[place]
             places[i + _TOUCHED] = 0.0
-            if wrapped[point // 2][point % 2] == geom:
+            pair = wrapped[point // 2]  # an index that varies would need a stack
+            touched = pair[1]
+            if point % 2 == 0:
+                touched = pair[0]
+            if touched == geom:
                 places[i + _TOUCHED] = 1.0
                 _write_vector(places, i + _FIRST, _path_point(points, point))
                 _write_vector(places, i + _LAST, _path_point(points, point + 1))
@@ -179,11 +183,9 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
     has_bends = kind.bent
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def lead(
+    def survey(
         rows: CableRows,
         paths: PathRows,
-        fresh: wp.array(dtype=int),
-        rest_in_pose: bool,
         begins: wp.array2d(dtype=int),
         lengths: wp.array2d(dtype=float),
         wrapped: wp.array2d(dtype=wp.vec2i),
@@ -191,15 +193,15 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         centres: wp.array2d(dtype=wp.vec3),
         frames: wp.array2d(dtype=wp.mat33),
     ):
-        """Lay all led cables along the paths in the data."""
+        """Measure the paths of all led cables in the data."""
         cable, world = wp.tid()
         tendon = paths.tendons[cable]
         if tendon < 0:
             return
         row, n = cable * rows.worlds + world, rows.segments[cable]
-        prm, shape, places = rows.prm[row], paths.shape[row], paths.places[row]
+        shape, places = paths.shape[row], paths.places[row]
         number, mouth = paths.numbers[cable], paths.mouths[cable]
-        guided, now = paths.guided[cable], rows.now[row]
+        guided = paths.guided[cable]
         _read_places(
             paths, cable, begins[world, tendon], wrapped[world], points[world],
             centres[world], frames[world], places,
@@ -217,6 +219,23 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                             places, mouth + 1, lengths[world, tendon] - reach,
                             contacts(reference, n), guided, shape,
                         )  # fmt: skip
+                return
+        if wp.static(has_bends):
+            inside = contact_length(rows.prm[row], n)
+            bend(places, number, lengths[world, tendon], inside, n, shape)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def lay_all(
+        rows: CableRows, paths: PathRows, fresh: wp.array(dtype=int), rest_in_pose: bool
+    ):
+        """Lay all led cables along the paths that were measured."""
+        cable, world = wp.tid()
+        if paths.tendons[cable] < 0:
+            return
+        row, n = cable * rows.worlds + world, rows.segments[cable]
+        prm, shape, now = rows.prm[row], paths.shape[row], rows.now[row]
+        if wp.static(has_open):
+            if paths.guided[cable] < n:
                 if fresh[row] == RESET:
                     if rest_in_pose:
                         save_path(shape, n, paths.memory[now, row])
@@ -224,15 +243,13 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                         for i in range(paths.memory.shape[2]):
                             paths.memory[now, row, i] = 0.0
                 lay(
-                    prm, n, tensions(rows.state[now, row], n), shape, reference,
-                    paths.memory[now, row], paths.gained[row],
+                    prm, n, tensions(rows.state[now, row], n), shape,
+                    paths.reference[row], paths.memory[now, row], paths.gained[row],
                 )  # fmt: skip
                 save_path(shape, n, paths.memory[1 - now, row])
                 return
         if wp.static(has_bends):
-            inside = contact_length(prm, n)
-            bend(places, number, lengths[world, tendon], inside, n, shape)
-            set_path(prm, n, shape, inside)
+            set_path(prm, n, shape, contact_length(prm, n))
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pull(
@@ -304,7 +321,7 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                         paths.reference[row], rows.prm[row],
                     )  # fmt: skip
 
-    return SimpleNamespace(lead=lead, pull=pull, repack=repack)
+    return SimpleNamespace(survey=survey, lay=lay_all, pull=pull, repack=repack)
 
 
 @wp.kernel(module="unique", enable_backward=False)

@@ -58,8 +58,8 @@ class LedCables:
             kernels: arguments of `path_kernels`.
         """
         own = path_kernels(*kernels)
-        self._lead, self._pull, self._repack = own.lead, own.pull, own.repack
-        self.kernels = {"lead": own.lead}
+        self._own = own
+        self.kernels = {"survey": own.survey, "lay": own.lay}
         self._has_open = kernels[2].lengthens != 0.0
         if self._has_open:
             self.kernels |= {"pull": own.pull, "add_pulls": add_pulls}
@@ -126,7 +126,7 @@ class LedCables:
     def repack(self, rows: Any, values: Any) -> None:
         """Pack scalar parameters anew, on the paths in the pose `qpos0`."""
         wp.launch(
-            self._repack,
+            self._own.repack,
             dim=(self._cables, self._worlds),
             inputs=[rows, self.rows, values],
             device=values.device,
@@ -134,15 +134,22 @@ class LedCables:
 
     def lead(self, rows: Any, fresh: Any, rest_in_pose: bool, d: mjw.Data) -> None:
         """Lay the cables along the paths in the data."""
+        size, device = (self._cables, self._worlds), d.time.device
         wp.launch(
-            self._lead,
-            dim=(self._cables, self._worlds),
+            self._own.survey,
+            dim=size,
             inputs=[
-                rows, self.rows, fresh, rest_in_pose, d.ten_wrapadr, d.ten_length,
-                d.wrap_obj, d.wrap_xpos, d.geom_xpos, d.geom_xmat,
+                rows, self.rows, d.ten_wrapadr, d.ten_length, d.wrap_obj, d.wrap_xpos,
+                d.geom_xpos, d.geom_xmat,
             ],
-            device=d.time.device,
+            device=device,
         )  # fmt: skip
+        wp.launch(
+            self._own.lay,
+            dim=size,
+            inputs=[rows, self.rows, fresh, rest_in_pose],
+            device=device,
+        )
 
     def pull(
         self, rows: Any, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any
@@ -160,7 +167,7 @@ class LedCables:
             return
         device = d.time.device
         wp.launch(
-            self._pull,
+            self._own.pull,
             dim=(self._cables, self._worlds),
             inputs=[
                 rows, self.rows, int(is_pending), m.actuator_gear, d.subtree_com, d.cdof

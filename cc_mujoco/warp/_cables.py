@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from importlib import import_module
 from typing import Any
 
@@ -29,7 +28,7 @@ from cc_mujoco.cable._reading import (
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp._ends import HeldCable, actuators_of
-from cc_mujoco.warp._implicit_kernels import add_forces, look_ahead_kernel, moment_row
+from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
     ATTEMPTS,
     FOLLOWED,
@@ -39,6 +38,7 @@ from cc_mujoco.warp._kernels import (
     kernels,
     write_rows,
 )
+from cc_mujoco.warp._look_ahead import LookAhead, moments_of
 from cc_mujoco.warp._model import (
     end_rate,
     lengths_in_qpos0,
@@ -235,16 +235,13 @@ class AttachedCables:
             self._led = LedCables(
                 self._model, self._cables, self._routes, worlds, matrix, device, kinds
             )
+        self._ahead: LookAhead | None = None
         if self._implicit:
-            self._right = wp.zeros((worlds, nv), **reals)
-            self._found = wp.zeros((worlds, nv), **reals)
             ends = np.full(self._model.nu, -1, np.int32)
             places = np.arange(actuators.size).reshape(actuators.shape)
             ends[actuators] = np.where(tied, -2, places)
-            self._ends = wp.array(ends, **ints)
-            # Inertia with the damping that the integrator takes implicitly, factors.
-            self._inertia = [wp.zeros_like(a) for a in (d.M, d.qLD, d.qLDiagInv)]
-            self._answers = wp.zeros((2 * count, worlds, nv), **reals)
+            own = look_ahead_kernel(self.terms, self._paths)
+            self._ahead = LookAhead(d, self._rows, self._fresh, ends, own, self._led)
 
     def _act(self, m: mjw.Model, d: mjw.Data) -> None:
         """Evaluate all cables at the positions in `d`, and write their forces."""
@@ -260,7 +257,7 @@ class AttachedCables:
             self._kernels.begin,
             dim=self._shape,
             inputs=[
-                d.time, m.opt.timestep, d.actuator_length, d.qvel, *_moments(d),
+                d.time, m.opt.timestep, d.actuator_length, d.qvel, *moments_of(d),
                 m.actuator_gear, self._segments, self._actuators, self._followed,
                 self._rest, self._rest_in_pose, self._prm,
             ],
@@ -272,8 +269,8 @@ class AttachedCables:
         )  # fmt: skip
         if self._led is not None:
             self._led.lead(self._rows, self._fresh, self._rest_in_pose, d)
-        if self._implicit:
-            self._look_ahead(m, d)
+        if self._ahead is not None:
+            self._ahead.aim(m, d)
         if self._is_split:
             self._evaluate_in_parts(m, d)
         else:
@@ -293,9 +290,8 @@ class AttachedCables:
         """Kernels that an evaluation of these cables launches on a GPU, by name."""
         own = self._kernels
         used = {"begin": own.begin, "fronts": own.fronts, "graph": own.graph}
-        if self._implicit:
-            used |= {"add_forces": add_forces, "moment_row": moment_row}
-            used["look_ahead"] = look_ahead_kernel(self.terms, self._paths)
+        if self._ahead is not None:
+            used |= self._ahead.kernels
         if self._led is not None:
             used |= self._led.kernels
         return used | {"commit": own.commit}
@@ -313,56 +309,6 @@ class AttachedCables:
                 outputs=[d.actuator_force],
                 **given,
             )
-
-    def _look_ahead(self, m: mjw.Model, d: mjw.Data) -> None:
-        """Aim the ends at where the step leads, see `plugin/_implicit_ends.py`.
-
-        Constraints are taken to act as in the step before.
-        """
-        damped = copy(d)
-        damped.M, damped.qLD, damped.qLDiagInv = self._inertia
-        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
-            wp.copy(damped.M, d.M)
-        else:
-            mjw.deriv_smooth_vel(m, d, damped.M)
-        mjw.factor_m(m, damped)
-        moments = _moments(d)
-        wp.launch(
-            add_forces,
-            dim=self._worlds,
-            inputs=[
-                self._worlds, self._segments, self._ends, self._aim, self._now,
-                self._fresh, self._state, *moments, d.qfrc_passive, d.qfrc_bias,
-                d.qfrc_applied, d.qfrc_constraint, d.actuator_force,
-            ],
-            outputs=[self._right],
-            device=d.time.device,
-        )  # fmt: skip
-        if self._led is not None:
-            self._led.pull(self._rows, False, m, d, self._right)
-        mjw.xfrc_accumulate(m, d, self._right)
-        mjw.solve_m(m, damped, self._found, self._right)
-        for cable in range(len(self._cables)):
-            for end in range(2):
-                wp.launch(
-                    moment_row,
-                    dim=self._worlds,
-                    inputs=[
-                        cable, end, self._worlds, self._actuators, *moments, self._aim
-                    ],
-                    outputs=[self._right],
-                    device=d.time.device,
-                )  # fmt: skip
-                mjw.solve_m(m, damped, self._answers[2 * cable + end], self._right)
-        wp.launch(
-            look_ahead_kernel(self.terms, self._paths),
-            dim=self._shape,
-            inputs=[
-                self._rows, m.opt.timestep, *moments, self._answers, self._found,
-                d.actuator_velocity,
-            ],
-            device=d.time.device,
-        )  # fmt: skip
 
     def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
         """Lay the cables of some worlds at rest at their next evaluation.
@@ -595,11 +541,6 @@ def _is_interleaved(device: Any) -> bool:
     A processor runs one thread after the other: they share scratch, and rows are whole.
     """
     return not device.is_cpu
-
-
-def _moments(d: mjw.Data) -> list[Any]:
-    """Return the arrays of the moments of all actuators."""
-    return [d.moment_rownnz, d.moment_rowadr, d.moment_colind, d.actuator_moment]
 
 
 def _terms_in_use(cables: tuple[Cable, ...], more: tuple[str, ...]) -> frozenset[str]:

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import warp as wp
+from benchmarks.bench_backends import gathered
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.assets import scene_path
@@ -161,10 +162,12 @@ def test_an_own_device_goes_through_autoresets_as_in_mujoco(tmp_path: Path) -> N
 
 @pytest.mark.study
 @pytest.mark.parametrize(
-    ("device", "limit"), [("wrist", 1e-2), ("ankle", 1e-3), ("endoscope", 1e-3)]
+    ("device", "limit", "duration"),
+    [("wrist", 1e-2, 4.0), ("ankle", 1e-3, 4.0), ("endoscope", 1e-3, 4.0)]
+    + [(device, 1e-3, 1.0) for device in ("finger", "exosuit", "hand", "bilateral")],
 )
-def test_a_whole_episode_agrees(device: str, limit: float) -> None:
-    given = {"device": device, "duration": 4.0, "hold": 1}
+def test_a_whole_episode_agrees(device: str, limit: float, duration: float) -> None:
+    given = {"device": device, "duration": duration, "hold": 1}
     ours, theirs = make("warp", **given), make("mujoco", **given)
     ours.reset(seed=0), theirs.reset(seed=0)
     angles, returns = [], np.zeros((2, COUNT))
@@ -172,7 +175,7 @@ def test_a_whole_episode_agrees(device: str, limit: float) -> None:
     for step in range(theirs.exo.steps):
         wave = np.sin(4.0 * step * theirs.exo.period + shift)
         results = [env.step((0.1 * wave).astype(np.float32)) for env in (ours, theirs)]
-        angles.append([result[4]["joint_angle_rad"] for result in results])
+        angles.append([gathered(result[4], "joint_angle_rad") for result in results])
         returns += [result[1] for result in results]
     assert np.diff(angles, axis=1).std() < limit * np.abs(angles).max()
     np.testing.assert_allclose(*returns, rtol=limit)

@@ -174,7 +174,8 @@ def test_a_whole_episode_agrees(device: str, limit: float, duration: float) -> N
     shift = np.arange(COUNT)[:, None]
     for step in range(theirs.exo.steps):
         wave = np.sin(4.0 * step * theirs.exo.period + shift)
-        results = [env.step((0.1 * wave).astype(np.float32)) for env in (ours, theirs)]
+        actions = np.broadcast_to(0.1 * wave, theirs.action_space.shape)
+        results = [env.step(actions.astype(np.float32)) for env in (ours, theirs)]
         angles.append([gathered(result[4], "joint_angle_rad") for result in results])
         returns += [result[1] for result in results]
     assert np.diff(angles, axis=1).std() < limit * np.abs(angles).max()

@@ -62,11 +62,7 @@ def add_derived_torques(
             findings.append(warning(_describe_source(torque, instrument, made)))
     instruments = Instruments(*found)
     if trials and not instruments.rows and not errors(findings):
-        told_both = (
-            "Neither torque is measured, and no load is declared in [rig]; a diagnosis "
-            "compares at least one of the two."
-        )
-        findings.append(error(told_both))
+        findings.append(warning("Only the motion of joint and motor is compared."))
     return made, instruments, findings
 
 
@@ -165,7 +161,7 @@ def _describe_source(
     """Return the description of a torque's instrument, for the report."""
     where = "every trial" if len(trials) > 1 else trials[0].name
     if instrument is None:
-        return f"{torque} of {where} is not measured, so only the other is compared."
+        return f"{torque} of {where} is not measured."
     made = trials[0].labels.get(torque, "the motion of the joint, declared in [rig]")
     return f"{torque} of {where} follows from {_INSTRUMENT_NAMES[instrument]}: {made}."
 

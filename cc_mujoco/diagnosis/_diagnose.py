@@ -23,6 +23,7 @@ from cc_mujoco.diagnosis._checks.run import (
     check_known_torques,
     check_load_cells,
 )
+from cc_mujoco.diagnosis._inference.motion_only import diagnose_motion
 from cc_mujoco.diagnosis._inference.pipeline import (
     run_inference,
     unanswered_diagnosis,
@@ -153,6 +154,9 @@ def _infer(
             "fix-data", statement, problems=tuple(notes or statements)
         )
         return unanswered_diagnosis(diagnosis, bench), dataset
+    if not dataset.instruments.rows:
+        diagnosis = diagnose_motion(dataset, bench.known(dataset.constants))
+        return _noted(unanswered_diagnosis(diagnosis, bench), findings), dataset
     with single_threaded_blas():
         result = run_inference(
             dataset, bench, Options(seed=seed, requested=requested), progress

@@ -22,6 +22,11 @@ _ANGLES_ONLY = (
     "Nor can they show the torque of a motor, or a force more exactly than the load is "
     "declared."
 )
+_MOTION_ONLY = (
+    "Angles only, without a torque or a known load. These data can show a dead zone, a "
+    "lag, and the ratio of the drive. They cannot show what makes them (play, stretch "
+    "against friction, drag, a late sensor), nor any friction, stiffness or pretension."
+)
 _ARM_BY_PAIRS = (
     "The moment arm at the joint follows from angle pairs. These data cannot tell an "
     "error of the pairs from an eccentric pulley or a wrap that grows with the angle."
@@ -63,6 +68,8 @@ def describe_mode(
     """
     if ends_held:
         return _ENDS_HELD
+    if not instruments.rows:
+        return _MOTION_ONLY
     found = [_MOTOR.get(instruments.motor, ""), _JOINT.get(instruments.joint, "")]
     if instruments == Instruments(None, "known load"):
         found = [_ANGLES_ONLY]

@@ -284,8 +284,8 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """
     if width == 0.0:
         return angle
-    forwards = _follow_with_play(angle, width)
-    backwards = _follow_with_play(angle[::-1].copy(), width)[::-1]
+    forwards = follow_with_play(angle, width)
+    backwards = follow_with_play(angle[::-1].copy(), width)[::-1]
     found: FloatArray = 0.5 * (forwards + backwards)
     gap = backwards - forwards
     moving = np.where(np.abs(gap) > _MOVING_THRESHOLD * width, np.sign(gap), 0.0)
@@ -303,7 +303,8 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
 
 
 @compiled
-def _follow_with_play(angle: FloatArray, width: float) -> FloatArray:
+def follow_with_play(angle: FloatArray, width: float) -> FloatArray:
+    """Return the angle followed with play of this half width (samples,) [rad]."""
     out = np.empty(angle.size)
     x = angle[0]
     for i in range(angle.size):

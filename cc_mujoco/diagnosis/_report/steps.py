@@ -38,7 +38,7 @@ def next_command(diagnosis: Diagnosis) -> Html:
         "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
         "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
         # A diagnosis of several occasions is run again with the trial in their folders.
-        "tie": again if diagnosis.occasions is not None else CONTINUE,
+        "tie": again if diagnosis.occasions is not None or not written else CONTINUE,
         "unknown": OPEN_RECORDING,
         "fix-data": again,
         "fix-numerics": again,

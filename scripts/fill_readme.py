@@ -2,13 +2,12 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [tables] [effects] [dataset] [claims] [benchmark] \
-        [diagnosis]
+    python scripts/fill_readme.py [tables] [claims] [benchmark] [diagnosis]
 
-Writes the tables of parameters, materials and metrics as CSV files, runs what is not
-done yet of claims and benchmark, and replaces what stands between the
-marks of each block, on its page and, in short, on the front page; claims and the
-benchmark's errors by condition also go into CSV files. The benchmark is
+Writes the tables of parameters, materials, metrics and effects as CSV files, runs what
+is not done yet of claims and benchmark, and replaces what stands between the marks of
+each block, on its page and, in short, on the front page; claims and the benchmark's
+errors by condition also go into CSV files. The benchmark is
 `cc-mujoco benchmark --suite v1 --controllers pi model stiction`.
 """
 
@@ -16,10 +15,8 @@ from __future__ import annotations
 
 import argparse
 import csv
-import inspect
 import re
 import sys
-import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -43,7 +40,6 @@ from cc_mujoco.benchmark import (
     times_table,
 )
 from cc_mujoco.cable import PARAMETERS, as_table
-from cc_mujoco.datasets import _dataset_file
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.diagnosis import EFFECTS
@@ -60,8 +56,6 @@ from diagnose_table import LAST
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
 PAGES = {
-    "effects": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
-    "dataset": ROOT / "cc_mujoco" / "diagnosis" / "reference.md",
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",
@@ -74,6 +68,7 @@ TABLES = {
         "materials": "design",
         "material_sources": "design",
         "metrics": "metrics",
+        "effects": "diagnosis",
     }.items()
 }
 """File of every table of the package, which a page links to."""
@@ -127,6 +122,7 @@ def package_tables() -> dict[str, list[list[str]]]:
         "materials": of_materials.table_rows(MATERIALS.values()),
         "material_sources": of_materials.source_rows(MATERIALS.values()),
         "metrics": of_metrics.table_rows(METRICS.values()),
+        "effects": of_effects.table_rows(EFFECTS.values()),
     }
 
 
@@ -179,18 +175,13 @@ def played(folder: Path, seeds: int) -> Results:
 
 
 def studies(folder: Path) -> str:
-    """Return the Markdown of the last study, without what it folds."""
+    """Return the Markdown of the last study, without what it folds and its ties."""
     path = folder / f"{LAST}.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
-    return path.read_text(encoding="utf-8").partition("<details>")[0].strip()
-
-
-def dataset_example() -> str:
-    """Return the example of a `dataset.toml` with every key, as Markdown."""
-    lines = inspect.cleandoc(_dataset_file.__doc__ or "").splitlines()
-    kept = [line for line in lines if line.startswith("    ") or not line]
-    return f"```toml\n{textwrap.dedent(chr(10).join(kept)).strip()}\n```"
+    shown = path.read_text(encoding="utf-8").partition("<details>")[0].strip()
+    parts = [part for part in shown.split("\n\n") if not part.startswith("| tie")]
+    return "\n\n".join(parts)
 
 
 def between(page: str, name: str) -> str:
@@ -256,10 +247,6 @@ def main() -> None:
     if "tables" in options.blocks:
         for name, rows in package_tables().items():
             write_csv(TABLES[name], rows)
-    if "effects" in options.blocks:
-        write("effects", of_effects.as_table(EFFECTS.values()))
-    if "dataset" in options.blocks:
-        write("dataset", dataset_example())
     if "claims" in options.blocks:
         records = reproduce([], options.results)
         claims = {record.name: record.claims for record in records}

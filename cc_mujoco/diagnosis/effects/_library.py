@@ -20,7 +20,6 @@ from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
 from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
 from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS
 from cc_mujoco.errors import CableError
-from cc_mujoco.report import _markdown as markdown
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
@@ -35,19 +34,13 @@ EFFECTS: dict[str, Effect] = {
 """Every effect of the library by its id."""
 
 
-def as_table(effects: Iterable[Effect]) -> str:
-    """Return effects as a Markdown table; rare ones have a star."""
-    return markdown.table(
-        ("effect", "term", "required excitation"),
-        [
-            (
-                f"`{each.id}`" + ("*" if each.rare else ""),
-                each.equation,
-                each.required_excitation,
-            )
-            for each in effects
-        ],
-    )
+def table_rows(effects: Iterable[Effect]) -> list[list[str]]:
+    """Return effects as rows of text below their heads; rare ones have a star."""
+    rows = [
+        [each.id + ("*" if each.rare else ""), each.equation, each.required_excitation]
+        for each in effects
+    ]
+    return [["effect", "term", "required excitation"], *rows]
 
 
 def usual_effects() -> tuple[str, ...]:

@@ -61,6 +61,7 @@ def _groups() -> dict[str, Mapping[str, str]]:
     """Return the meaning of every name, by group."""
     from cc_mujoco.assets import SCENES
     from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
+    from cc_mujoco.control._axes import DECOUPLED
     from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
@@ -71,7 +72,10 @@ def _groups() -> dict[str, Mapping[str, str]]:
         "devices": {name: _plays(find_device(name)) for name in SCENES},
         "trajectories": _summaries(TRAJECTORIES),
         "tasks": _summaries(TASKS),
-        "controllers": _summaries(CONTROLLERS),
+        "controllers": {
+            **_summaries(CONTROLLERS),
+            f"{DECOUPLED}NAME": "Any of them on axes whose cables pass joints in common.",
+        },
         "position-controllers": _summaries(POSITION_CONTROLLERS),
         "experiments": EXPERIMENTS,
         "effects": {name: effect.title for name, effect in EFFECTS.items()},

@@ -4,6 +4,8 @@
     law = axes_controller("hip=predictive,ankle=pi", drives, prefixes)
     law = axes_controller({"hip": "predictive", "ankle": make}, drives, prefixes)
 
+    law = axes_controller("decoupled_pi", drives, prefixes)  # see `_decoupling`
+
 Controllers act on one axis and see the columns of that axis under plain names. A
 function with the attribute `ALL_AXES = True` is called with the drives of all axes; its
 controller sees all columns and returns the torques of all motors.
@@ -11,6 +13,7 @@ controller sees all columns and returns the torques of all motors.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -21,6 +24,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._controller import Controller, limit_torques
+from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._registry import controller
 from cc_mujoco.control._user_controller import External, controller_errors
@@ -30,6 +34,12 @@ from cc_mujoco.errors import CableError
 
 Law = str | Callable[..., Any]
 """Name of a controller, or a function that makes one of a drive."""
+
+DECOUPLED = "decoupled_"
+"""Beginning of the name of a controller whose axes are decoupled."""
+
+OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
+"""Columns that are those of the own cable where axes are decoupled."""
 
 ALL_AXES = "ALL_AXES"
 """Attribute of a function that makes one controller for all axes."""
@@ -67,6 +77,68 @@ class AxesController(Controller):
         return np.stack(np.broadcast_arrays(*torques), axis=-1)
 
 
+class DecoupledController(AxesController):
+    """One controller for each axis, which meets the torque of its own cable alone."""
+
+    def __init__(
+        self,
+        laws: Sequence[Controller],
+        prefixes: Sequence[str],
+        coupling: Coupling,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            laws: One for each axis, of the drives of `decoupled_drives`.
+            prefixes: Beginnings of the columns of each axis.
+            coupling: Of the axes.
+        """
+        super().__init__(laws, prefixes)
+        self._coupling = coupling
+
+    def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the torque of every motor [N m], (..., axes)."""
+        seen = [
+            axis_columns(observation, prefix, self._prefixes)
+            for prefix in self._prefixes
+        ]
+        measured, desired = (
+            np.stack([np.atleast_1d(own[name]) for own in seen], axis=-1)
+            for name in OWN_COLUMNS
+        )
+        ratios = self._coupling.ratios(seen, len(measured))
+        given, wanted = self._coupling.own_torques(ratios, measured, desired)
+        many = np.ndim(seen[0][OWN_COLUMNS[0]]) > 0
+        torques = []
+        for place, (law, own) in enumerate(zip(self.laws, seen, strict=True)):
+            pair = given[:, place], wanted[:, place]
+            values = pair if many else (float(one[0]) for one in pair)
+            changed = dict(zip(OWN_COLUMNS, values, strict=True))
+            torques.append(law.torque({**own, **changed}))
+        return np.stack(np.broadcast_arrays(*torques), axis=-1)
+
+
+def decoupled_drives(
+    drives: Sequence[Drive], prefixes: Sequence[str]
+) -> tuple[list[Drive], Coupling]:
+    """Return drives whose torque is that of their own cables, and their coupling.
+
+    Raises:
+        CableError: As `Coupling`.
+    """
+    coupling = Coupling(drives, prefixes)
+    found = [
+        dataclasses.replace(drive, torque_noise=float(noise))
+        for drive, noise in zip(drives, coupling.noise, strict=True)
+    ]
+    return found, coupling
+
+
+def is_decoupled(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether the axes of a controller are decoupled: `decoupled_NAME`."""
+    return isinstance(given, str) and given.startswith(DECOUPLED)
+
+
 class _ExternalOfAll(External):
     """User function of the measurements of all axes, with the motors' limits."""
 
@@ -85,7 +157,7 @@ class _ExternalOfAll(External):
 def _for_all_axes(given: Law) -> Any:
     """Return the function that makes one controller for all axes, or None."""
     if isinstance(given, str):
-        if not is_user_controller(given) or "=" in given:
+        if not is_user_controller(given) or "=" in given or is_decoupled(given):
             return None
         if given.endswith(POLICY_ENDING):
             return None
@@ -129,7 +201,7 @@ def axes_controller(
         CableError: There is no such controller or axis, or an axis has none.
     """
     if len(drives) == 1 and not isinstance(given, Mapping):
-        return controller(given, drives[0])
+        return controller(_of_each(given), drives[0])
     if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
         name = given if isinstance(given, str) else make.__qualname__
         with controller_errors(name):
@@ -140,10 +212,19 @@ def axes_controller(
     if is_policy(given):
         return Policy(drives, str(given), prefixes)
     laws = by_axis(given, prefixes)
-    return AxesController(
-        [controller(law, drive) for law, drive in zip(laws, drives, strict=True)],
-        prefixes,
-    )
+    if not is_decoupled(given):
+        made = [controller(law, one) for law, one in zip(laws, drives, strict=True)]
+        return AxesController(made, prefixes)
+    own, coupling = decoupled_drives(drives, prefixes)
+    made = [controller(law, one) for law, one in zip(laws, own, strict=True)]
+    return DecoupledController(made, prefixes, coupling)
+
+
+def _of_each(given: Law) -> Law:
+    """Return the controller of each axis of one that may be decoupled."""
+    if isinstance(given, str) and is_decoupled(given):
+        return given.removeprefix(DECOUPLED)
+    return given
 
 
 def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
@@ -153,6 +234,8 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
         CableError: There is no such axis, or an axis has none.
     """
     names = [prefix.rstrip(".") for prefix in prefixes]
+    if not isinstance(given, Mapping):
+        given = _of_each(given)
     if isinstance(given, str):
         given = split_by_axis(given, names)
     if not isinstance(given, Mapping):
@@ -170,6 +253,7 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
 
 def named_laws(given: str) -> list[str]:
     """Return the controllers of a name: several of `hip=model,ankle=pi`."""
+    given = given.removeprefix(DECOUPLED)
     pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
     return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]
 

@@ -15,6 +15,7 @@ from ._plant import UNPLUGGED as UNPLUGGED
 from ._plant import Plant as Plant
 from ._sensors import MEASURED_COLUMNS as MEASURED_COLUMNS
 from ._sensors import PERFECT_SENSING as PERFECT_SENSING
+from ._sensors import RATIO_COLUMN as RATIO_COLUMN
 from ._sensors import REFERENCE_COLUMN as REFERENCE_COLUMN
 from ._sensors import TENSION_COLUMN as TENSION_COLUMN
 from ._sensors import WINDING_COLUMNS as WINDING_COLUMNS

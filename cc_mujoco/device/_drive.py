@@ -79,6 +79,12 @@ class Drive:
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `device.WINDING_COLUMNS`."""
+    joint: str = ""
+    """Name of the driven joint; empty where nothing depends on it."""
+    shared_ratios: Mapping[str, float] = field(default_factory=dict)
+    """Joints of other axes that the cables turn, too, and the torque there per motor
+    torque without friction in the neutral pose, signed [-]. Controllers that decouple
+    axes read `device.RATIO_COLUMN` of each."""
     lever: bool = False
     """True if the cables pull a lever, whose arm changes with its angle; `distal` is
     that of the neutral pose. Then, too, controllers with a model need

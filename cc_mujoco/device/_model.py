@@ -100,6 +100,7 @@ class AxisModel:
         ends: Mapping[str, tuple[int, int]],
         mover: Mover | None,
         rivals: Collection[str] = (),
+        joints: Collection[str] = (),
     ) -> None:
         """Find the parts.
 
@@ -110,6 +111,7 @@ class AxisModel:
             mover: The wearer at the joint; None where nothing follows a reference.
             rivals: Cables of other motors that drive the same joint, whose torque is
                 not that of this axis.
+            joints: Driven joints of all axes.
         """
         self.axis, self.model = axis, model
         motor = model.actuator(axis.motor)
@@ -157,6 +159,17 @@ class AxisModel:
         """Winding of the first cable's distal end; None on a round pulley."""
         self._unknown = False
         self._find_winding(self.first[1])
+        self.shared_ratios: dict[str, float] = {}
+        """Ratio at every joint of another axis that the cable turns [-]."""
+        if isinstance(self.winding, Winding):
+            motor_arm = self.sense * self.proximal_arm
+            self.winding = self.winding.sharing(model, joints, motor_arm)
+            self.shared_ratios = {
+                joint: float(arms[self.first[1], model.joint(joint).dofadr[0]])
+                / motor_arm
+                for joint in self.winding.others(model)
+                if joint in joints
+            }
         self.ratio = self._distal[name] / (self.sense * self._proximal[name])
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
@@ -239,6 +252,8 @@ class AxisModel:
             lever=self.winding is not None,
             safe_torque=self.axis.safe_torque,
             crossed=self.crossed,
+            joint=self.axis.joint,
+            shared_ratios=self.shared_ratios,
             joint_neutral=float(self.model.qpos0[self.places.joint_q]),
             observed=self.observed(device, period),
         )
@@ -337,9 +352,15 @@ class DeviceModel:
             self._write_wearer(joint, impedance)
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
+        joints = {axis.joint for axis in description.axes}
         self.axes = tuple(
             AxisModel(
-                axis, model, ends, self.movers.get(axis.limb), description.rivals(axis)
+                axis,
+                model,
+                ends,
+                self.movers.get(axis.limb),
+                description.rivals(axis),
+                joints,
             )
             for axis in description.axes
         )

@@ -13,14 +13,14 @@ on a round pulley. In these coordinates a device is one with a round pulley.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 
 Array = NDArray[np.float64]
 
@@ -53,9 +53,12 @@ class Winding(NamedTuple):
     """Length in the neutral pose, one number or (n,) [m]."""
     arm: Any
     """Arm in the neutral pose, one number or (n,) [m/rad]."""
+    shared: tuple[tuple[str, int, float], ...] = ()
+    """Of every joint of another axis that the cable turns its `RATIO_COLUMN`, the place
+    in `actuator_moment`, and the ratio per arm [rad/m]."""
 
     def read(self, physics: Any) -> dict[str, Any]:
-        """Return `WINDING_COLUMNS` after the last step, for one or more simulations.
+        """Return `WINDING_COLUMNS` and each `RATIO_COLUMN` after the last step.
 
         Lengths and arms are from the begin of the step, so the angle is brought forward
         by the velocity at its end.
@@ -70,7 +73,33 @@ class Winding(NamedTuple):
         wound_length = physics.actuator_length.T[self.end] - self.length
         leverage = np.maximum(moment[self.places[self.own]] / self.arm, MIN_LEVERAGE)
         values = (wound_length + self.step * velocity) / self.arm, velocity / self.arm
-        return dict(zip(WINDING_COLUMNS, (*values, leverage), strict=True))
+        found = dict(zip(WINDING_COLUMNS, (*values, leverage), strict=True))
+        for name, place, scale in self.shared:
+            found[name] = scale * moment[place]
+        return found
+
+    def sharing(
+        self, model: mujoco.MjModel, joints: Container[str], motor: float
+    ) -> Winding:
+        """Return this winding, with readings of the joints that other axes drive.
+
+        Args:
+            model: The device.
+            joints: Of the other axes.
+            motor: Displacement of the proximal end per motor angle, signed [m/rad].
+        """
+        places = dict(zip(self.others(model), self.other_places, strict=True))
+        shared = tuple(
+            (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
+            for joint, place in places.items()
+            if joint in joints
+        )
+        return self._replace(shared=shared)
+
+    @property
+    def other_places(self) -> tuple[int, ...]:
+        """Places in `places` of the arms at other joints than the driven one."""
+        return self.places[: self.own] + self.places[self.own + 1 :]
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
         """Return the names of the other joints that wind the cable."""

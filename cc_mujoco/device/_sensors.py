@@ -54,12 +54,18 @@ cable's way say of its distal end, as if it were wound on a round pulley of the 
 arm, and the arm of the joint over that one.
 """
 
+RATIO_COLUMN = "torque_ratio_{joint}"
+"""Further reading where the cables of an axis pass the joint of another: torque at that
+joint per torque of the motor without friction, signed [-], in the pose of the moment.
+"""
+
 REFERENCE_COLUMN = "reference_angle_rad"
 """Further reading where `Drive.commands_angle`: the angle that the joint should have.
 """
 
 JOINT_COLUMNS = (*MEASURED_COLUMNS[2:6], *WINDING_COLUMNS)
-"""Readings that need a sensor at the joint; the desired torque follows from it."""
+"""Readings that need a sensor at the joint; the desired torque follows from it. So do
+those of `RATIO_COLUMN`."""
 
 TENSION_COLUMN = "tension_sensors_n"
 """Further measurement where `Drive.sensors` says so: (..., cables, sensors) [N].
@@ -258,11 +264,12 @@ class Measuring:
             noise: Multiple of the noise of `sensing`, one number or one for each.
             bias: Of the torque sensor, then of every tension sensor, as a multiple of
                 the standard deviation of `sensing`: one number, or (n, sensors).
-            names: Columns that are read; `MEASURED_COLUMNS`, and `WINDING_COLUMNS`
-                where it is there, by default.
+            names: Columns that are read; `MEASURED_COLUMNS`, `WINDING_COLUMNS` where
+                it is there, and every `RATIO_COLUMN` by default.
         """
         self._sensing, self._names = sensing, names
         self._commands_angle = drive.commands_angle
+        self._ratios = tuple(RATIO_COLUMN.format(joint=j) for j in drive.shared_ratios)
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
         self._taps = [
             (f"tension_{name}_nodes_n", _node_index(s.nodes))
@@ -367,7 +374,9 @@ class Measuring:
             )
             if self._commands_angle:
                 names = (*names, REFERENCE_COLUMN)
-            if not sensing.joint_sensor:
+            if sensing.joint_sensor:
+                names = (*names, *self._ratios)
+            else:
                 names = tuple(name for name in names if name not in JOINT_COLUMNS)
         seen = {name: _copy_array(columns[name]) for name in names}
         if self._errors is not None and sensing.joint_sensor:

@@ -16,7 +16,15 @@ from cc_mujoco.control import (
     axes_controller,
     controller,
 )
-from cc_mujoco.control._axes import Law, by_axis, is_policy, sees_all_axes
+from cc_mujoco.control._axes import (
+    DecoupledController,
+    Law,
+    by_axis,
+    decoupled_drives,
+    is_decoupled,
+    is_policy,
+    sees_all_axes,
+)
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import (
     MEASURED_COLUMNS,
@@ -205,7 +213,30 @@ def batched_controller(
     laws = by_axis(given, prefixes)
     if len(each) == 1:
         return BatchedController(laws[0], each[0])
-    return AxesController(
-        [BatchedController(law, own) for law, own in zip(laws, each, strict=True)],
-        prefixes,
-    )
+    if not is_decoupled(given):
+        made = [
+            BatchedController(law, own) for law, own in zip(laws, each, strict=True)
+        ]
+        return AxesController(made, prefixes)
+    if any(_arms(own) != _arms(drives[0]) for own in drives):
+        return _PlantsController(
+            [axes_controller(given, own, prefixes) for own in drives]
+        )
+    changed = [decoupled_drives(own, prefixes) for own in drives]
+    each = list(zip(*(own for own, _ in changed), strict=True))
+    made = [BatchedController(law, own) for law, own in zip(laws, each, strict=True)]
+    return DecoupledController(made, prefixes, changed[0][1])
+
+
+def _arms(drives: Sequence[Drive]) -> list[Any]:
+    """Return what the coupling of a device's axes depends on."""
+    return [
+        (
+            one.ratio,
+            one.shared_ratios,
+            one.torque_noise,
+            one.high,
+            [(c.proximal, c.cable.pretension) for c in one.cables],
+        )
+        for one in drives
+    ]

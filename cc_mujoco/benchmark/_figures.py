@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS, is_walk
+from cc_mujoco.benchmark._conditions import is_walk
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Results, rms_errors
 from cc_mujoco.device._axis_columns import axis_columns
-from cc_mujoco.report._figures import COLORS, GREY, figure, style
+from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +27,10 @@ REVERSAL_WINDOW = 0.6
 """Time after a reversal that is shown [s]."""
 STARTUP_TIME = 1.0
 """Beginning of an episode that the cycle leaves out: motions grow in it [s]."""
+PHONE_WIDTH = 4.9
+"""Width of a figure that is legible at 390 pixels [inch]."""
+HEAT_DECADES = 1.5
+"""Decades of error on either side of 1 in a heat map."""
 PASSIVE_REFERENCES = ("unplugged", "motor-off")
 """References whose motor does nothing."""
 
@@ -36,8 +40,8 @@ def pareto(results: Results, scene: str) -> Figure:
     errors = normalise_errors(rms_errors(results)[scene], SCALE_CONTROLLER)
     looks = _line_styles(errors)
     with style():
-        drawing = figure(9.6, 4.0)
-        panels = drawing.subplots(1, 2, sharey=True)
+        drawing = figure(PHONE_WIDTH, 6.6)
+        panels = drawing.subplots(2, 1)
         for axes, cost in zip(panels, ("rms_motor_torque", "chatter"), strict=True):
             points = {
                 law: (_mean_score(results, scene, law, cost), float(np.mean(values)))
@@ -61,8 +65,9 @@ def pareto(results: Results, scene: str) -> Figure:
                 else "chatter: RMS of the same less its mean over 50 ms [N m]"
             )
         panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
-        panels[1].set(title="and against chatter")
-        panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        panels[1].set(title="and against chatter", ylabel="normalised error")
+        labels = panels[0].get_legend_handles_labels()
+        drawing.legend(*labels, loc="outside lower center", ncols=3)
     return drawing
 
 
@@ -101,25 +106,50 @@ def cycle(results: Results, scene: str) -> Figure:
     return drawing
 
 
-def levels(results: Results, scene: str) -> Figure:
-    """Draw normalised error over transmissions, a panel for each model error."""
+def robustness(results: Results, scene: str) -> Figure:
+    """Draw the normalised error of every controller in every condition as a heat map.
+
+    Rows are conditions, columns controllers. Colours are logarithmic about the error of
+    `none`, which is 1. It is legible on the screen of a telephone.
+    """
     rms = rms_errors(results)[scene]
-    errors, names = normalise_errors(rms, SCALE_CONTROLLER), list(rms[SCALE_CONTROLLER])
-    looks = _line_styles(errors)
-    kinds = [e for e in MODEL_ERRORS if any(n.endswith(f"-{e}") for n in names)] or [""]
+    errors = normalise_errors(rms, SCALE_CONTROLLER)
+    shown = [law for law in errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
+    shown = shown or [SCALE_CONTROLLER]
+    conditions = list(rms[SCALE_CONTROLLER])
+    means = np.array([errors[law].mean(axis=1) for law in shown]).T
+    tall = 0.21 * len(conditions) + 1.7
     with style():
-        drawing = figure(2.9 * len(kinds) + 1.8, 3.6)
-        panels = drawing.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
-        for axes, error in zip(panels, kinds, strict=True):
-            known = [t for t in TRANSMISSIONS if f"{t}-{error}" in names]
-            for law, values in errors.items():
-                means = [np.mean(values[names.index(f"{t}-{error}")]) for t in known]
-                axes.plot(known, means, label=law, **looks[law] | {"markersize": 3.5})
-            axes.set(title=f"model: {error}", ylim=(0.0, None))
-        panels[0].set(ylabel="normalised error")
-        panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        title = f"{scene}: transmissions and errors of the model"
-        drawing.suptitle(title, x=0.01, ha="left", fontsize=11)
+        drawing = figure(PHONE_WIDTH, tall)
+        axes = drawing.add_subplot()
+        picture = axes.imshow(
+            np.log10(np.maximum(means, 1e-9)),
+            cmap="RdBu_r",
+            vmin=-HEAT_DECADES,
+            vmax=HEAT_DECADES,
+            aspect="auto",
+        )
+        axes.grid(visible=False)
+        axes.set_xticks(range(len(shown)), shown, rotation=60, ha="right")
+        axes.set_yticks(range(len(conditions)), conditions)
+        axes.set_title(f"{scene}: error over that of none", loc="left")
+        size = 8 if len(shown) <= 6 else 48 / len(shown)
+        for (row, column), mean in np.ndenumerate(means):
+            pale = abs(math.log10(max(mean, 1e-9))) < 0.6 * HEAT_DECADES
+            text = f"{mean:.2f}" if mean < 9.995 else f"{mean:.0f}"
+            axes.text(
+                column,
+                row,
+                text if mean >= 1.0 else text.removeprefix("0"),
+                ha="center",
+                va="center",
+                size=max(size, 5.0),
+                color=BLACK if pale else "white",
+            )
+        bar = drawing.colorbar(picture, location="bottom", aspect=40, pad=0.02)
+        ticks = [-1.0, -0.5, 0.0, 0.5, 1.0]
+        bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
+        bar.outline.set_visible(False)
     return drawing
 
 

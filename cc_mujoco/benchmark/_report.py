@@ -106,7 +106,7 @@ def all_tables(
             _fold(
                 "Conditions, scores and plants",
                 "Normalised error by condition, mean over seeds:",
-                _picture(scene, "levels"),
+                _picture(scene, "robustness"),
                 conditions_table(results, scene),
                 "All scores, mean over conditions and seeds:",
                 _picture(scene, "cycle"),

@@ -55,7 +55,7 @@ MAX_SEED = 2**31
 """Largest first seed."""
 
 CELLS_FOLDER, RESULTS_FILE, TABLES_FILE = "cells", "results.parquet", "table.md"
-FIGURE_STEMS = ("pareto", "cycle", "levels")
+FIGURE_STEMS = ("pareto", "cycle", "robustness")
 """Figures of a scene."""
 
 

@@ -74,7 +74,7 @@ def _groups() -> dict[str, Mapping[str, str]]:
         "tasks": _summaries(TASKS),
         "controllers": {
             **_summaries(CONTROLLERS),
-            f"{DECOUPLED}NAME": "Any of them on axes whose cables pass joints in common.",
+            f"{DECOUPLED}NAME": "Any of them where cables pass joints of other axes.",
         },
         "position-controllers": _summaries(POSITION_CONTROLLERS),
         "experiments": EXPERIMENTS,

@@ -31,9 +31,9 @@ from cc_mujoco.benchmark import (
     BenchmarkPlan,
     Results,
     conditions_table,
-    definitions,
     overview_table,
     ranks_table,
+    reference_definitions,
     rms_errors,
     run,
     scores_table,
@@ -96,7 +96,7 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
 
 def tables(results: Results) -> str:
     """Return the Markdown of a benchmark: overview and references."""
-    references = definitions().splitlines()[: len(REFERENCES)]
+    references = reference_definitions(REFERENCES)
     parts = [OVERVIEW_HEADING, overview_table(results), "\n".join(references)]
     return "\n\n".join(parts)
 

@@ -15,11 +15,11 @@ from ._report import OVERVIEW_HEADING as OVERVIEW_HEADING
 from ._report import Interval as Interval
 from ._report import all_tables as all_tables
 from ._report import conditions_table as conditions_table
-from ._report import definitions as definitions
 from ._report import format_mean_interval as format_mean_interval
 from ._report import overview_table as overview_table
 from ._report import plants_table as plants_table
 from ._report import ranks_table as ranks_table
+from ._report import reference_definitions as reference_definitions
 from ._report import scores_table as scores_table
 from ._report import times_table as times_table
 from ._results import Results as Results

@@ -10,6 +10,7 @@ nothing but the cell.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,14 +25,25 @@ from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._actuation import HinderedFleet
 from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
 from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
-from cc_mujoco.benchmark._references import REFERENCES, Reference
-from cc_mujoco.benchmark._scores import device_scores, episode_scores
+from cc_mujoco.benchmark._position import (
+    WITH_SENSOR,
+    PositionCondition,
+    position_drive,
+    position_law,
+)
+from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER, Reference
+from cc_mujoco.benchmark._scores import (
+    ANGLE_SCORES,
+    SCORES,
+    device_scores,
+    episode_scores,
+)
 from cc_mujoco.control import Controller
 from cc_mujoco.device import Description, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._plant import facts_of
-from cc_mujoco.device._sensors import AxesMeasuring, Sensing
+from cc_mujoco.device._sensors import REFERENCE_COLUMN, AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import ArrayLog
@@ -181,17 +193,25 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     driven, prefixes = exo.device.driven, exo.device.prefixes
     sensing = one.sensing or description.sensing
     known = exo.drives
-    if at.structure:
+    if isinstance(at, PositionCondition):
+        if one.controller in WITH_SENSOR:
+            sensing = dataclasses.replace(sensing, joint_sensor=True)
+    elif at.structure:
         plain = draws[0].known
         known = DeviceModel(plain.description, plain.model()).drives(exo.period)
     equipped = [sensing.equip(drive) for drive in known]
-    drives = believed_drives(equipped, driven, draws, beliefs)
+    if isinstance(at, PositionCondition):
+        drives = tuple(position_drive(at, drive) for drive in equipped)
+    else:
+        drives = believed_drives(equipped, driven, draws, beliefs)
     name = reference.controller if reference else one.controller
-    law: Controller = (
-        Unpowered(drives[0], len(drives))
-        if name is None
-        else user_entry.make_controller(name, drives, prefixes)
-    )
+    law: Controller
+    if name is None:
+        law = Unpowered(drives[0], len(drives))
+    elif isinstance(at, PositionCondition):
+        law = _position_law(cells, name, drives[0], prefixes)
+    else:
+        law = user_entry.make_controller(name, drives, prefixes)
     sensors = exo.controller_sensors(
         sensing,
         drives,
@@ -219,6 +239,19 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     )
 
 
+def _position_law(
+    cells: Sequence[Cell], name: str, drive: Drive, prefixes: Sequence[str]
+) -> Controller:
+    """Return the controller of an angle, with parameters of a trial for every plant."""
+
+    def make(own: Drive) -> Controller:
+        return user_entry.make_controller(name, (own,), prefixes)
+
+    if name == SCALE_CONTROLLER:
+        return make(drive)  # it has no parameters
+    return position_law([(c.condition, c.seeds) for c in cells], drive, make)
+
+
 def _reference(cell: Cell) -> Reference | None:
     return REFERENCES.get(cell.controller)
 
@@ -239,7 +272,10 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     """
     made = prepare_episodes(cells)
     fleet = made.fleet
-    of_axes = [prefix + name for prefix in fleet.prefixes for name in AXIS_COLUMNS]
+    names = [*AXIS_COLUMNS]
+    if isinstance(cells[0].condition, PositionCondition):
+        names.append(REFERENCE_COLUMN)
+    of_axes = [prefix + name for prefix in fleet.prefixes for name in names]
     trace = Trace([*of_axes, *CABLE_COLUMNS], fleet.steps, fleet.going)
     with np.errstate(all="ignore"):  # what diverged is not a number
         run(
@@ -300,6 +336,8 @@ def _scores(
         for axis, driven in zip(description.axes, made.driven, strict=True)
     ]
     prefixes = made.fleet.prefixes
+    of_angle = isinstance(cell.condition, PositionCondition)
+    scores = ANGLE_SCORES if of_angle else SCORES
     first = round(WARM_UP / made.period)
     episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):
@@ -311,7 +349,10 @@ def _scores(
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
         of_axes = [
-            episode_scores(ArrayLog(axis_columns(columns, prefix, prefixes), cables, f))
+            episode_scores(
+                ArrayLog(axis_columns(columns, prefix, prefixes), cables, f),
+                scores,
+            )
             for prefix, f in zip(prefixes, facts, strict=True)
         ]
         episodes.append(device_scores(of_axes, prefixes))
@@ -321,7 +362,11 @@ def _scores(
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
     """Return columns of the sampled and the believed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
-    believed = zip(*(drive.cable_drives[own] for drive in made.drives), strict=True)
+    each = [drive.cable_drives for drive in made.drives]
+    count = len(made.draws)
+    # The data sheet of a scene is one for all plants.
+    rows = [known * count if len(known) == 1 else known for known in each]
+    believed = zip(*(known[own] for known in rows), strict=True)
     names = list(chain.from_iterable(made.driven))
     for drawn, axes in zip(made.draws[own], believed, strict=True):
         plant = drawn.plant
@@ -358,7 +403,9 @@ def _trace_columns(
         sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)
         phase = np.arctan2(sine, cosine)[thin] / (2.0 * np.pi) % 1.0
         found |= {
-            prefix + name: rows[prefix + name][thin].ravel() for name in TRACE_COLUMNS
+            prefix + name: rows[prefix + name][thin].ravel()
+            for name in (*TRACE_COLUMNS, REFERENCE_COLUMN)
+            if prefix + name in rows
         }
         found[f"{prefix}phase"] = phase.ravel()
     found["time_s"] = np.repeat(time[thin], count)

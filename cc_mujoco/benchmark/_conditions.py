@@ -58,6 +58,10 @@ STRUCTURE, KNOWN = "structure-", "known-"
 """Beginnings of the names of conditions with an effect that the controller does not
 know, and with the same that it knows."""
 
+STALE, FITTED_ANEW = "-stale", "-fitted"
+"""Endings of the names of conditions of the suite `position`, by the trial that fits
+the controllers: one on the scene, or one on the plant itself."""
+
 MIN_DURATION = 1.0
 """Length that an episode must exceed, whose first half is not scored [s]."""
 
@@ -167,10 +171,14 @@ def plant_key(name: str) -> str:
     """Return the key that samples the plants of a condition, by the condition's name.
 
     Errors of the model meet the same plants, and so do conditions in which an effect is
-    known and unknown; all other conditions have their own.
+    known and unknown, or controllers are fitted to another plant; all other conditions
+    have their own.
     """
     if name.startswith(KNOWN):
         return STRUCTURE + name.removeprefix(KNOWN)
+    for ending in (STALE, FITTED_ANEW):
+        if name.endswith(ending):
+            return name.removesuffix(ending)
     liner, _, error = name.partition("-")
     return liner if liner in TRANSMISSIONS and error in MODEL_ERRORS else name
 

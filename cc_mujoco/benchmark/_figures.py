@@ -14,6 +14,7 @@ from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Results, rms_errors
 from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, style
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def pareto(results: Results, scene: str) -> Figure:
             for law, point in points.items():
                 about = looks[law] | {"linestyle": "", "markersize": 6}
                 axes.plot(*point, label=law, clip_on=False, **about)
-            for law in PASSIVE_REFERENCES:
+            for law in (name for name in PASSIVE_REFERENCES if name in errors):
                 about = looks[law] | {"marker": "", "lw": 0.9}
                 axes.axhline(float(np.mean(errors[law])), label=law, **about)
             axes.set(ylim=(0.0, None))
@@ -84,6 +85,7 @@ def cycle(results: Results, scene: str) -> Figure:
         drawing = figure(5.6 * len(prefixes) + 2.0, 3.8)
         panels = drawing.subplots(1, len(prefixes), squeeze=False)[0]
         label = "time since the joint last reversed [s]"
+        angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
         for axes, prefix in zip(panels, prefixes, strict=True):
             for law, (cell, trace) in shown.items():
                 gait = is_walk(cell.condition.trajectory)
@@ -98,7 +100,7 @@ def cycle(results: Results, scene: str) -> Figure:
             axes.set(
                 title=f"{name}: error over the cycle, ordinary condition",
                 xlabel=label,
-                ylabel="RMS error [N m]",
+                ylabel="RMS error [rad]" if angle else "RMS error [N m]",
                 ylim=(0.0, None),
             )
         if shown:
@@ -176,7 +178,10 @@ def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
     """Return the RMS error in bins from 0 to 1 (BINS,), NaN in empty ones."""
     counted = (trace["time_s"] >= STARTUP_TIME) & (place < 1.0)
     bins = (place[counted] * CYCLE_BINS).astype(int)
-    error = (trace["joint_torque_nm"] - trace["desired_torque_nm"])[counted]
+    pair = "joint_torque_nm", "desired_torque_nm"
+    if REFERENCE_COLUMN in trace:
+        pair = "joint_angle_rad", REFERENCE_COLUMN
+    error = (trace[pair[0]] - trace[pair[1]])[counted]
     with np.errstate(invalid="ignore", divide="ignore"):
         square = np.bincount(bins, error**2, CYCLE_BINS) / np.bincount(
             bins, minlength=CYCLE_BINS

@@ -87,15 +87,19 @@ def plain_condition(
     scene: str, model: DeviceModel
 ) -> tuple[Condition, tuple[Task, ...]]:
     """Return a condition without a name, with motion and tasks of the device."""
-    description = model.description
-    motion = joint_trajectory(description, axis_trajectories(model, None))
-    tasks = tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
+    motion, tasks = device_motion(model)
     if any(one.commands_angle for one in tasks):
         raise CableError(
-            f"the task of {scene} commands an angle, and suites play torques; "
-            "scripts/benchmarks/check_position.py plays angles."
+            f"the task of {scene} commands an angle; `--suite position` plays it."
         )
     return Condition(scene, "", motion, tasks), tasks
+
+
+def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:
+    """Return the motion of a device, and the task of each axis."""
+    description = model.description
+    motion = joint_trajectory(description, axis_trajectories(model, None))
+    return motion, tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
 
 
 def _other_motions(

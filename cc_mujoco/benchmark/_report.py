@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from cc_mujoco.benchmark._ranking import (
 )
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
-from cc_mujoco.benchmark._scores import SCORES
+from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.report._markdown import table
@@ -91,7 +91,7 @@ def all_tables(
     errors = rms_errors(results)
     first = next(iter(errors))
     parts = [
-        "# Benchmark of torque controllers",
+        "# Benchmark of controllers",
         summary(results, baseline),
         _picture(first, "pareto"),
     ]
@@ -119,7 +119,7 @@ def all_tables(
     times = times_table(results)
     if times:
         parts += ["## Computing time of a step of one device", times]
-    parts += ["## Definitions", _fold("References and scores", definitions())]
+    parts += ["## Definitions", _fold("References and scores", definitions(results))]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -174,7 +174,7 @@ def divergence_sentences(results: Results) -> list[str]:
     """Return a sentence for each controller with episodes that have no score."""
     lost: dict[str, list[Array]] = {}
     for cell, played in results:
-        values = np.isnan(played.scores["rms_torque_error"])
+        values = np.isnan(played.scores[ranked_score(played.scores)])
         lost.setdefault(cell.controller, []).append(values)
     episodes = {law: np.concatenate(values) for law, values in lost.items()}
     return [
@@ -200,14 +200,23 @@ def unknown_limits(results: Results) -> list[str]:
     return found
 
 
-def definitions() -> str:
-    """Define every row and every score, a line each."""
-    lines = [f"- *{name}*: {row.meaning}" for name, row in REFERENCES.items()]
+def reference_definitions(names: Container[str]) -> list[str]:
+    """Define the references among names, a line each."""
+    return [f"- *{n}*: {one.meaning}" for n, one in REFERENCES.items() if n in names]
+
+
+def definitions(results: Results) -> str:
+    """Define every reference and every score of results, a line each."""
+    laws = {cell.controller for cell, _ in results}
+    scores = results[0][1].scores
+    lines = reference_definitions(laws)
     lines.append(
-        "- `error` [1]: `rms_torque_error` over the mean of that of `none` in the same "
-        "condition, at most 10, which an episode that diverged has"
+        f"- `error` [1]: `{ranked_score(scores)}` over the mean of that of `none` in "
+        "the same condition, at most 10, which an episode that diverged has"
     )
-    lines += [f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES]
+    lines += [
+        f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in EVERY_SCORE if s.name in scores
+    ]
     return "\n".join(lines)
 
 
@@ -263,11 +272,15 @@ def conditions_table(results: Results, scene: str) -> str:
     rms = rms_errors(results)[scene]
     errors = normalise_errors(rms, SCALE_CONTROLLER)
     laws = [law for law in errors if law != SCALE_CONTROLLER]
+    score = next(
+        ranked_score(r.scores) for c, r in results if c.condition.label == scene
+    )
+    measure = next(one.unit for one in EVERY_SCORE if one.name == score)
     rows = []
     for place, (condition, unit) in enumerate(rms[SCALE_CONTROLLER].items()):
         means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
         units = ", ".join(f"{own:.3g}" for own in np.nanmean(unit, axis=0))
-        rows.append([condition, f"{units} N m", *means])
+        rows.append([condition, f"{units} {measure}", *means])
     return table(
         ["condition", f"`{SCALE_CONTROLLER}`", *map(_controller_label, laws)], rows
     )
@@ -283,10 +296,10 @@ def scores_table(results: Results, scene: str) -> str:
                 own.setdefault(name, []).append(values)
     telling = {
         score.name
-        for score in SCORES
-        if any(np.isfinite(own[score.name]).any() for own in found.values())
+        for score in EVERY_SCORE
+        if any(np.isfinite(own.get(score.name, [])).any() for own in found.values())
     }
-    shown = [score for score in SCORES if score.name in telling]
+    shown = [score for score in EVERY_SCORE if score.name in telling]
     rows = []
     for law, own in found.items():
         cells = []

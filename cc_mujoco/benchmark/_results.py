@@ -29,7 +29,7 @@ from cc_mujoco._utils.provenance import (
 from cc_mujoco.benchmark._cell import Cell, CellResult
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
-from cc_mujoco.benchmark._scores import ERROR, axis_errors
+from cc_mujoco.benchmark._scores import axis_errors, ranked_score
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
@@ -172,11 +172,12 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
     table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, list[float]]]]]] = {}
     names = ("scene", "controller", "condition", "seed")
-    of_axes = [name for name in table.column_names if name.endswith(f".{ERROR}")]
-    for row in table.select([*names, ERROR, *of_axes]).to_pylist():
+    error = ranked_score(table.column_names)
+    of_axes = [name for name in table.column_names if name.endswith(f".{error}")]
+    for row in table.select([*names, error, *of_axes]).to_pylist():
         scene, law, condition, seed = (row[name] for name in names)
         own = found.setdefault(scene, {}).setdefault(law, {})
-        axes = [row[name] for name in of_axes if row[name] is not None] or [row[ERROR]]
+        axes = [row[name] for name in of_axes if row[name] is not None] or [row[error]]
         own.setdefault(condition, []).append((seed, axes))
     about["seeds"] = {
         f"{scene} {condition}": sorted(seed for seed, _ in values)

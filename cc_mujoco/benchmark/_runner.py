@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from cc_mujoco.benchmark._cell import (
     prepare_episodes,
 )
 from cc_mujoco.benchmark._conditions import Condition
+from cc_mujoco.benchmark._position import WITH_SENSOR
 from cc_mujoco.benchmark._references import (
     REFERENCES,
     SCALE_CONTROLLER,
@@ -77,7 +78,8 @@ class BenchmarkPlan:
 
     def players(self) -> tuple[str, ...]:
         """Return the references, `none` and the controllers, each once."""
-        return tuple(dict.fromkeys((*REFERENCES, SCALE_CONTROLLER, *self.controllers)))
+        references = look_up("suite", self.suite, SUITES).references
+        return tuple(dict.fromkeys((*references, SCALE_CONTROLLER, *self.controllers)))
 
     def played(self) -> list[Condition]:
         """Return all conditions.
@@ -167,7 +169,10 @@ class Playing:
         for condition in shortest.values():
             made = prepare_episodes([Cell(condition, SCALE_CONTROLLER)])
             for name in self.plan.controllers:
-                entry.make_controller(name, made.drives, made.fleet.prefixes)
+                drives = made.drives
+                if name in WITH_SENSOR:
+                    drives = tuple(replace(one, joint_sensor=True) for one in drives)
+                entry.make_controller(name, drives, made.fleet.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""

@@ -8,12 +8,12 @@ has failed if any axis has.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.metrics import METRICS, LogLike, measure
+from cc_mujoco.metrics import METRICS, LogLike, Metric, measure
 
 SCORES = tuple(
     METRICS[name]
@@ -30,18 +30,38 @@ SCORES = tuple(
 )
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
 
-ERROR = "rms_torque_error"
-"""Score that controllers are ranked by."""
+ANGLE_SCORES = tuple(
+    METRICS[name]
+    for name in (
+        "rms_angle_error",
+        "peak_angle_error",
+        "rms_motor_torque",
+        "chatter",
+        "failed",
+    )
+)
+"""Those of an episode whose task commands an angle."""
+
+EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SCORES)))
+"""Both, in the order of tables."""
+
+ERRORS = "rms_torque_error", "rms_angle_error"
+"""Scores that controllers are ranked by: of a torque, or of a commanded angle."""
 
 
-def episode_scores(log: LogLike) -> dict[str, float]:
+def ranked_score(names: Iterable[str]) -> str:
+    """Return the score by which results with these columns are ranked."""
+    return next(error for error in ERRORS if error in names)
+
+
+def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str, float]:
     """Return the scores of an episode by name, NaN where it has none.
 
     An episode that diverged has none but `failed`.
     """
     whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
-    measured = measure(log, (s for s in SCORES if whole or s.name == "failed"))
-    return {s.name: measured.get(s, math.nan) for s in SCORES}
+    measured = measure(log, (s for s in scores if whole or s.name == "failed"))
+    return {s.name: measured.get(s, math.nan) for s in scores}
 
 
 def device_scores(
@@ -54,10 +74,9 @@ def device_scores(
         prefixes: Beginnings of the names of their scores.
     """
     found: dict[str, float] = {}
-    for score in SCORES:
-        own = [axis[score.name] for axis in axes]
-        over = max if score.name == "failed" else np.mean
-        found[score.name] = float(over(own))
+    for name in axes[0]:
+        over = max if name == "failed" else np.mean
+        found[name] = float(over([axis[name] for axis in axes]))
     if len(axes) > 1:
         for prefix, axis in zip(prefixes, axes, strict=True):
             found |= {prefix + name: value for name, value in axis.items()}
@@ -66,7 +85,7 @@ def device_scores(
 
 def score_columns(names: Sequence[str]) -> list[str]:
     """Return the names that are scores, of a device or an axis."""
-    known = {score.name for score in SCORES}
+    known = {score.name for score in EVERY_SCORE}
     return [name for name in names if name.rpartition(".")[2] in known]
 
 
@@ -76,5 +95,6 @@ def axis_errors(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float6
     Args:
         columns: Scores by name, (seeds,).
     """
-    of_axes = [n for n in columns if n.endswith(f".{ERROR}")] or [ERROR]
+    error = ranked_score(columns)
+    of_axes = [n for n in columns if n.endswith(f".{error}")] or [error]
     return np.stack([np.asarray(columns[name]) for name in of_axes], axis=-1)

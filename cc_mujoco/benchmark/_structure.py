@@ -120,6 +120,15 @@ friction at rest, `ageing` a fifth with every factor e of rest. `soft-ends` make
 cable half as soft again, `eccentric` pulleys are out of centre by a twentieth of their
 radius, `route` bends the conduit by 30 % more or less over the reach of the joint."""
 
+POSITION_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
+    "friction-doubled": lambda own, cable: {
+        "friction": 2.0 * cable.friction,
+        "static_friction": 2.0 * cable.static_friction,
+    },
+    "bends-halved": lambda own, cable: {"wrap": 0.5 * cable.wrap},
+}
+"""Further effects in a cable by the name of their condition in `position`."""
+
 MOTOR_EFFECTS = (
     "varied-lag",
     "motor-friction",
@@ -176,13 +185,13 @@ def effect_values(device: Device, name: str) -> dict[str, Value]:
 
 
 def _cable_values(known: Plant, name: str) -> dict[str, Value]:
-    device = known.scene
-    if name not in EFFECTS:
+    device, effects = known.scene, {**EFFECTS, **POSITION_EFFECTS}
+    if name not in effects:
         return {}
     return {
         f"{cable}.{key}": value
         for cable, scale in _scales(device).items()
-        for key, value in EFFECTS[name](scale, known.cables[cable]).items()
+        for key, value in effects[name](scale, known.cables[cable]).items()
     }
 
 

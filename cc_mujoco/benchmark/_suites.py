@@ -18,10 +18,13 @@ from cc_mujoco.benchmark._conditions import (
     named_condition,
 )
 from cc_mujoco.benchmark._generic import generic_conditions
+from cc_mujoco.benchmark._position import position_conditions
+from cc_mujoco.benchmark._references import REFERENCES
 from cc_mujoco.benchmark._structure_conditions import (
     known_conditions,
     structure_conditions,
 )
+from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, find_device
 from cc_mujoco.device._device import is_device_file
 from cc_mujoco.errors import CableError, look_up
@@ -31,6 +34,7 @@ from cc_mujoco.human import (
     Hold,
     Perturbed,
     Spring,
+    task,
     trajectory,
 )
 
@@ -91,8 +95,20 @@ class Suite:
     maker: Callable[[str], list[Condition]]
     """Function that returns the conditions of a device."""
     seeds: int
+    commands_angle: bool = False
+    """True if the task is an angle of the joint, and none of a torque."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Devices that the suite cannot have any more, and the reason."""
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Return the references of its tables, all of which are of torque."""
+        return () if self.commands_angle else tuple(REFERENCES)
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Return the names of all built-in controllers that it can play."""
+        return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:
         """Return all conditions of a device.
@@ -109,7 +125,7 @@ class Suite:
 
 
 POSITION_SCENES = ("endoscope",)
-"""Built-in devices whose task commands an angle, which no suite plays."""
+"""Built-in devices whose task commands an angle."""
 
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 
@@ -128,7 +144,7 @@ SUITES = {
         tuple(_V1),
         _v1,
         10,
-        {
+        left_out={
             "exosuit": "the motor at its heel followed the gait by itself, and is an "
             "axis with a controller now"
         },
@@ -151,10 +167,27 @@ SUITES = {
         known_conditions,
         5,
     ),
+    "position": Suite(
+        "a commanded angle in 8 conditions, with inverses of hysteresis",
+        POSITION_SCENES,
+        position_conditions,
+        5,
+        commands_angle=True,
+    ),
 }
 """A suite that has been published is never changed: a new one gets a new name."""
 
 
 def default_suite(scenes: Sequence[str]) -> str:
     """Return the suite of devices for which none is named."""
+    if scenes and all(map(_commands_angle, scenes)):
+        return "position"
     return "generic" if any(map(is_device_file, scenes)) else "v1"
+
+
+def _commands_angle(scene: str) -> bool:
+    """Return whether the task of a known device commands an angle."""
+    if scene not in SCENES and not is_device_file(scene):
+        return False
+    axes = find_device(scene).description.axes
+    return all(task(axis.task, (axis.limb,)).commands_angle for axis in axes)

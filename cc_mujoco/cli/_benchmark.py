@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from cc_mujoco.cli._options import Flag, Names, option_help, progress_options
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 
 Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]
 
@@ -23,8 +23,8 @@ class Benchmark:
     )
 
     suite: Annotated[str | None, option_help("NAME")] = None
-    """Suite to play: v1, which never changes, or generic, which any device can play;
-    v1 unless given, and generic for a device of your own."""
+    """Suite to play: v1, which never changes, generic, which any device can play, v2 or
+    position; v1 unless given, and generic or position for a device of your own."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     scene: Names = ()
@@ -84,12 +84,12 @@ class Benchmark:
         from cc_mujoco.benchmark._references import SCALE_CONTROLLER
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._results_files import write
-        from cc_mujoco.benchmark._suites import default_suite
-        from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.benchmark._suites import SUITES, default_suite
 
+        suite = self.suite or default_suite(self.scene)
         plan = BenchmarkPlan(
-            self.controllers or tuple(CONTROLLERS),
-            self.suite or default_suite(self.scene),
+            self.controllers or look_up("suite", suite, SUITES).controllers,
+            suite,
             self.scene,
             self.conditions,
             self.seeds,

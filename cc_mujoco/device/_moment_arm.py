@@ -54,8 +54,8 @@ class Winding(NamedTuple):
     arm: Any
     """Arm in the neutral pose, one number or (n,) [m/rad]."""
     shared: tuple[tuple[str, int, float], ...] = ()
-    """Of every joint of another axis that the cable turns its `RATIO_COLUMN`, the place
-    in `actuator_moment`, and the ratio per arm [rad/m]."""
+    """`RATIO_COLUMN` of every joint of another axis that the cable turns, the place of
+    its arm in `actuator_moment`, and the ratio per arm [rad/m]."""
 
     def read(self, physics: Any) -> dict[str, Any]:
         """Return `WINDING_COLUMNS` and each `RATIO_COLUMN` after the last step.

@@ -82,6 +82,9 @@ METRICS: dict[str, Metric] = {
         Metric("rms_angle_error", "rad", "RMS of joint angle minus the angle that the "
                "wearer aims for",
                lambda log: rms(log["joint_angle_rad"] - log["reference_angle_rad"])),
+        Metric("peak_angle_error", "rad", "largest |joint angle minus the angle that "
+               "the wearer aims for|",
+               lambda log: peak(log["joint_angle_rad"] - log["reference_angle_rad"])),
         Metric("peak_joint_torque", "N m", "largest |joint torque|",
                lambda log: peak(log["joint_torque_nm"]), better=""),
         Metric("rms_joint_torque", "N m", "RMS of the joint torque",

@@ -165,8 +165,8 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
     return whole
 
 
-class _PlantsController(Controller):
-    """A controller of all axes for each of several plants."""
+class PlantsController(Controller):
+    """A controller for each of several plants, of one axis or of all."""
 
     def __init__(self, laws: Sequence[Controller]) -> None:
         """Take one for each plant."""
@@ -179,7 +179,7 @@ class _PlantsController(Controller):
             law.reset()
 
     def torque(self, observation: Mapping[str, Any]) -> Array:
-        """Return the torque of every motor [N m], (n, axes)."""
+        """Return the torque of every motor [N m], (n,) or (n, axes)."""
         return np.stack(
             [
                 law.torque({name: value[row] for name, value in observation.items()})
@@ -204,7 +204,7 @@ def batched_controller(
         CableError: There is no such controller or axis.
     """
     if sees_all_axes(given):
-        return _PlantsController(
+        return PlantsController(
             [axes_controller(given, own, prefixes) for own in drives]
         )
     each = list(zip(*drives, strict=True))
@@ -219,7 +219,7 @@ def batched_controller(
         ]
         return AxesController(made, prefixes)
     if any(_arms(own) != _arms(drives[0]) for own in drives):
-        return _PlantsController(
+        return PlantsController(
             [axes_controller(given, own, prefixes) for own in drives]
         )
     changed = [decoupled_drives(own, prefixes) for own in drives]

@@ -1,0 +1,128 @@
+"""Conditions of the suite `position`: a commanded angle.
+
+    position_conditions("endoscope")
+
+Plants are sampled around the scene as in all suites, and the data sheet is that of the
+scene. Parameters of controllers are those of the scene's own trial (`-stale`), or of a
+trial on the plant itself (`-fitted`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from cc_mujoco.benchmark._conditions import (
+    FITTED_ANEW,
+    OWN_LINER,
+    STALE,
+    Condition,
+    named_condition,
+)
+from cc_mujoco.benchmark._generic import device_motion
+from cc_mujoco.benchmark._plant import sample_plants
+from cc_mujoco.benchmark._structure import POSITION_EFFECTS
+from cc_mujoco.control import Controller, fit_hysteresis
+from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
+from cc_mujoco.errors import CableError
+from cc_mujoco.simulation import PlantsController, calibration_trials
+
+TRIAL = 4.0
+"""Length of a trial on a plant [s]."""
+DURATION = 1.5
+"""Length of an episode [s]."""
+EFFECTS = (*POSITION_EFFECTS, "seals")
+"""Effects in the plant that no data sheet and no model has."""
+WITH_SENSOR = ("distal_feedback",)
+"""Controllers that measure the joint, whatever the device measures."""
+
+
+@dataclass(frozen=True)
+class PositionCondition(Condition):
+    """Condition whose task commands an angle."""
+
+    fitted: bool = False
+    """True if a trial on the plant itself fits the controller's parameters."""
+
+    @property
+    def usual(self) -> bool:
+        """Return whether this is the condition that the others differ from."""
+        return self.name == f"ordinary{FITTED_ANEW}"
+
+
+def position_conditions(scene: str) -> list[Condition]:
+    """Return all conditions of a device whose task commands an angle.
+
+    Raises:
+        CableError: There is no such device, or its task commands a torque.
+    """
+    device = find_device(scene)
+    model = DeviceModel(device.description, Plant(device).model())
+    motion, tasks = device_motion(model)
+    if len(tasks) != 1 or not tasks[0].commands_angle:
+        raise CableError(
+            f"the suite 'position' plays devices of one axis whose task commands an "
+            f"angle, and that of {scene} does not; `--suite generic` plays it."
+        )
+    plain = PositionCondition(
+        scene, "", motion, tasks, OWN_LINER, "exact", duration=DURATION
+    )
+    return [
+        named_condition(
+            plain, f"{name}{ending}", structure=effect, fitted=ending == FITTED_ANEW
+        )
+        for name, effect in (("ordinary", ""), *((n, n) for n in EFFECTS))
+        for ending in (STALE, FITTED_ANEW)
+    ]
+
+
+def nominal_drive(condition: Condition) -> Drive:
+    """Return what the data sheet and the trial of the scene say of a device."""
+    device = find_device(condition.scene)
+    model = DeviceModel(device.description, Plant(device).model())
+    drive = model.drives(device.description.period)[0]
+    return dataclasses.replace(drive, commands_angle=True)
+
+
+@lru_cache(maxsize=16)
+def fresh_fits(
+    condition: PositionCondition, seeds: tuple[int, ...]
+) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
+    """Return the parameters that trials on the plants give, one for each seed."""
+    nominal = nominal_drive(condition)
+    plants = [drawn.plant for drawn in sample_plants(condition, seeds)]
+    return tuple(
+        fit_hysteresis(trial, nominal) for trial in calibration_trials(plants, TRIAL)
+    )
+
+
+def position_drive(condition: Condition, drive: Drive) -> Drive:
+    """Return the drive of a controller with the knowledge of the scene."""
+    nominal = nominal_drive(condition)
+    return dataclasses.replace(
+        drive, cable_drives=nominal.cable_drives, hysteresis=nominal.hysteresis
+    )
+
+
+def position_law(
+    cells: Sequence[tuple[Condition, tuple[int, ...]]],
+    drive: Drive,
+    make: Callable[[Drive], Controller],
+) -> Controller:
+    """Return the controller of the episodes of a group.
+
+    Args:
+        cells: Condition and seeds of each cell.
+        drive: As of `position_drive`.
+        make: Function that makes the controller of a plant.
+    """
+    laws: list[Controller] = []
+    for condition, seeds in cells:
+        fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
+        if isinstance(condition, PositionCondition) and condition.fitted:
+            fits = fresh_fits(condition, seeds)
+        laws += [make(dataclasses.replace(drive, hysteresis=fit)) for fit in fits]
+    return PlantsController(laws)

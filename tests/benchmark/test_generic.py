@@ -15,6 +15,7 @@ from cc_mujoco.benchmark import (
     SUITES,
     Cell,
     Condition,
+    _position,
     batch_groups,
     play,
     play_group,
@@ -187,3 +188,25 @@ def test_suites_say_what_they_cannot_play(knee: str) -> None:
             SUITES["v1"].conditions(scene)
     with pytest.raises(CableError, match="did you mean 'wrist'"):
         SUITES["v1"].conditions("wrst")
+
+
+def test_a_commanded_angle_has_a_suite_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = {
+        one.name: dataclasses.replace(one, duration=1.02)
+        for one in SUITES["position"].conditions("endoscope")
+    }
+    assert len(found) == 8
+    drawn = sample_plants(found["friction-doubled-stale"], (3,))[0]
+    own, known = (one.cables["tendon"].friction for one in (drawn.plant, drawn.known))
+    assert own == pytest.approx(2.0 * known)
+    wrong = {"linear": {"slope": 0.5, "offset": 0.0}}
+    monkeypatch.setattr(_position, "fresh_fits", lambda condition, seeds: [wrong])
+    cells = [Cell(found[f"ordinary-{way}"], "linear") for way in ("stale", "fitted")]
+    assert batch_groups(cells) == [cells]
+    stale, fitted = (one.scores for one in play_group(cells))
+    assert "rms_torque_error" not in stale
+    assert fitted["rms_angle_error"] > 1.5 * stale["rms_angle_error"]
+    with pytest.raises(CableError, match="`--suite generic` plays it"):
+        SUITES["position"].conditions("wrist")

@@ -122,7 +122,7 @@ def test_without_friction_joints_get_what_is_desired_by_mujocos_own_moments() ->
 
 
 def play(plant: Plant, name: str) -> dict[str, Array]:
-    return simulate(plant, name, motion="sine:0.001", seed=0, duration=0.4)  # type: ignore[return-value]
+    return simulate(plant, name, motion="sine:0.001", seed=0, duration=0.3)  # type: ignore[return-value]
 
 
 def test_plants_together_are_driven_as_each_alone() -> None:

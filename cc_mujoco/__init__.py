@@ -22,7 +22,7 @@ from cc_mujoco._mujoco_import import register_with_mujoco
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # MuJoCo loads models with cables once `cc_mujoco.plugin` is imported.
 register_with_mujoco()

@@ -218,15 +218,6 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
             f"hidden was named and no longer tied in {sum(map(_well, tied))}; of the "
             f"{len(single)} of single effects in {sum(map(_well, single))}."
         )
-        groups: dict[str, list[bool]] = {}
-        for r in single:
-            name = " or ".join(sorted(r["ties"][0]))
-            groups.setdefault(name, []).append(_well(r))
-        rows = [
-            (name, str(len(each)), str(sum(each)))
-            for name, each in sorted(groups.items())
-        ]
-        found.append(table(("tie of a single effect", "cases", "settled"), rows))
     more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
     if more:
         found.append(

@@ -1,0 +1,62 @@
+"""The loop of proposed trials: cases, what a proposal asks of a rig, and rates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from proposal_loop import CELLS, Case, cases, planned_trial, summary
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis._inference.motions import motions, trial_table
+from cc_mujoco.diagnosis._report.output import write_proposed
+from cc_mujoco.diagnosis._verdict import NextExperiment
+from rig.makes import MAKES
+
+
+def test_cases_take_makes_in_turn_and_hide_what_the_make_has() -> None:
+    every = list(cases(("grease_drag", "none"), [*MAKES], (4.0, 2.0), ("bare",), 7, 2))
+    assert {case.make for case in every if case.effects} == {"elements"}
+    assert [case.make for case in every if not case.effects] == 2 * [
+        "guides", "elements", "bristles",
+    ]  # fmt: skip
+    assert {case.seed for case in every} == {7, 8, 107, 108}
+    assert Case("guides", "bare", "backlash+motor_cogging", 4.0, 1).kind == "pair"
+
+
+def test_a_rig_plays_every_kind_of_proposed_trial(tmp_path: Path) -> None:
+    played = []
+    every = motions(Bench.of(scene_path("bench")), 0.8, 2.5)
+    for motion in {motion.toml: motion for motion in every}.values():
+        facts = tuple(trial_table("trial_08", motion, 80.0 * motion.pretension))
+        planned = NextExperiment(motion.description, ("a", "b"), "", "trial_08", facts)
+        write_proposed(tmp_path / "next", planned, motion, "")
+        trial, cell, text = planned_trial(tmp_path / "next")
+        assert trial.tightness == (motion.pretension or 1.0)
+        assert trial.unhooked == (motion.pretension == 0.0)
+        assert trial.tilt == pytest.approx(motion.tilt, abs=1e-3)
+        assert trial.known_torques == motion.known_torques
+        assert trial.swapped == motion.swapped and cell == motion.load_cell
+        assert "trial_08" in text and cell in ("", *CELLS)
+        assert np.ptp(trial.command[-30000:, 0]) == pytest.approx(
+            np.ptp(motion.motor[-3750:]), rel=0.05, abs=1e-3
+        )
+        played.append(trial.load)
+    assert set(played) == {"free", "locked", "human"} and len(played) >= 8
+
+
+def test_rates_are_by_strength_and_failures_are_listed() -> None:
+    row = {
+        "make": "guides", "protocol": "bare", "hidden": "joint_gravity",
+        "strength": "4.0", "seed": "1", "verdicts": "tie; named", "named": "",
+        "ties": "", "proposed": "a; a", "end": "named", "first": "tie",
+        "last": "right", "alone": "1",
+    }  # fmt: skip
+    wrong = {**row, "seed": "2", "last": "wrong", "alone": "0", "proposed": ""}
+    text = summary([row, wrong])
+    assert "| bare | static | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 1 | 1 |" in text
+    assert (
+        "joint_gravity | 4.0 | 2 |" in text and "joint_gravity | 4.0 | 1 |" not in text
+    )

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import Profile, Task, WalkingController, WalkingPolicy
+from cc_mujoco.human import Task, WalkingController, WalkingPolicy
 from cc_mujoco.human._walking_body import POLICY, WalkingBody
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, ExpectedHelp
-from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE
+from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE, PUSH_OFF
 from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.plugin import settle
 
@@ -28,9 +28,6 @@ Array = NDArray[np.float64]
 
 _LEAST_HELP = 0.5
 """Desired torque below which a motor follows the ankle [N m]."""
-PUSH_OFF = Profile(onset=46.0, peak_time=56.0, fall=6.0)
-"""Help of 30 N m while the ankle of the person who ships plantarflexes. Help that
-begins earlier, while the ankle still yields, gives it no work."""
 
 
 class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):

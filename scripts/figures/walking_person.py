@@ -4,7 +4,7 @@
     MUJOCO_GL=egl python scripts/figures/walking_person.py --picture envs/walking.png
 
 prints a table of `cc_mujoco/Walking-v0`: without help, with ropes that lose nothing,
-and through conduits without and with friction; means over the strides of 40 s but the
+and through conduits without and with friction; means over the strides of 30 s but the
 first ten, in which the person learns what to expect. The picture shows a stride.
 """
 
@@ -22,7 +22,7 @@ from cc_mujoco.envs._strides import Stride, mean_stride
 from cc_mujoco.human._walking_rig import CABLE
 from cc_mujoco.report import _markdown as markdown
 
-DURATION, LEARNT = 40.0, 10
+DURATION, LEARNT = 30.0, 10
 CONDITIONS = {
     "ropes unhooked": {"transmission": "none"},
     "lossless": {"transmission": "ideal"},
@@ -40,6 +40,10 @@ ROWS = (
     ("... of the knees", lambda s: s.negative_work[:, 1].sum()),
     ("... of the ankles", lambda s: s.negative_work[:, 2].sum()),
     ("estimated metabolic power [W]", lambda s: s.metabolic_power),
+    (
+        "estimated metabolic energy [J/m]",
+        lambda s: s.metabolic_power * s.time / s.length,
+    ),
     ("work of the ropes on the ankles [J]", lambda s: s.assistance.sum()),
     ("positive work of the motors [J]", lambda s: s.motors.sum()),
 )

@@ -10,7 +10,9 @@ pushes at the trunk begin. Reward per second is 1 less the costs of joint angles
 than the measured ones, of speed, of the trunk's pitch, of torque and of the metabolic
 power that the joints' work takes; a fall ends it.
 Progress is printed, and the mean of the search is written as a policy, every ten
-generations; with them OUT.npz, from which `--resume` goes on.
+generations; with them OUT.npz, from which `--resume` goes on. The policy that ships
+was found in 160 generations: 40 with 24 candidates each, and not before the hundredth
+with the cost of metabolic power, which this script has from the first.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def picture(count: int = 6) -> NDArray[np.uint8]:
     while len(found) < count:
         *_, info = env.step(env.assistance())
         if info["strides"] >= 5 and info["phase"][0] >= len(found) / count:
-            found.append(env.render()[60:430, 280:580])
+            found.append(env.render()[72:446, 280:580])
     env.close()
     return np.concatenate(found, axis=1)
 

@@ -11,4 +11,7 @@ import lazy_loader
 if find_spec("mjlab") is None:
     raise ImportError("cc_mujoco.warp.mjlab needs mjlab: pip install mjlab")
 
+# Before the modules of this package: mjlab imports `walking_task` on its way.
+import mjlab  # noqa: F401
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

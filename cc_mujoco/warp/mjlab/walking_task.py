@@ -3,10 +3,11 @@
     train CcMujoco-Ankle-Walk --agent.logger tensorboard
     play CcMujoco-Ankle-Walk --checkpoint-file logs/.../model_300.pt
 
-Importing this module registers the task. Legs, walking policy, motors and cables are
-those of `cc_mujoco/Walking-v0`, see `cc_mujoco.envs.WalkingEnv`; the person is planar
-and expects the help of earlier strides. A policy commands the torques of the motors
-and is rewarded for the metabolic power that the joints of the person need not give.
+mjlab imports this module where the package is installed. Legs, walking policy, motors
+and cables are those of `cc_mujoco/Walking-v0`, see `cc_mujoco.envs.WalkingEnv`; the
+person is planar and expects the help of earlier strides. A policy commands the torques
+of the motors and is rewarded for the metabolic power that the joints of the person need
+not give.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ KIND, TOUCHED, FIRST, LAST, CENTRE, AXES = 0, 1, 2, 5, 8, 11
 begins, the point of a site; where it ends; centre and three axes of the geom."""
 PLACE_SIZE = 20
 SITE, SPHERE, CYLINDER = 0.0, 2.0, 3.0
-"""What a place may be."""
+"""Kinds of a place."""
 MIN_PIECE_LENGTH = 1e-9
 """Pieces of the path below this length have no direction [m]."""
 _MIN_ARC_ANGLE = -1e-6

@@ -1,4 +1,4 @@
-"""How a tendon leads a cable, and the packed parameters of a cable led so."""
+"""Route of a cable that a tendon leads, and its packed parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Route:
-    """How a tendon leads a cable, or bends its conduit."""
+    """Tendon that leads a cable, or bends its conduit."""
 
     tendon: int
     """Index of the spatial tendon."""
@@ -27,9 +27,9 @@ class Route:
     guided: int
     """Number of segments in the conduit."""
     bends: bool
-    """Whether the tendon bends the conduit."""
+    """True where the tendon bends the conduit."""
     tied: tuple[bool, bool]
-    """Whether the proximal and the distal end are tied to the tendon's last site."""
+    """True for an end, proximal and distal, tied to a site of the tendon."""
     guides: Floats
     """Guides of an open path, see `_open_path.measure` (n,)."""
     reference: Floats

@@ -1,4 +1,4 @@
-"""How the plugin leads a cable along its route, read for other engines."""
+"""Routes along which the plugin leads cables, read for other engines."""
 
 from __future__ import annotations
 

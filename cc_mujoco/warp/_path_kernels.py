@@ -25,7 +25,7 @@ _SITE = geometry.SITE
 
 @wp.struct
 class PathRows:
-    """What leads the cables, and where it does.
+    """Tendons that lead the cables, and their paths.
 
     Attributes:
         tendons: index of the tendon, -1 where nothing leads a cable (cables,).

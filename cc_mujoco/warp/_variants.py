@@ -35,7 +35,7 @@ _SINGLE_PRECISION = {"LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6}
 
 
 class Paths(NamedTuple):
-    """What of the paths of some cables is known before any step.
+    """Knowledge of the paths of some cables before any step.
 
     Attributes:
         bends: entry `BENDS_CHANGE` of their parameters; None if they differ.
@@ -49,7 +49,7 @@ class Paths(NamedTuple):
 
     @property
     def led(self) -> bool:
-        """Whether a tendon leads one of the cables."""
+        """True where a tendon leads one of the cables."""
         return self.bends != 0.0
 
 

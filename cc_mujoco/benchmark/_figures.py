@@ -82,8 +82,8 @@ def cycle(results: Results, scene: str) -> Figure:
     }
     prefixes = _trace_prefixes(trace for _, trace in shown.values())
     with style():
-        drawing = figure(5.6 * len(prefixes) + 2.0, 3.8)
-        panels = drawing.subplots(1, len(prefixes), squeeze=False)[0]
+        drawing = figure(PHONE_WIDTH, 2.7 * len(prefixes) + 0.9)
+        panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
         label = "time since the joint last reversed [s]"
         angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
         for axes, prefix in zip(panels, prefixes, strict=True):
@@ -98,13 +98,14 @@ def cycle(results: Results, scene: str) -> Figure:
                 axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
             name = ", ".join((scene, *([prefix.rstrip(".")] if prefix else [])))
             axes.set(
-                title=f"{name}: error over the cycle, ordinary condition",
+                title=f"{name}: error over the cycle",
                 xlabel=label,
                 ylabel="RMS error [rad]" if angle else "RMS error [N m]",
                 ylim=(0.0, None),
             )
         if shown:
-            panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            labels = panels[-1].get_legend_handles_labels()
+            drawing.legend(*labels, loc="outside lower center", ncols=3)
     return drawing
 
 

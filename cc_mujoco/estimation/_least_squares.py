@@ -35,6 +35,11 @@ FACTOR_STEP = 3e-3
 _MIN_EIGENVALUE_RATIO = 1e-12
 _DAMPING = 1e-4
 """Damping of a fit's first step, relative to the diagonal of the normal equations."""
+_FLAT = 4.0
+"""Promise, over the one that ends a fit, of a step whose failure ends it as well: by as
+much the cost jumps with friction."""
+_MAX_FAILURES = 4
+"""Shorter steps from one place of a fit, none of which lowers the cost, that end it."""
 _MAX_LOG_STEP = math.log(2.0)
 """Most by which a step changes a logarithm: beyond, derivatives say nothing."""
 MAX_FREEDOM = 1e9
@@ -157,7 +162,7 @@ def fit(
     while left > 0:
         slopes = jacobian(x)
         square, slope = slopes.T @ slopes, slopes.T @ error
-        shorter = True
+        shorter, failures = True, 0
         while shorter and left > 0:
             step = bounded_step(square, slope, damping, low - x, high - x)
             step /= max(1.0, float(np.max(np.abs(step) * factors)) / _MAX_LOG_STEP)
@@ -168,6 +173,13 @@ def fit(
             taken = cost - _half_square(there)
             left -= 1
             shorter = taken <= 0.0
+            if shorter:
+                failures += 1
+                flat = promised <= _FLAT * tolerance * cost
+                if flat or failures == _MAX_FAILURES:
+                    return Fit(x, cost)
+                damping = max(30.0 * damping, 0.01)
+                continue
             damping = max(damping * (10.0 if taken < 0.25 * promised else 0.1), 1e-9)
         if shorter:
             break

@@ -37,6 +37,20 @@ def test_a_linear_problem_is_solved_as_by_linear_algebra() -> None:
     assert found.cost == pytest.approx(squares[0] / 2.0)
 
 
+def test_a_fit_ends_where_no_shorter_step_helps() -> None:
+    tried: list[float] = []
+
+    def jagged(x: np.ndarray) -> np.ndarray:
+        tried.append(float(x[0]))
+        return np.array([1.0 if x[0] == 0.0 else 2.0])
+
+    found = fit(jagged, lambda x: np.array([[-1.0]]), FREE[:1], [0.0])
+    assert found.x == [0.0] and found.cost == 0.5
+    # The start, and steps of which each is clearly shorter.
+    assert len(tried) == 5
+    assert tried[1] > tried[2] > 1.2 * tried[3] > 5.0 * tried[4] > 0.0
+
+
 def test_a_start_and_an_end_lie_within_the_bounds() -> None:
     tight = (FREE[0]._replace(high=0.3), *FREE[1:])
     found = fit(residual, lambda x: -DESIGN, tight, [2.0, 0.0, 0.0])

@@ -55,6 +55,8 @@ def check_agreement(
 ) -> Agreement:
     """Repeat the search on parts of the data, with the candidates of the whole.
 
+    Fits begin where those of the whole end, with their floor and numerical resolution.
+
     Args:
         baseline_fit: of all data.
         found: on all data.
@@ -71,7 +73,9 @@ def check_agreement(
     try:
         for place, part in enumerate(parts):
             progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
-            named.append(_named_effects(baseline_fit, part, sorted(tried), limits))
+            named.append(
+                _named_effects(baseline_fit, part, sorted(tried), limits, found)
+            )
     except KeyboardInterrupt:
         baseline_fit.problem.slopes.forget()  # they may be half taken
     own = {step.added: set(step.rivals) for step in found.rounds if step.added}
@@ -113,7 +117,11 @@ def count_votes(
 
 
 def _named_effects(
-    baseline_fit: BaselineFit, part: Masks, ids: Sequence[str], limits: Thresholds
+    baseline_fit: BaselineFit,
+    part: Masks,
+    ids: Sequence[str],
+    limits: Thresholds,
+    whole: Search,
 ) -> list[set[str]]:
     """Return the effects a part of the data names, each with its ties."""
     problem = baseline_fit.problem
@@ -123,7 +131,7 @@ def _named_effects(
     )
     start = [baseline_fit.whole.x] * len(division)
     crossed = cross_validate(problem, division, start)
-    return names_found(crossed, division, ids, limits)
+    return names_found(crossed, division, ids, limits, whole)
 
 
 def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:

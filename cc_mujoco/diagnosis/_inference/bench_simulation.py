@@ -288,6 +288,16 @@ class SimulatedRig:
             bench.ends_held,
         )
 
+    @cached_property
+    def _absent(self) -> dict[str, float]:
+        """Sizes of effects that a rig does not have."""
+        return {
+            parameter.name: 0.0
+            for effect in EFFECTS.values()
+            for parameter in effect.parameters
+            if parameter.linear
+        }
+
     @property
     def _columns(self) -> frozenset[str]:
         """Further columns that every record has."""
@@ -337,6 +347,7 @@ class SimulatedRig:
     ) -> Setting:
         """Return the replay setting of the cables for these values, see `cables`."""
         radii = self.radii(values)
+        whole = {**self._absent, **values}
         return Setting(
             self.cables(values, effects, pretension, conditions),
             *radii,
@@ -348,11 +359,9 @@ class SimulatedRig:
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
             arm=_moment_arm(
-                [EFFECTS[name].joint_arm for name in effects], values, self.bench.arm
+                [EFFECTS[name].joint_arm for name in effects], whole, self.bench.arm
             ),
-            motor_arm=_moment_arm(
-                [EFFECTS[name].motor_arm for name in effects], values
-            ),
+            motor_arm=_moment_arm([EFFECTS[name].motor_arm for name in effects], whole),
         )
 
     def cables(
@@ -388,7 +397,7 @@ class SimulatedRig:
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
         rig = RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
-        values = {**_zero_sizes(), **values}
+        values = {**self._absent, **values}
         for name in effects:
             change = EFFECTS[name].cables
             if change is not None:
@@ -409,7 +418,7 @@ class SimulatedRig:
         if record.swapped:
             values = _swap_sensors(values)
         shown = self._torques(record, setting, values)
-        values = {**_zero_sizes(), **values}
+        values = {**self._absent, **values}
         for sensor in (False, True):
             for name in effects:
                 effect = EFFECTS[name]
@@ -525,8 +534,7 @@ def _moment_arm(
     known: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
     """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
-    whole = {**_zero_sizes(), **values}
-    found = [np.array(change(whole)) for change in changes if change is not None]
+    found = [np.array(change(values)) for change in changes if change is not None]
     found.append(np.array(known))
     size = max((each.size for each in found), default=0)
     total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
@@ -542,16 +550,6 @@ def _swap_sensors(values: Values) -> dict[str, float]:
         side = next(filter(name.startswith, others), "")
         swapped[others.get(side, "") + name.removeprefix(side)] = value
     return swapped
-
-
-def _zero_sizes() -> dict[str, float]:
-    """Return the sizes of effects that a rig does not have."""
-    return {
-        parameter.name: 0.0
-        for effect in EFFECTS.values()
-        for parameter in effect.parameters
-        if parameter.linear
-    }
 
 
 def plausible_range(

@@ -73,11 +73,14 @@ def _without_effect(
     known: Sequence[CrossValidation],
 ) -> CrossValidation:
     slim = now.problem.without(name)
-    for crossed in known:
-        same = crossed.problem.plant is slim.plant
-        same = same and crossed.problem.floor is slim.floor
-        same = same and crossed.problem.forms == slim.forms
-        if same and set(crossed.problem.effects) == set(slim.effects):
-            return crossed
     kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
-    return cross_validate(slim, division, [fit.x[kept] for fit in now.fits])
+    starts = [fit.x[kept] for fit in now.fits]
+    for crossed in known:
+        old = crossed.problem
+        if set(old.effects) != set(slim.effects) or old.forms != slim.forms:
+            continue
+        if old.plant is slim.plant and old.floor is slim.floor:
+            return crossed
+        starts = [slim.place(old.values(fit.x)) for fit in crossed.fits]
+    slim = slim.sharing([crossed.problem for crossed in known])
+    return cross_validate(slim, division, starts)

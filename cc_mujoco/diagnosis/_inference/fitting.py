@@ -35,6 +35,8 @@ _MAX_EVALUATIONS = 30
 back along a flat valley takes twenty."""
 _RELATIVE_TOLERANCE = 1e-3
 """Share of the cost by which a fit goes on."""
+_MAX_CORRECTIONS = 4
+"""Most fits of a corrected coarse simulation in place of one of a fine one."""
 _COST_TOLERANCE = 5e-3
 """Tolerance of the cost of a reported fit: a tenth of a standard deviation."""
 
@@ -92,6 +94,8 @@ class Problem:
         scatter: the part of `noise` by which repetitions differ beyond that of
             sensors; a wrong model makes some of it.
         forms: values that select the forms of effects, see `form_key`.
+        defect: (2, samples) of every record that is added to the simulated torques,
+            see `corrected` [N m]; none where it is empty.
         slopes: derivatives of the plant's torques, shared with other noise.
     """
 
@@ -104,6 +108,7 @@ class Problem:
     inflation: float = 1.0
     scatter: FloatArray | float = 0.0
     forms: Mapping[str, float] = field(default_factory=dict)
+    defect: tuple[FloatArray, ...] = ()
     slopes: TorqueDerivatives = field(
         default_factory=TorqueDerivatives, compare=False, repr=False
     )
@@ -142,11 +147,39 @@ class Problem:
         """
         return replace(self, plant=plant, slopes=TorqueDerivatives(self.slopes))
 
+    def sharing(self, known: Sequence[Problem]) -> Problem:
+        """Return the same, beginning with derivatives of a model of its parameters.
+
+        Args:
+            known: models with derivatives; the last with the same parameters counts.
+        """
+        for other in reversed(known):
+            if other.tuned == self.tuned and other.effects == self.effects:
+                return replace(self, slopes=TorqueDerivatives(other.slopes))
+        return self
+
     @property
     def coarse(self) -> Problem:
         """Same problem with the plant that suffices for differences."""
         plant = self.plant.coarse
         return self if plant is self.plant else replace(self, plant=plant)
+
+    def corrected(self, x: FloatArray, seen: Sequence[int]) -> Problem:
+        """Return `coarse` with torques that are those of this model at a place.
+
+        Nearby they differ by how far the numerical error changes (defect correction:
+        Stetter, Numerische Mathematik 29, 1978).
+
+        Args:
+            x: the place.
+            seen: indices of the records for which that is wanted.
+        """
+        rough = self.coarse
+        defect = [np.zeros(record.measured.shape) for record in self.plant.records]
+        fine = self.torques(x, seen)
+        for k, a, b in zip(seen, fine, rough.torques(x, seen), strict=True):
+            defect[k] = a - b
+        return replace(rough, defect=tuple(defect))
 
     def form(self, name: str) -> str:
         """Return the form in which an effect is in the model, "" of only one."""
@@ -253,7 +286,13 @@ class Problem:
         self, x: FloatArray, only: Sequence[int] | None = None
     ) -> list[FloatArray]:
         """Return the simulated torques of each record (2, samples) [N m]."""
-        return self.plant.simulate(self.values(x), self.effects, only)
+        played = self.plant.simulate(self.values(x), self.effects, only)
+        if not self.defect:
+            return played
+        chosen = range(len(self.defect)) if only is None else only
+        return [
+            torque + self.defect[k] for k, torque in zip(chosen, played, strict=True)
+        ]
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Return the weighted errors within the masks, then those of the priors."""
@@ -320,20 +359,64 @@ def fit(
 ) -> Fit:
     """Fit least squares within bounds from a start.
 
+    Where the rig is simulated finely, corrected coarse simulations are fitted.
+
     Args:
         problem: what is fitted to what.
         start: place of the parameters.
         masks: samples that take part.
         evaluations: most of them.
     """
+    if problem.coarse is problem:
+        return _descend(problem, start, masks, evaluations)
+    return _descend_coarsely(problem, start, masks, evaluations)
+
+
+def _descend(
+    problem: Problem,
+    start: FloatArray,
+    masks: Masks,
+    evaluations: int,
+    tolerance: float = _RELATIVE_TOLERANCE,
+) -> Fit:
     return least_squares.fit(
         lambda x: problem.residual(x, masks),
         lambda x: jacobian(problem, x, masks),
         problem.tuned,
         start,
-        tolerance=_RELATIVE_TOLERANCE,
+        tolerance=tolerance,
         evaluations=evaluations,
     )
+
+
+def _descend_coarsely(
+    problem: Problem,
+    start: FloatArray,
+    masks: Masks,
+    evaluations: int,
+    tolerance: float = _RELATIVE_TOLERANCE,
+) -> Fit:
+    """Fit `Problem.corrected` until its end is none for the fine simulation."""
+    low, high = (
+        np.array([getattr(p, side) for p in problem.tuned]) for side in ("low", "high")
+    )
+    x: FloatArray = np.clip(start, low, high)
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    cost = _cost(problem, x, masks)
+    for _ in range(_MAX_CORRECTIONS):
+        rough = problem.corrected(x, seen)
+        there = _descend(rough, x, masks, evaluations, tolerance).x
+        gain = cost - _cost(problem, there, masks)
+        if gain > 0.0:
+            x, cost = there, cost - gain
+        if gain <= tolerance * cost:
+            break
+    return Fit(x, cost)
+
+
+def _cost(problem: Problem, x: FloatArray, masks: Masks) -> float:
+    error = problem.residual(x, masks)
+    return 0.5 * float(error @ error)
 
 
 def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
@@ -343,13 +426,9 @@ def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
     thousandth of the cost is standard deviations away from the least.
     """
     found = fit(problem, start, masks)
-    return least_squares.fit(
-        lambda x: problem.residual(x, masks),
-        lambda x: jacobian(problem, x, masks),
-        problem.tuned,
-        found.x,
-        tolerance=min(
-            _RELATIVE_TOLERANCE, _COST_TOLERANCE / max(found.cost, _COST_TOLERANCE)
-        ),
-        evaluations=_MAX_EVALUATIONS,
+    tolerance = min(
+        _RELATIVE_TOLERANCE, _COST_TOLERANCE / max(found.cost, _COST_TOLERANCE)
     )
+    coarsely = problem.coarse is not problem
+    descend = _descend_coarsely if coarsely else _descend
+    return descend(problem, found.x, masks, _MAX_EVALUATIONS, tolerance)

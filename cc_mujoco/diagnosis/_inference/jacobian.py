@@ -10,7 +10,7 @@ needs no simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,6 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.occasions import base_name, values_on
 from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis._inference.replays import Setting
-from cc_mujoco.diagnosis.effects import TrialConditions
 from cc_mujoco.estimation._least_squares import FACTOR_STEP, Tuned, differences
 
 if TYPE_CHECKING:
@@ -106,9 +105,7 @@ class TorqueDerivatives:
             torques: (2, samples) of these there [N m].
         """
         steps = [_step(p, place) for p, place in zip(problem.tuned, x, strict=True)]
-        inner = self._inner = self._inner or [
-            _needs_replay(problem, x, k, step) for k, step in enumerate(steps)
-        ]
+        inner = self._inner = self._inner or _need_replays(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
@@ -247,20 +244,25 @@ def residual_changes(
     )
 
 
-def _needs_replay(problem: Problem, x: FloatArray, index: int, step: float) -> bool:
-    """Return whether a parameter change takes a replay, or only its readout."""
-    moved = x.copy()
-    moved[index] += step
-    records = problem.plant.records
-    here, there = problem.values(x), problem.values(moved)
+def _need_replays(
+    problem: Problem, x: FloatArray, steps: Sequence[float]
+) -> list[bool]:
+    """Return whether a change of each parameter takes a replay, or only its readout."""
+    plant = problem.plant
+    seen = {(record.conditions, record.occasion) for record in plant.records}
 
-    def setting(values: Mapping[str, float], own: TrialConditions, day: str) -> Setting:
-        return problem.plant.setting(values_on(values, day), problem.effects, None, own)
+    def settings(place: FloatArray) -> list[Setting]:
+        values = problem.values(place)
+        return [
+            plant.setting(values_on(values, day), problem.effects, None, own)
+            for own, day in seen
+        ]
 
-    return any(
-        setting(here, own, day) != setting(there, own, day)
-        for own, day in {(r.conditions, r.occasion) for r in records}
-    )
+    here = settings(x)
+    return [
+        here != settings(x + step * (np.arange(x.size) == k))
+        for k, step in enumerate(steps)
+    ]
 
 
 def _step(parameter: Tuned, place: float) -> float:

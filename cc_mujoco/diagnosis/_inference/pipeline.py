@@ -364,15 +364,15 @@ def _drop_doubtful(
         x = fit_until_settled(problem, start, counts).x
         idle = doubtful_effects(problem, x, *noise_covariance(problem, x, counts))
         if not idle:
+            wide = fit_covariance(problem, x, counts)
+            idle = doubtful_effects(problem, x, *wide)
+        if not idle:
             progress(0.86, "predicting trials that were held out")
             held = holding.out(problem, x)
             if held is None:
                 break
-            wide = fit_covariance(problem, x, counts)
-            idle = doubtful_effects(problem, x, *wide)
-            if not idle:
-                return CheckedModel(problem, x, wide, held)
-        slimmer = [_fit_without(problem, x, name, counts) for name in idle]
+            return CheckedModel(problem, x, wide, held)
+        slimmer = [_fit_without(found, problem, x, name, counts) for name in idle]
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     problem = baseline_fit.problem
     x = fit_until_settled(problem, baseline_fit.whole.x, counts).x
@@ -382,10 +382,10 @@ def _drop_doubtful(
 
 
 def _fit_without(
-    problem: Problem, x: FloatArray, name: str, counts: Masks
+    found: Search, problem: Problem, x: FloatArray, name: str, counts: Masks
 ) -> tuple[Problem, Fit]:
-    """Return a model without an effect, fitted to all data."""
-    slim = problem.without(name)
+    """Return a model of a search without an effect, fitted to all data."""
+    slim = problem.without(name).sharing([c.problem for c in found.known])
     start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
     return slim, fit(slim, start, counts)
 
@@ -415,7 +415,7 @@ def final_search(
         return found._replace(after=found.before, shares={})
     division = interleaved_folds(problem.plant.records)
     now = cross_validate(problem, division, [x] * len(division))
-    shares = gap_shares(baseline_fit.crossed, now, division)
+    shares = gap_shares(baseline_fit.crossed, now, division, found.known)
     return found._replace(after=now, shares=shares)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.acceptance import (
     MAX_EXPLAINED_ERROR,
     Candidate,
@@ -18,6 +20,7 @@ from cc_mujoco.diagnosis._inference.acceptance import (
     rejection_reason,
 )
 from cc_mujoco.diagnosis._inference.elimination import eliminate, gap_shares
+from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.folds import (
     CrossValidation,
     Fold,
@@ -52,6 +55,7 @@ class Search(NamedTuple):
         shares: of the baseline's held-out squared error beyond the floor, what is left
             of it where an effect is taken out again and all else is refitted.
         changes: of torques by effects, kept.
+        known: models that have been fitted.
         interrupted: True if the user stopped it, so that fewer effects were tried.
     """
 
@@ -61,6 +65,7 @@ class Search(NamedTuple):
     signatures: tuple[Signature, ...]
     shares: Mapping[str, float]
     changes: Changes
+    known: tuple[CrossValidation, ...] = ()
     interrupted: bool = False
 
 
@@ -103,7 +108,14 @@ class _Course(NamedTuple):
         shares = gap_shares(baseline, now, division, known)
         steps = _split_rivals(self.rounds)
         return Search(
-            baseline, now, steps, self.signatures, shares, self.changes, interrupted
+            baseline,
+            now,
+            steps,
+            self.signatures,
+            shares,
+            self.changes,
+            tuple(known),
+            interrupted,
         )
 
 
@@ -127,9 +139,19 @@ def names_found(
     division: Sequence[Fold],
     ids: Sequence[str],
     thresholds: Thresholds,
+    whole: Search | None = None,
 ) -> list[set[str]]:
-    """Return the effects that a search finds, each with those it is in a tie with."""
-    course = _add_effects(baseline, division, ids, thresholds, no_progress)
+    """Return the effects that a search finds, each with those it is in a tie with.
+
+    Args:
+        baseline: the model to begin with.
+        division: of part of its data into folds.
+        ids: of the effects.
+        thresholds: of decisions.
+        whole: search in all its data; a model of it tells the same model of a part
+            floor, numerical resolution and parameters to begin with.
+    """
+    course = _add_effects(baseline, division, ids, thresholds, no_progress, whole=whole)
     if course.interrupted:
         raise KeyboardInterrupt
     now = eliminate(course.after, division, thresholds, course.known)
@@ -144,6 +166,7 @@ def _add_effects(
     thresholds: Thresholds,
     progress: Progress,
     earlier: Sequence[Round] = (),
+    whole: Search | None = None,
 ) -> _Course:
     """Add effects while each is accepted.
 
@@ -155,6 +178,7 @@ def _add_effects(
         progress: called with the share done and what is being done.
         earlier: steps of a search for other effects; what was fitted in them is taken
             over as long as both add the same effects.
+        whole: see `names_found`.
     """
     now, rounds, changes = baseline, [], Changes()
     known = [baseline]
@@ -184,21 +208,21 @@ def _add_effects(
                 thresholds,
                 part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
                 {c.id: c for past in same for c in past.candidates},
+                whole,
             )
             step = decide(now, candidates, signatures, thresholds)
             rounds.append(step)
             for candidate in candidates:  # derivatives take more room than the data
                 if candidate.id not in step.rivals and candidate.crossed is not now:
                     candidate.crossed.problem.slopes.forget()
+            known += [c.crossed for c in candidates if c.crossed is not now]
             if step.added is None:
                 break
-            known += [c.crossed for c in candidates if c.crossed is not now]
             if following and same[0].added == step.added:
                 now = following[0].before
             else:
-                now = with_own_noise_floor(
-                    next(c.crossed for c in candidates if c.id == step.added), division
-                )
+                wider = next(c.crossed for c in candidates if c.id == step.added)
+                now = _begin_round(wider, division, whole)
             known.append(now)
     except KeyboardInterrupt:
         interrupted = True
@@ -219,10 +243,11 @@ def _refit_candidates(
     thresholds: Thresholds,
     progress: Progress,
     refitted: Mapping[str, Candidate],
+    whole: Search | None,
 ) -> list[Candidate]:
     """Return the effects that screening recommends, refitted, with their lookalikes.
 
-    Those in `refitted` are not fitted again.
+    Those in `refitted` are not fitted again; `whole` see `names_found`.
     """
     chosen = _choose_candidates(signatures, MIN_PREDICTED_SHARE * thresholds.reduction)
     candidates: list[Candidate] = []
@@ -233,6 +258,7 @@ def _refit_candidates(
             progress(place / len(chosen), f"refitting {signature.id}")
             candidates.append(
                 refitted.get(signature.id)
+                or _refit_like(now, division, signature.id, thresholds, whole)
                 or _refit_forms(now, division, signature, thresholds)
             )
         chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
@@ -294,6 +320,18 @@ def with_own_noise_floor(
         if finer is None:
             return crossed
         problem = finer
+
+
+def _begin_round(
+    crossed: CrossValidation, division: Sequence[Fold], whole: Search | None
+) -> CrossValidation:
+    """Return `with_own_noise_floor`, or by the floor of the same model of all data."""
+    models = [whole.after, *(step.before for step in whole.rounds)] if whole else []
+    for model in models:
+        if model.problem.tuned == crossed.problem.tuned:
+            problem = model.problem.sharing([model.problem])
+            return cross_validate(problem, division, [fit.x for fit in crossed.fits])
+    return with_own_noise_floor(crossed, division)
 
 
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
@@ -380,20 +418,20 @@ def _refit_forms(
 
     Forms other than the one that screens best are tried where that one is accepted.
     """
-    best = _refit(now, division, signature, thresholds)
+    best = _refit_signature(now, division, signature, thresholds)
     key = form_key(signature.id)
     forms = range(len(now.problem.plant.library.effects[signature.id].forms))
     for form in forms:
         if best.reason or form == signature.start.get(key, 0.0):
             continue
         other = signature._replace(start={**signature.start, key: float(form)})
-        candidate = _refit(now, division, other, thresholds)
+        candidate = _refit_signature(now, division, other, thresholds)
         if not candidate.reason and candidate.reduction > best.reduction:
             best = candidate
     return best
 
 
-def _refit(
+def _refit_signature(
     now: CrossValidation,
     division: Sequence[Fold],
     signature: Signature,
@@ -401,16 +439,53 @@ def _refit(
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
     starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
+    return _refit(now, division, wider, starts, thresholds)
+
+
+def _refit_like(
+    now: CrossValidation,
+    division: Sequence[Fold],
+    name: str,
+    thresholds: Thresholds,
+    whole: Search | None,
+) -> Candidate | None:
+    """Return the effect refitted from where it is in a model of all data, if any."""
+    for model in whole.known if whole else ():
+        known = model.problem
+        if known.effects != (*now.problem.effects, name):
+            continue
+        if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
+            wider = replace(
+                now.problem,
+                tuned=known.tuned,
+                effects=known.effects,
+                forms=known.forms,
+            ).sharing([known])
+            start = np.mean([fit.x for fit in model.fits], axis=0)
+            starts = [start] * len(division)
+            return _refit(now, division, wider, starts, thresholds)
+    return None
+
+
+def _refit(
+    now: CrossValidation,
+    division: Sequence[Fold],
+    wider: Problem,
+    starts: Sequence[FloatArray],
+    thresholds: Thresholds,
+) -> Candidate:
+    """Return the effect that a wider model has last, refitted."""
+    name = wider.effects[-1]
     try:
         crossed = cross_validate(wider, division, starts)
     except EffectError:
         raise
     except CableError as error:
-        return Candidate(signature.id, now, 0.0, 0.0, str(error))
+        return Candidate(name, now, 0.0, 0.0, str(error))
     old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
     gain = old - better
     reduction = float(gain.sum() / old.sum())
     scatter = block_sum_deviation(gain) / float(old.sum())
     certainty = reduction / max(scatter, 1e-12)
-    reason = rejection_reason(crossed, signature.id, reduction, certainty, thresholds)
-    return Candidate(signature.id, crossed, reduction, certainty, reason)
+    reason = rejection_reason(crossed, name, reduction, certainty, thresholds)
+    return Candidate(name, crossed, reduction, certainty, reason)

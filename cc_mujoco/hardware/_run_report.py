@@ -50,7 +50,7 @@ class ReportedRun:
     limits: Mapping[str, Limits]
     """Limits by the name of the axis in the log, empty of a device with one."""
     is_trial: bool = False
-    """Whether it played a trial of a plan, whose torque is that of a servo."""
+    """True if it played a trial of a plan, whose torque is that of a servo."""
 
     @property
     def page(self) -> Path:

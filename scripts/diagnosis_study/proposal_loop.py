@@ -60,7 +60,7 @@ COLUMNS = (
     "make", "protocol", "hidden", "strength", "seed", "amounts", "verdicts", "named",
     "ties", "proposed", "end", "first", "last", "alone", "seconds",
 )  # fmt: skip
-"""Of a row; lists are separated by "; ", one entry for each diagnosis."""
+"""Columns of a row; lists are separated by "; ", one entry for each diagnosis."""
 
 
 class Case(NamedTuple):
@@ -74,7 +74,7 @@ class Case(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What is hidden: none, unknown, named or pair."""
+        """Kinds of what is hidden: none, unknown, named or pair."""
         if self.hidden == "none":
             return "none"
         if "+" in self.hidden:

@@ -24,6 +24,7 @@ from cc_mujoco.control._planner_memory import (
     DESIRED_TORQUE,
     DISTURBANCE,
     ENERGY,
+    FAVOURED,
     FILTERED_TORQUE,
     JOINT,
     JOINT_SHIFT,
@@ -32,6 +33,7 @@ from cc_mujoco.control._planner_memory import (
     MOTOR_TORQUE,
     OBSERVER_ERROR,
     OTHER_JOINT,
+    PLAN_ERROR,
     STARTED,
     TAUT_SHIFT,
     VELOCITY,
@@ -76,6 +78,8 @@ _MODEL_ERROR_FLOOR = 0.01
 one for sure."""
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
+_PLAN_MEMORY = 10.0
+"""Time for which the error under a model that is not planned with is remembered [s]."""
 _BRISTLE = law.INDEX["bristle_length"]
 _ROUNDING_ERROR = (2e-4) ** 2
 """Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
@@ -195,17 +199,26 @@ def _set_bristles(cables: stepper.Cables, bristles: float) -> None:
 
 @internal
 def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
-    """Return whether the model with bristles predicts the torque better.
+    """Return whether to plan with the model with bristles.
 
-    The other one must be better by a margin, and by more than noise.
+    It must predict the torque better by a margin, and by more than noise. And the joint
+    must not have lacked more torque under its plans than under those of the other.
     """
-    bristled = memory[BRISTLED] != 0.0
+    before = 1 if memory[BRISTLED] != 0.0 else 0
+    off = memory[FILTERED_TORQUE] - memory[DESIRED_TORQUE]
+    error = memory[PLAN_ERROR + before]
+    memory[PLAN_ERROR + before] += tune[PERIOD] / _MODEL_MEMORY * (off * off - error)
+    memory[PLAN_ERROR + 1 - before] *= 1.0 - tune[PERIOD] / _PLAN_MEMORY
+    favoured = memory[FAVOURED] != 0.0
     own, other = memory[MODEL_ERROR], memory[MODEL_ERROR + 1]
-    if bristled:
+    if favoured:
         own, other = other, own
-    floor = _MODEL_ERROR_FLOOR * tune[NOISE] * tune[NOISE]
-    if other + floor < _MODEL_SWITCH_RATIO * own:
-        bristled = not bristled
+    square = tune[NOISE] * tune[NOISE]
+    if other + _MODEL_ERROR_FLOOR * square < _MODEL_SWITCH_RATIO * own:
+        favoured = not favoured
+    memory[FAVOURED] = 1.0 if favoured else 0.0
+    bearable = max(memory[PLAN_ERROR], square)
+    bristled = favoured and memory[PLAN_ERROR + 1] <= bearable
     memory[BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 

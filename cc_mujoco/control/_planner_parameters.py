@@ -135,6 +135,18 @@ class Tuning:
         unit="rad", bounds=(0.0, 10.0), default=0.0,
         meaning="motion of the joint over which friction may build up; 0 is at once",
     )  # fmt: skip
+    caution: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.0,
+        meaning="share of a crossing that the motor stops short of",
+    )  # fmt: skip
+    slack: float = parameter(
+        unit="N m", bounds=(0.0, 1e6), default=0.0,
+        meaning="slack at the motor of a cable whose drag pulls too much",
+    )  # fmt: skip
+    creep: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.02,
+        meaning="share of it that the motor makes up for in a step",
+    )  # fmt: skip
     safe_torque: float = parameter(
         unit="N m", bounds=(0.0, guard.NO_TORQUE_LIMIT), default=guard.NO_TORQUE_LIMIT,
         low_open=True, meaning="most that the cables may put into the joint",
@@ -182,6 +194,9 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
     LAG,
     RATE,
     BRISTLES,
+    CAUTION_SHARE,
+    SLACK,
+    CREEP,
     SAFE,
     STIFFNESS,
 ) = range(len(TUNING) + 1)

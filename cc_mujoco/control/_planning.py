@@ -13,6 +13,7 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _rollout as rollout
+from cc_mujoco.control._compensation import has_drag
 from cc_mujoco.control._motor_commands import (
     command_for_torque,
     is_within,
@@ -25,6 +26,7 @@ from cc_mujoco.control._planner_memory import (
     ANGLE,
     BELIEVED_DELAY,
     BRISTLED,
+    CAUTION,
     COMMAND,
     DESIRED_TORQUE,
     DIRECTION,
@@ -45,6 +47,8 @@ from cc_mujoco.control._planner_observer import (
     replace_by_mean_torque,
 )
 from cc_mujoco.control._planner_parameters import (
+    CAUTION_SHARE,
+    CREEP,
     DAMPER,
     DAMPING,
     HIGH,
@@ -56,6 +60,7 @@ from cc_mujoco.control._planner_parameters import (
     RATE,
     RATIO,
     SAFE,
+    SLACK,
     SLOW,
     SPAN,
     SPEND,
@@ -133,6 +138,7 @@ def _plan(
     cables: stepper.Cables,
     joint: float,
     sense: float,
+    caution: float,
     gains: FloatArray,
     weight: float,
     tune: FloatArray,
@@ -142,6 +148,7 @@ def _plan(
     """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
 
     Behind them is the first command, where the rate of the command is limited too much.
+    `caution` is by how much the torque is to stay behind, at first [N m].
 
     Returns:
         Mean squared error of the torque over the horizon, half of it on the planned
@@ -150,6 +157,7 @@ def _plan(
     memory, rolled, new = scratch.memory, scratch.rolled, scratch.new
     count, span = scratch.path.size, tune[SPAN]
     steps = span / tune[PERIOD]
+    cautious, kept = caution, (1.0 - tune[CREEP]) ** steps
     rise = tune[STIFFNESS] / tune[RATIO]
     cost = 0.0
     copy_states(scratch.state, rolled)
@@ -158,11 +166,13 @@ def _plan(
     for i in range(count):
         push[i] = gains[i, 0] * angle + gains[i, 1] * velocity
     drags = _has_rate_friction(cables)
+    slack = tune[SLACK] if has_drag(cables.prm[0]) else 0.0
     last = joint
     for i in range(count):
         t = (i + 1) * steps
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
-        desired = memory[DESIRED_TORQUE] + memory[DESIRED_TORQUE + 1] * t
+        cautious *= kept
+        desired = memory[DESIRED_TORQUE] + memory[DESIRED_TORQUE + 1] * t - cautious
         at = rollout.find_motor_angle(
             cables,
             rolled,
@@ -174,6 +184,7 @@ def _plan(
             rise,
             _MAX_KNOT_STEP,
             tune[TOLERANCE],
+            slack,
             span,
             drags,
             scratch.leapt,
@@ -187,14 +198,16 @@ def _plan(
             push[j] += gains[j, 2 + i] * at
         scratch.wanted[i] = at
         scratch.holding[i] = stepper.torque(cables, new, False, at)[0]
-    found = _simulate_plan(cables, joint, cost, tune, push, scratch)
+    found = _simulate_plan(cables, joint, caution, cost, tune, push, scratch)
     push[count] = np.nan
     if tune[RATE] < np.inf:
         load = stepper.torque(cables, scratch.state, False, angle)[0]
         if not is_within(push, load, tune, scratch):
             for _ in range(_LINEARIZATIONS):
                 optimise_commands(push, load, weight, tune, scratch)
-                found = _simulate_plan(cables, joint, cost, tune, push, scratch)
+                found = _simulate_plan(
+                    cables, joint, caution, cost, tune, push, scratch
+                )
     return 0.5 * found / count
 
 
@@ -202,6 +215,7 @@ def _plan(
 def _simulate_plan(
     cables: stepper.Cables,
     joint: float,
+    caution: float,
     cost: float,
     tune: FloatArray,
     push: FloatArray,
@@ -216,6 +230,7 @@ def _simulate_plan(
     steps = span / tune[PERIOD]
     angle, velocity = memory[ANGLE], memory[VELOCITY]
     copy_states(scratch.state, rolled)
+    kept = (1.0 - tune[CREEP]) ** steps
     limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
     for i in range(count):
         push[i] = min(max(push[i], -limit), limit)
@@ -223,7 +238,8 @@ def _simulate_plan(
         velocity += span * push[i]
         t = (i + 1) * steps
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
-        desired = memory[DESIRED_TORQUE] + memory[DESIRED_TORQUE + 1] * t
+        caution *= kept
+        desired = memory[DESIRED_TORQUE] + memory[DESIRED_TORQUE + 1] * t - caution
         stepper.move(cables, rolled, angle, where, span, new, scratch.work)
         copy_states(new, rolled)
         cost += (rollout.joint_torque(cables, new, angle) - desired) ** 2
@@ -278,12 +294,17 @@ def motor_torque(
     before = memory[DIRECTION]
     sense = 1.0 if before == 0.0 else before
     gains, weight, best = tables.gains[delay], tables.weight[delay], room.best
-    cost = _plan(cables, at, sense, gains, weight, tune, best, room)
+    own = device.memory
+    own[CAUTION] *= 1.0 - tune[CREEP]
+    cost = _plan(cables, at, sense, own[CAUTION], gains, weight, tune, best, room)
+    rise = tune[STIFFNESS] / tune[RATIO]
     turning = 0.0 if before == 0.0 else tune[TURNING]
     if cost > turning:
-        other = _plan(cables, at, -sense, gains, weight, tune, room.push, room)
+        other = _plan(cables, at, -sense, 0.0, gains, weight, tune, room.push, room)
+        width = (room.wanted[room.wanted.size - 1] - memory[ANGLE]) * rise
         if other + turning < cost:
             sense, best = -sense, room.push
+            own[CAUTION] = tune[CAUTION_SHARE] * width
     device.memory[DIRECTION] = sense
     angle, velocity = memory[ANGLE], memory[VELOCITY]
     load = stepper.torque(cables, room.state, False, angle)[0]
@@ -293,7 +314,6 @@ def motor_torque(
     load = 0.5 * (load + stepper.torque(cables, room.new, False, angle)[0])
     torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
     torque -= memory[DISTURBANCE]
-    own = device.memory
     torque = command_for_torque(own[MOTOR_TORQUE], torque, tune)
     if not np.isnan(best[best.size - 1]):
         torque = best[best.size - 1]

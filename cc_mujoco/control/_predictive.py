@@ -44,6 +44,12 @@ TORQUE_SIGMAS = 6.0
 bias."""
 FORGETTING_TIME = 0.1
 """Time over which the errors of the observers of the rotor are compared [s]."""
+CREEP_TIME = 0.03
+"""Time constant with which the motor makes up for what a crossing left out [s]."""
+DRAG_SLACK = 2.0
+"""Pull of a cable at the motor that paying out exceeds where drag leaves more at the
+joint than desired, in standard deviations of the torque sensor: slack there costs
+nothing, and a sensor with a bias would leave a pull."""
 ENERGY_MEMORY, ENERGY_SPEND_TIME, SLOW_JOINT_SPEED = 10.0, 0.02, 0.1
 """Time for which energy is remembered, in which it is to be spent [s], and velocity of
 the joint below which that takes longer [rad/s]."""
@@ -69,7 +75,8 @@ class PredictiveCompensation(Controller):
        so that a jump of \(\theta^*\), which is a reversal, is crossed in one smooth
        move that begins before it;
     5. if that leaves an error, the same is planned in the other sense, which is taken
-       if the error gets smaller by more than a threshold;
+       if the error gets smaller by more than a threshold. No model knows the width of
+       a backlash to a percent, so the motor stops short of its end and creeps on;
     6. the motor gets the torque of the first acceleration and of the cables on its way,
        less what the rotor observer finds that the model does not explain.
 
@@ -93,8 +100,9 @@ class PredictiveCompensation(Controller):
 
     With `bristles` a second model, whose friction builds up over a small motion,
     follows the same measurements. Where it predicts the torque of the next step with a
-    quarter of the squared error, 1 to 6 plan with it: with friction at once a plan
-    would cross a backlash that is not there, and swing. The choice between models by
+    quarter of the squared error, and the joint did not lack more torque under its plans
+    than under the other's, 1 to 6 plan with it: with friction at once a plan would
+    cross a backlash that is not there, and swing. The choice between models by
     their errors is that of D. Magill, "Optimal adaptive estimation of sampled
     stochastic processes", IEEE Trans. Automatic Control 10, 1965.
 
@@ -121,7 +129,8 @@ class PredictiveCompensation(Controller):
         damper: float | None = None,
         yielding: float = 2e-3,
         tolerance: float | None = None,
-        bristles: float = 0.0,
+        bristles: float = 0.2,
+        caution: float | None = None,
     ) -> None:
         """Prepare for the first episode.
 
@@ -158,13 +167,15 @@ class PredictiveCompensation(Controller):
                 the joint loosely.
             tolerance: Of the torque that a knot of the plan makes, in standard
                 deviations of the torque sensor. By default 0.5 for a pair of cables
-                and 3 for a single one, which else turns back for less than its motor
+                and 2 for a single one, which else turns back for less than its motor
                 spends on the turn.
             bristles: Motion of the joint over which friction builds up in a second
                 model [rad], with which is planned where it predicts the torque better;
                 0 is no such model. A model that has bristles itself has no second one.
-                On a plant whose friction does not build up, a plan with bristles may
-                never let go of the cable, so give it only where friction does.
+            caution: Share of a crossing that the motor stops short of, and makes up
+                for within 30 ms unless the torque answers before, from 0 to 1: what
+                is crossed too far has to be crossed again. By default 0.12 for a pair
+                of cables and 0 for a single one, whose torque waits meanwhile.
 
         Raises:
             CableError: If cables or inertia are not known, a number is out of range, or
@@ -204,9 +215,12 @@ class PredictiveCompensation(Controller):
             damper = 0.02 if pair else 0.001
         require_number("yielding", yielding, 0.0, 0.1, "s")
         require_number("damper", damper, 0.0, 1.0, "s")
+        if caution is None:
+            caution = 0.12 if pair else 0.0
+        require_number("caution", caution, 0.0, 1.0, "")
         require_number("bristles", bristles, 0.0, 10.0, "rad")
         if tolerance is None:
-            tolerance = 0.5 if pair else 3.0
+            tolerance = 0.5 if pair else 2.0
         require_number("tolerance", tolerance, 0.0, 1e6, "standard deviations")
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
@@ -256,6 +270,9 @@ class PredictiveCompensation(Controller):
             lag=drive.motor_lag,
             rate=drive.torque_rate,
             bristles=bristles if plain else 0.0,
+            caution=caution,
+            slack=DRAG_SLACK * noise,
+            creep=min(period / CREEP_TIME, 1.0),
             safe_torque=min(drive.safe_torque, NO_TORQUE_LIMIT),
         )
         """Numbers of the compiled functions, by name."""

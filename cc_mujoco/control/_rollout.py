@@ -99,18 +99,24 @@ def joint_torque(cables: stepper.Cables, state: FloatArray, motor: float) -> flo
 
 @internal
 def _torque_deficit(
-    cables: stepper.Cables, state: FloatArray, motor: float, torque: float
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    torque: float,
+    slack: float,
 ) -> float:
     """Return the torque that the cables lack and the motor can change [N m].
 
     A single cable whose end at the motor is slack cannot be made to pull less. So where
-    it pulls too much, that end is to be neither slack nor taut.
+    it pulls too much, that end is to be slack by `slack` [N m], and no more.
     """
     lack = torque - joint_torque(cables, state, motor)
     if cables.n.size > 1 or lack * cables.distal[0] <= 0.0:
         return lack
     held = cables.distal[0] * _end_tension(cables, state, False)
-    return float(min(lack, held) if cables.distal[0] > 0.0 else max(lack, held))
+    if cables.distal[0] > 0.0:
+        return float(min(lack, held + slack))
+    return float(max(lack, held - slack))
 
 
 @compiled
@@ -125,6 +131,7 @@ def find_motor_angle(
     rise: float,
     most: float,
     tolerance: float,
+    slack: float,
     dt: float,
     drags: bool,
     leapt: FloatArray,
@@ -150,6 +157,7 @@ def find_motor_angle(
         rise: torque per angle of the motor while all of the cables stretches [N m/rad].
         most: farthest that the motor turns [rad].
         tolerance: of the torque [N m].
+        slack: see `_torque_deficit` [N m].
         dt: time step [s].
         drags: whether friction depends on speed.
         leapt: scratch, as `state`.
@@ -168,7 +176,7 @@ def find_motor_angle(
                 _SLOW_MOVE_TIME, leapt, work,
             )  # fmt: skip
         stepper.move(cables, before, start + way * at, joint, dt, new, work)
-        lack = toward * _torque_deficit(cables, new, start, torque)
+        lack = toward * _torque_deficit(cables, new, start, torque, slack)
         if abs(lack) <= tolerance:
             known = True
             break

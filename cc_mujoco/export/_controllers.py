@@ -64,7 +64,7 @@ class ExportedLaw:
 
 _FIXED_TUNING = frozenset(
     "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
-    "late lag".split()
+    "late lag creep".split()
 )
 _PREVIEW_GAINS = frozenset({"preview", "tolerance"})
 _FEED_FORWARD_GAINS = frozenset({"feed_forward", "stiffness"})

@@ -43,8 +43,8 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
         return max(float(tensions(leapt[0], cable.segments)[-1]), 0.0)
 
     found = -rollout.find_motor_angle(
-        cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, DT,
-        False, leapt, new, work,
+        cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, 0.0,
+        DT, False, leapt, new, work,
     )  # fmt: skip
     assert found >= 0.0
     left = pull(found)

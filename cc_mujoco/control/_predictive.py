@@ -129,7 +129,7 @@ class PredictiveCompensation(Controller):
         damper: float | None = None,
         yielding: float = 2e-3,
         tolerance: float | None = None,
-        bristles: float = 0.2,
+        bristles: float = 0.0,
         caution: float | None = None,
     ) -> None:
         """Prepare for the first episode.
@@ -172,6 +172,8 @@ class PredictiveCompensation(Controller):
             bristles: Motion of the joint over which friction builds up in a second
                 model [rad], with which is planned where it predicts the torque better;
                 0 is no such model. A model that has bristles itself has no second one.
+                Where friction does not build up, a plan with bristles may miss the
+                torque ten times as far, so give it only where friction does.
             caution: Share of a crossing that the motor stops short of, and makes up
                 for within 30 ms unless the torque answers before, from 0 to 1: what
                 is crossed too far has to be crossed again. By default 0.12 for a pair

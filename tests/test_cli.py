@@ -284,7 +284,7 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.metrics import METRICS
     from cc_mujoco.thesis import EXPERIMENTS
 
-    laws = {*CONTROLLERS, *POSITION_CONTROLLERS}
+    laws = {*CONTROLLERS, *POSITION_CONTROLLERS, "decoupled_NAME"}
     played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *laws}
     rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
     assert cli.main(["list"]) == 0

@@ -70,7 +70,10 @@ def test_a_seed_is_the_same_noise_in_any_company() -> None:
 
 
 DRIVE: Any = types.SimpleNamespace(
-    commands_angle=False, period=1e-3, sensors=2 * (Sensors((0, 12, 25), (1.0,) * 3),)
+    commands_angle=False,
+    period=1e-3,
+    sensors=2 * (Sensors((0, 12, 25), (1.0,) * 3),),
+    shared_ratios={},
 )
 CABLES = "flexor", "extensor"
 

@@ -203,6 +203,7 @@ def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(
 
     free = tuple(Tuned(Parameter(n), 0.0, 1.0, -9.0, 9.0) for n in ("a", "b"))
     problem: Any = SimpleNamespace(residual=residual, tuned=free)
+    problem.coarse = problem
     monkeypatch.setattr(fitting, "jacobian", slopes)
     off = []
     for fit in (fitting.fit, fitting.fit_until_settled):

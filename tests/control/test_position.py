@@ -246,7 +246,7 @@ def test_a_suite_of_torques_refuses_a_device_that_follows_an_angle() -> None:
     from cc_mujoco.benchmark._suites import SUITES
 
     assert "endoscope" not in SUITES["generic"].scenes
-    with pytest.raises(CableError, match="commands an angle; `--suite position` plays it"):
+    with pytest.raises(CableError, match="an angle; `--suite position` plays it"):
         SUITES["generic"].conditions("endoscope")
 
 

@@ -211,3 +211,42 @@ def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(
         off.append(abs(x[0] - 4.0) * 0.5)
     assert off[0] > 0.5
     assert off[1] < 0.1
+
+
+def test_a_fit_of_coarse_simulations_ends_where_that_of_fine_ones_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where a coarse fit alone would end is tenths away."""
+    time = np.linspace(0.0, 2.0, 50)
+    measured = 1.3 * np.exp(-0.7 * time) + 0.05 * np.sin(9.0 * time)
+
+    def decay(rate: float, steps: int) -> FloatArray:
+        """Return exp(-rate time) by implicit Euler steps."""
+        return np.asarray((1.0 + rate * time / steps) ** -steps)
+
+    def problem_of(steps: int, defect: FloatArray) -> Any:
+        def residual(x: FloatArray, _masks: object = None) -> FloatArray:
+            return np.asarray(x[0] * decay(x[1], steps) + defect - measured)
+
+        made: Any = SimpleNamespace(residual=residual, tuned=free)
+        made.coarse = made
+        return made
+
+    def slopes(problem: Any, x: FloatArray, _masks: object = None) -> FloatArray:
+        ahead = [problem.residual(x + 1e-6 * way) for way in np.eye(2)]
+        return np.transpose(ahead - problem.residual(x)) / 1e-6
+
+    free = tuple(Tuned(Parameter(n), 0.0, 1.0, -9.0, 9.0) for n in ("a", "b"))
+    monkeypatch.setattr(fitting, "jacobian", slopes)
+    fine, coarse = problem_of(64, 0.0 * time), problem_of(1, 0.0 * time)
+    start, masks = np.array([1.0, 0.3]), [np.ones(50, bool)]
+    expected = fitting.fit(fine, start, masks).x
+    assert np.max(np.abs(fitting.fit(coarse, start, masks).x - expected)) > 0.1
+
+    def corrected(x: FloatArray, _seen: object) -> Any:
+        return problem_of(1, x[0] * (decay(x[1], 64) - decay(x[1], 1)))
+
+    fine.coarse, fine.corrected = coarse, corrected
+    found = fitting.fit_until_settled(fine, start, masks)
+    assert found.x == pytest.approx(expected, abs=5e-3)
+    assert found.cost == pytest.approx(0.5 * np.sum(fine.residual(found.x) ** 2))

@@ -77,8 +77,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     `phase`, `ground_n`, `tension_motor_n`, `tension_heel_n`, `assistance_nm`
     (plantarflexion is negative); by leg and joint `joint_angle_rad`,
     `joint_velocity_rad_s`, `person_torque_nm`; `strides`, the number of complete ones,
-    whose measures are in
-    `strides` of the unwrapped environment, see `Stride`.
+    whose measures are in `strides` of the unwrapped environment, see `Stride`. The
+    first is complete after about 2.4 s.
 
     ## Start and end
 
@@ -189,7 +189,12 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         Args:
             seed: of the part of the step in which the person starts.
             options: none.
+
+        Raises:
+            CableError: If there are options.
         """
+        if options:
+            raise CableError(f"a walking person takes no options, not {options!r}.")
         super().reset(seed=seed)
         self._begin(float(self.np_random.uniform(0.1, 0.4)))
         return self._observation(), self._info(0.0, 0.0, 0.0)

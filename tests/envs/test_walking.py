@@ -105,6 +105,8 @@ def test_the_environment_is_registered_and_repeats_itself() -> None:
         assert [step[3] for step in steps] == [False] * 9 + [True]
     np.testing.assert_array_equal(*found)
     assert env.observation_space.contains(found[0][-1])
+    with pytest.raises(CableError, match="takes no options"):
+        env.reset(options={"friction": 0.1})
 
 
 def test_a_policy_survives_its_file(tmp_path) -> None:

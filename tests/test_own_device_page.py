@@ -165,8 +165,17 @@ CHECKS: dict[str, Callable[[Path, str], None]] = {
 }
 
 
+LONG = ("Compare and design",)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("section", CHECKS)
+@pytest.mark.parametrize(
+    "section",
+    [
+        pytest.param(name, marks=pytest.mark.study if name in LONG else ())
+        for name in CHECKS
+    ],
+)
 def test_commands_of_the_page_do_what_it_says(
     section: str,
     folder: Path,

@@ -180,7 +180,11 @@ def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
 
 
 @pytest.mark.parametrize(
-    ("term", "size"), [("viscous_friction", 10.0), ("grease_drag", 3.0)]
+    ("term", "size"),
+    [
+        ("viscous_friction", 10.0),
+        pytest.param("grease_drag", 3.0, marks=pytest.mark.study),
+    ],
 )
 def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     """A plan that leaps within a knot felt the drag of the leap, and shied from it."""

@@ -319,6 +319,7 @@ def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:
     assert "no Dask scheduler but a Worker" in refusal(address)
 
 
+@pytest.mark.study
 def test_a_scheduler_that_dies_is_one_sentence_and_a_new_one_goes_on(
     tmp_path: Path,
 ) -> None:
@@ -350,6 +351,7 @@ def test_a_scheduler_that_dies_is_one_sentence_and_a_new_one_goes_on(
     assert table.equals(carry_out(plan))
 
 
+@pytest.mark.study
 def test_a_worker_that_lags_behind_is_waited_for_and_the_others_go_on(
     tmp_path: Path, cluster: Cluster
 ) -> None:

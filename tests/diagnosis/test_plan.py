@@ -221,6 +221,7 @@ def test_no_torque_at_all_is_no_plan(tmp_path: Path) -> None:
         plan(scene_path("bench"), tmp_path / "out", dataset_toml=file)
 
 
+@pytest.mark.study
 def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> None:
     bench = Bench.of(scene_path("finger"))
     found = plan(bench.path, tmp_path / "out", ids=IDS[:2])

@@ -109,7 +109,7 @@ def test_controllers_of_two_axes_run_in_one_program(tmp_path: Path) -> None:
     "name",
     [
         "knee_exo",
-        "elbow",
+        pytest.param("elbow", marks=pytest.mark.study),
         pytest.param("knee4", marks=pytest.mark.study),
         pytest.param("knee_mid", marks=pytest.mark.study),
     ],

@@ -34,7 +34,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
 WORDS = [sys.executable, "-m", "cc_mujoco.cli"]
 
 
-@pytest.fixture(params=[UdpEnd, MulticastEnd])
+@pytest.fixture(params=[UdpEnd, pytest.param(MulticastEnd, marks=pytest.mark.study)])
 def end(request: pytest.FixtureRequest) -> Iterable[End]:
     """Yield the rig's end of a link to the process of a host."""
     made: End = request.param()

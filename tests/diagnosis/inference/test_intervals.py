@@ -216,7 +216,7 @@ def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(
 def test_a_fit_of_coarse_simulations_ends_where_that_of_fine_ones_does(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where a coarse fit alone would end is tenths away."""
+    """A coarse fit alone ends tenths away."""
     time = np.linspace(0.0, 2.0, 50)
     measured = 1.3 * np.exp(-0.7 * time) + 0.05 * np.sin(9.0 * time)
 

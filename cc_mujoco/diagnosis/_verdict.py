@@ -267,6 +267,7 @@ class RunnerUp:
     Attributes:
         id: of the library.
         reduction: of the held-out error, sum of squares relative to before.
+        z: of the comparison with the model before.
         accepted: whether it would have been named by itself.
         reason: why not, or empty.
         parameters: fitted values by name.
@@ -274,6 +275,7 @@ class RunnerUp:
 
     id: str
     reduction: float
+    z: float
     accepted: bool
     reason: str
     parameters: Mapping[str, float]

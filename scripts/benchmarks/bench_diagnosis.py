@@ -175,7 +175,8 @@ def run(case: str, data: Path, into: Path) -> None:
             for name, value in (group.parameters.items() if group else ())
         },
         "candidates": [
-            [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
+            [[c.id, c.reduction, c.z, c.reason] for c in step]
+            for step in found.runner_ups
         ],
     }
     (into / case / "note.json").write_text(json.dumps(note, indent=1), encoding="utf-8")

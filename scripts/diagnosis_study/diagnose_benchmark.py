@@ -127,7 +127,8 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             if name in truth
         },
         "candidates": [
-            [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
+            [[c.id, c.reduction, c.z, c.reason] for c in step]
+            for step in found.runner_ups
         ],
         "seconds": seconds,
     }

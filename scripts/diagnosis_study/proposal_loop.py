@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from diagnose_table import exact, judged
+from diagnose_table import exact, is_right, judged
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -58,7 +58,7 @@ CELLS = {
 RIGS = "rigs.csv"
 COLUMNS = (
     "make", "protocol", "hidden", "strength", "seed", "amounts", "verdicts", "named",
-    "ties", "proposed", "end", "first", "last", "alone", "seconds",
+    "ties", "proposed", "end", "first", "last", "alone", "odds", "correct", "seconds",
 )  # fmt: skip
 """Columns of a row; lists are separated by "; ", one entry for each diagnosis."""
 
@@ -200,6 +200,12 @@ def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> dict[str, A
         "first": words[0],
         "last": words[-1],
         "alone": int(is_alone(case, found[-1].verdict, named[-1], words[-1])),
+        "odds": "; ".join(
+            f"{each.belief.probability:.4f}" if each.belief else "" for each in found
+        ),
+        "correct": "; ".join(
+            str(int(is_correct(case.kind, case.effects, each))) for each in found
+        ),
         "seconds": f"{time.process_time() - begin:.0f}",
     }
 
@@ -221,6 +227,15 @@ def is_alone(case: Case, verdict: str, named: Sequence[str], word: str) -> bool:
     if case.kind in ("none", "unknown"):
         return word == "right"
     return word == "right" and set(named) == set(case.effects)
+
+
+def is_correct(kind: str, hidden: Sequence[str], found: Diagnosis) -> bool:
+    """Return whether a diagnosis is right as a whole, as its odds mean it."""
+    record = {
+        "kind": kind, "hidden": hidden, "verdict": found.verdict,
+        "named": [each.id for each in found.missing], "ties": found.ties,
+    }  # fmt: skip
+    return is_right(record)
 
 
 def cases(

@@ -1,18 +1,10 @@
 r"""Odds that a verdict is right: comparisons of models, scaled by rates on study rigs.
 
-Two models are compared by the difference D of their held-out squared errors. Its
-standard deviation has two parts: s by noise, from blocks of a second, and a model
-discrepancy f, which all seconds share and no noise shows:
-
-    z = D / sqrt(s^2 + f^2),    f = min(c E, L)
-
-E is the error before the round, L what the better model leaves of it, and c half of the
-acceptance threshold, which keeps effect-free rigs `none`: a right effect leaves as much
-on rigs of other forms. Effects whose forms meet have f = m E. The odds of the better
-model are Phi(z) to Phi(-z); an effect at the threshold of acceptance has z = 2. The
-odds of a verdict follow from those against each alternative and from how often such
-verdicts are right on sealed rigs (`RELIABILITY`, `validation.md`), which counts what no
-comparison shows: effects that the library does not have.
+Each comparison of two models has odds Phi(z) to Phi(-z), see `acceptance`; effects
+whose forms meet have the discrepancy f = m E. The odds of a verdict follow from those
+against each alternative and from how often such verdicts are right on sealed rigs
+(`RELIABILITY`, `validation.md`), which counts what no comparison shows: effects that
+the library does not have.
 
     belief = belief_in_verdict(found, "named", missing, ties)
     belief.probability, belief.statement
@@ -20,19 +12,11 @@ comparison shows: effects that the library does not have.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
-import numpy as np
-
-from cc_mujoco._utils.compilation import FloatArray
-from cc_mujoco.diagnosis._inference.acceptance import FORM_ERROR_SHARE, Round
-from cc_mujoco.diagnosis._inference.folds import (
-    CrossValidation,
-    block_sum_deviation,
-    blocks,
-)
+from cc_mujoco.diagnosis._inference.acceptance import Round, comparison_z
+from cc_mujoco.diagnosis._inference.folds import CrossValidation, blocks
 from cc_mujoco.diagnosis._inference.plausibility import IMPLAUSIBLE_PREFIX
 from cc_mujoco.diagnosis._inference.search import Search
 from cc_mujoco.diagnosis._phrases import format_odds
@@ -54,30 +38,9 @@ RELIABILITY: Mapping[Verdict, float] = {
 `scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. No other set has
 checked it.
 """
-_MAX_Z = 6.0
-"""Largest z that odds are given for."""
 _MIN_SHOWN = 0.02
 """Least probability of an alternative that is listed."""
 _MAX_SHOWN = 3
-
-
-def comparison_z(
-    better: FloatArray, worse: FloatArray, before: float, share: float | None = None
-) -> float:
-    """Return z of the difference of two models, by squared errors in blocks (blocks,).
-
-    Args:
-        better: of the model with the smaller sum.
-        worse: of the other.
-        before: squared error of the model without either.
-        share: discrepancy over `before`; default c, at most what the better one leaves.
-    """
-    difference = worse - better
-    noise = block_sum_deviation(difference)
-    left = float(np.sum(better))
-    form = min(FORM_ERROR_SHARE * before, left) if share is None else share * before
-    z = float(np.sum(difference)) / max(math.hypot(noise, form), 1e-300)
-    return min(max(z, -_MAX_Z), _MAX_Z)
 
 
 def probabilities(z: Mapping[str, float]) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cc_mujoco.diagnosis._inference.acceptance import Thresholds
+from cc_mujoco.diagnosis._inference.acceptance import FORM_ERROR_SHARE
 from cc_mujoco.diagnosis._inference.folds import CrossValidation, Fold, cross_validate
 
 
@@ -35,7 +35,6 @@ def gap_shares(
 def eliminate(
     now: CrossValidation,
     division: Sequence[Fold],
-    thresholds: Thresholds,
     known: list[CrossValidation],
 ) -> CrossValidation:
     """Remove the effects that later ones have made redundant.
@@ -45,7 +44,7 @@ def eliminate(
     while True:
         slim = _reduced_models(now, division, known)
         known += slim.values()
-        useless = (1.0 + 0.5 * thresholds.reduction) * now.held_out_mse
+        useless = (1.0 + FORM_ERROR_SHARE) * now.held_out_mse
         idle = [
             name
             for name in now.problem.effects[:-1]

@@ -458,6 +458,7 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
         RunnerUp(
             c.id,
             c.reduction,
+            c.z,
             not c.reason,
             c.reason,
             {

@@ -16,6 +16,7 @@ from cc_mujoco.diagnosis._inference.acceptance import (
     Round,
     Thresholds,
     are_confusable,
+    comparison_z,
     decide,
     rejection_reason,
 )
@@ -24,7 +25,6 @@ from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.folds import (
     CrossValidation,
     Fold,
-    block_sum_deviation,
     blocks,
     cross_validate,
 )
@@ -101,7 +101,7 @@ class _Course(NamedTuple):
         now, known, interrupted = self.after, self.known, self.interrupted
         if not interrupted:
             try:
-                now = eliminate(now, division, thresholds, known)
+                now = eliminate(now, division, known)
             except KeyboardInterrupt:
                 interrupted = True
                 _forget_derivatives(known)
@@ -154,7 +154,7 @@ def names_found(
     course = _add_effects(baseline, division, ids, thresholds, no_progress, whole=whole)
     if course.interrupted:
         raise KeyboardInterrupt
-    now = eliminate(course.after, division, thresholds, course.known)
+    now = eliminate(course.after, division, course.known)
     tied = {step.added: set(step.rivals) for step in _split_rivals(course.rounds)}
     return [{name, *tied.get(name, ())} for name in now.problem.effects]
 
@@ -483,9 +483,8 @@ def _refit(
     except CableError as error:
         return Candidate(name, now, 0.0, 0.0, str(error))
     old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
-    gain = old - better
-    reduction = float(gain.sum() / old.sum())
-    scatter = block_sum_deviation(gain) / float(old.sum())
-    certainty = reduction / max(scatter, 1e-12)
-    reason = rejection_reason(crossed, name, reduction, certainty, thresholds)
-    return Candidate(name, crossed, reduction, certainty, reason)
+    whole = float(old.sum())
+    reduction = 1.0 - float(better.sum()) / whole
+    z = comparison_z(better, old, whole)
+    reason = rejection_reason(crossed, name, reduction, z, thresholds)
+    return Candidate(name, crossed, reduction, z, reason)

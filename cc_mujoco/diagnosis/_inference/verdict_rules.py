@@ -203,7 +203,7 @@ def _no_effect_verdict(
     usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
     if misfit <= limits.misfit:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if excess(model) < limits.certainty:
+    if excess(model) < limits.z:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capitalise(usual)}, but here a few moments make that error, which is "

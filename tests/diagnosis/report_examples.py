@@ -85,15 +85,16 @@ _RUNNERS = (
         RunnerUp(
             "viscous_friction",
             0.81,
+            5.2,
             True,
             "second best: 0.81 of the error goes, the best takes 0.93",
             {"viscous_friction": 0.021},
         ),
-        RunnerUp("stribeck_friction", 0.93, True, "", {"static_excess": 0.31}),
-        RunnerUp("backlash", 0.02, False, "gap < noise", {"play": 1.2e-6}),
-        RunnerUp("joint_inertia", -0.05, False, "worse on held-out data", {}),
+        RunnerUp("stribeck_friction", 0.93, 6.0, True, "", {"static_excess": 0.31}),
+        RunnerUp("backlash", 0.02, 0.4, False, "gap < noise", {"play": 1.2e-6}),
+        RunnerUp("joint_inertia", -0.05, -0.9, False, "worse on held-out data", {}),
     ),
-    (RunnerUp("presliding", 0.11, False, "below the threshold of 0.15", {}),),
+    (RunnerUp("presliding", 0.11, 1.6, False, "below the threshold of 0.15", {}),),
 )
 _UNTESTED = (
     NotTestable("friction_drift", "the trials last 20 s together"),

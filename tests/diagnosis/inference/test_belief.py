@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
-from cc_mujoco.diagnosis._inference.acceptance import FORM_ERROR_SHARE
+from cc_mujoco.diagnosis._inference.acceptance import (
+    FORM_ERROR_SHARE,
+    Thresholds,
+    comparison_z,
+)
 from cc_mujoco.diagnosis._inference.belief import (
     MEETING_FORM_SHARE,
     RELIABILITY,
-    comparison_z,
     probabilities,
 )
 from cc_mujoco.diagnosis._phrases import format_odds
@@ -32,7 +35,8 @@ def errors(size: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 def test_without_noise_the_acceptance_threshold_is_two_deviations() -> None:
     start = np.full(BLOCKS, 2.0)
     z = comparison_z(0.9 * start, start, float(start.sum()))
-    assert math.isclose(z, 0.1 / FORM_ERROR_SHARE)
+    assert math.isclose(z, Thresholds().z)
+    assert math.isclose(Thresholds().reduction, 0.1)
 
 
 def test_noise_and_discrepancy_add_as_squares() -> None:

@@ -97,7 +97,7 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
 def tables(results: Results) -> str:
     """Return the Markdown of a benchmark: overview and references."""
     references = reference_definitions(REFERENCES)
-    parts = [OVERVIEW_HEADING, overview_table(results), "\n".join(references)]
+    parts = [OVERVIEW_HEADING, table(*overview_table(results)), "\n".join(references)]
     return "\n\n".join(parts)
 
 
@@ -108,6 +108,14 @@ def cells(table: str) -> list[list[str]]:
         for line in table.splitlines()
         if not line.startswith("|---")
     ]
+
+
+def plain(
+    table: tuple[Sequence[str], Sequence[Sequence[str]]],
+) -> list[list[str]]:
+    """Return head and rows of a table, without code and emphasis marks."""
+    head, rows = table
+    return [[re.sub(r"[`*]", "", entry) for entry in row] for row in (head, *rows)]
 
 
 def package_tables() -> dict[str, list[list[str]]]:
@@ -132,19 +140,19 @@ def write_results(results: Results) -> None:
     scores = [["scene", "controller", "score", "mean"]]
     ranks = [["scene", "rank", "controller", "error", "less_pi", "better_than"]]
     times = [["scene", "controller", "median_us", "worst_us"]]
-    head, *measured = cells(times_table(results))
+    head, *measured = plain(times_table(results))
     for place, scene in enumerate(rms_errors(results), 1):
         times += [
             [scene, row[0], *re.findall(r"[\d.]+", row[place])] for row in measured
         ]
-        _, *ranked = cells(ranks_table(rms_errors(results)[scene], DEFAULT_BASELINE))
-        ranks += [[scene, *(cell.replace("`", "") for cell in row)] for row in ranked]
-        head, *rows = cells(conditions_table(results, scene))
+        _, *ranked = plain(ranks_table(rms_errors(results)[scene], DEFAULT_BASELINE))
+        ranks += [[scene, *row] for row in ranked]
+        head, *rows = plain(conditions_table(results, scene))
         if not conditions:
             conditions.append(["scene", "condition", "none_nm", *head[2:]])
         for name, unit, *errors in rows:
             conditions.append([scene, name, unit.removesuffix(" N m"), *errors])
-        head, *rows = cells(scores_table(results, scene))
+        head, *rows = plain(scores_table(results, scene))
         for name, *means in rows:
             scores += [
                 [scene, name, score, mean]

@@ -509,7 +509,7 @@ RUNS = {
     "benchmark": (
         "benchmark --scene wrist --controllers feedback --conditions ordinary-rough "
         "--seeds 1 --duration 1.2 --workers 1".split(),
-        ("table.md", "results.parquet", "wrist-pareto.png"),
+        ("table.md", "report.html", "results.parquet", "wrist-pareto.png"),
     ),
     "reproduce": (["reproduce", "noise"], ("summary.md", "noise/result.json")),
     "whatif": (

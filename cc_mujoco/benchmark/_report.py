@@ -1,28 +1,31 @@
-"""Tables of the benchmark: ranks, errors by condition, all scores, what was drawn."""
+"""Results of the benchmark in Markdown: the best in a sentence, then all tables."""
 
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Container, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import plant_key
-from cc_mujoco.benchmark._ranking import (
-    Place,
-    bootstrap_means,
-    compare_resamples,
-    normalise_errors,
-    rank_controllers,
-)
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
+from cc_mujoco.benchmark._tables import (
+    conditions_table,
+    controller_label,
+    overview_table,
+    plants_table,
+    rank_entries,
+    ranks_table,
+    scores_table,
+    times_table,
+)
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
+from cc_mujoco.report._html import list_words
 from cc_mujoco.report._markdown import table
 
 Array = NDArray[np.float64]
@@ -31,49 +34,24 @@ DEFAULT_BASELINE = "pi"
 """The controller that others are compared with unless another is named."""
 MAX_DEVICES = 5
 """Devices in the sentence at the top."""
+MAX_EQUALS = 3
+"""Controllers that it names of a device besides the best one."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval; and failed episodes:"
 )
 """Heading of `overview_table`."""
-
-
-class Interval(NamedTuple):
-    """Mean and half the width of its confidence interval; NaN where there is none."""
-
-    mean: float
-    half: float
-    known: int = 0
-    """Values that it is of."""
-    all: int = 0
-    """All values, those that are not numbers too."""
-
-    def __str__(self) -> str:
-        """Return mean and half width to significant digits; values, if some lack."""
-        if math.isnan(self.mean):
-            return "-"
-        if math.isnan(self.half) or self.half < 1e-9:
-            text = f"{self.mean:.3g}"
-        else:
-            digits = max(0, 1 - math.floor(math.log10(self.half)))
-            text = f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
-        return f"{text} ({self.known} of {self.all})" if self.known < self.all else text
-
-
-def format_mean_interval(values: Array) -> Interval:
-    """Return the mean with its 95 % interval (Student), without NaN."""
-    from scipy.stats import t as student
-
-    count, values = values.size, values[np.isfinite(values)]
-    if values.size == 0:
-        return Interval(math.nan, math.nan, 0, count)
-    mean = float(np.mean(values))
-    if values.size == 1:
-        return Interval(mean, math.nan, 1, count)
-    spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
-    return Interval(
-        mean, float(student.ppf(0.975, values.size - 1)) * spread, values.size, count
-    )
+RANKS_HEADING = (
+    "Ranks; a controller is better than another where the interval of their "
+    "difference leaves out 0, for all pairs at once:"
+)
+CONDITIONS_HEADING = "Normalised error by condition, mean over seeds:"
+SCORES_HEADING = "All scores, mean over conditions and seeds:"
+PLANTS_HEADING = (
+    "Plants sampled in the ordinary condition, in brackets the values that "
+    "controllers assume:"
+)
+TIMES_TITLE = "Computing time of a step of one device"
 
 
 def all_tables(
@@ -94,70 +72,83 @@ def all_tables(
         "# Benchmark of controllers",
         summary(results, baseline),
         _picture(first, "pareto"),
+        *left_out_sentences(left_out),
     ]
-    parts += [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
             *([] if scene == first else [_picture(scene, "pareto")]),
-            "Ranks; a controller is better than another where the interval of their "
-            "difference leaves out 0, for all pairs at once:",
-            ranks_table(own, baseline),
+            RANKS_HEADING,
+            table(*ranks_table(own, baseline)),
             _fold(
                 "Conditions, scores and plants",
-                "Normalised error by condition, mean over seeds:",
+                CONDITIONS_HEADING,
                 _picture(scene, "robustness"),
-                conditions_table(results, scene),
-                "All scores, mean over conditions and seeds:",
+                table(*conditions_table(results, scene)),
+                SCORES_HEADING,
                 _picture(scene, "cycle"),
-                scores_table(results, scene),
-                "Plants sampled in the ordinary condition, in brackets the values that "
-                "controllers assume:",
-                plants_table(results, scene),
+                table(*scores_table(results, scene)),
+                PLANTS_HEADING,
+                table(*plants_table(results, scene)),
             ),
         ]
-    times = times_table(results)
-    if times:
-        parts += ["## Computing time of a step of one device", times]
+    head, rows = times_table(results)
+    if rows:
+        parts += [f"## {TIMES_TITLE}", table(head, rows)]
     parts += ["## Definitions", _fold("References and scores", definitions(results))]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(parts) + "\n"
 
 
 def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return what console and page begin with: the best, and all controllers."""
+    """Return what console and tables begin with: the best, and all controllers."""
     parts = [
         best_sentence(results, baseline),
+        f"Next: `{next_command(results)}`",
         OVERVIEW_HEADING,
-        overview_table(results),
+        table(*overview_table(results)),
+        *divergence_sentences(results),
+        *unknown_limits(results),
     ]
-    parts += [*divergence_sentences(results), *unknown_limits(results)]
     return "\n\n".join(parts)
 
 
 def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return the best controllers of the first devices, and the next command."""
-    sentences, played = [], ""
-    for scene, own in rms_errors(results).items():
-        places = rank_controllers(normalise_errors(own, SCALE_CONTROLLER), _plants(own))
-        known = {p.name: p.score for p in places if p.name not in REFERENCES}
-        best = min(known, key=lambda name: known[name])
-        compared = baseline in known and baseline != best
-        than = f" (`{baseline}`: {known[baseline]:.3g})" if compared else ""
-        sentences.append(f"`{best}` at {scene}, {known[best]:.3g}{than}")
-        played = played or f"cc-mujoco play {scene} --controller {best}"
-    first = "; ".join(sentences[:MAX_DEVICES])
-    return f"Least error (`none` is 1): {first}.\n\nNext: `{played}`"
+    """Name the best controllers of the first devices, and the number of seeds."""
+    parts = [
+        _best_at(scene, own, baseline) for scene, own in rms_errors(results).items()
+    ]
+    more = [f"{len(parts) - MAX_DEVICES} more devices"] if parts[MAX_DEVICES:] else []
+    seeds = len(results[0][0].seeds)
+    scale = f"{SCALE_CONTROLLER}` is 1; {seeds} seed{'s' if seeds > 1 else ''}"
+    return f"{'; '.join([*parts[:MAX_DEVICES], *more])} (error of `{scale})."
 
 
-def _failures(results: Results, scene: str, law: str) -> Array:
-    """Return whether the episodes of a controller on a device failed."""
-    return np.concatenate(
-        [
-            played.scores["failed"]
-            for cell, played in results
-            if (cell.condition.label, cell.controller) == (scene, law)
-        ]
-    )
+def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:
+    """Name the best controller of a device, and those that may be as good."""
+    best, *others = rank_entries(rms)
+    known = {place.name: f"{place.score:.3g}" for place in others}
+    equal = [f"`{n}` ({known[n]})" for n in known if n not in best.better_than]
+    text = f"`{best.name}` has the least error at {scene}, {best.score:.3g}"
+    if others and not equal:
+        text = f"`{best.name}` wins at {scene} with an error of {best.score:.3g}"
+    elif equal and not math.isnan(best.low):
+        if len(equal) > MAX_EQUALS:
+            equal = [f"{len(equal)} others"]
+        return f"{text}, not significantly below {list_words(equal, 'or')}"
+    return f"{text} (`{baseline}`: {known[baseline]})" if baseline in known else text
+
+
+def next_command(results: Results) -> str:
+    """Return the command that plays the best controller on the first device."""
+    scene, own = next(iter(rms_errors(results).items()))
+    played = next(c.condition for c, _ in results if c.condition.label == scene)
+    best = rank_entries(own)[0].name
+    return shlex.join(["cc-mujoco", "play", played.scene, "--controller", best])
+
+
+def left_out_sentences(left_out: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each device that a suite has no more."""
+    return [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
 
 
 def _picture(scene: str, stem: str) -> str:
@@ -178,7 +169,7 @@ def divergence_sentences(results: Results) -> list[str]:
         lost.setdefault(cell.controller, []).append(values)
     episodes = {law: np.concatenate(values) for law, values in lost.items()}
     return [
-        f"{_controller_label(law)} diverged, or gave a torque that is no number, in "
+        f"{controller_label(law)} diverged, or gave a torque that is no number, in "
         f"{int(values.sum())} of {values.size} episodes."
         for law, values in episodes.items()
         if values.any()
@@ -220,172 +211,11 @@ def definitions(results: Results) -> str:
     return "\n".join(lines)
 
 
-def overview_table(results: Results) -> str:
-    """Return the normalised error and failures of every controller and device."""
-    errors = rms_errors(results)
-    laws = dict.fromkeys(cell.controller for cell, _ in results)
-    head, rows = ["controller"], {law: [_controller_label(law)] for law in laws}
-    for scene, own in errors.items():
-        head += [scene, f"{scene}, failed"]
-        places = {
-            p.name: p
-            for p in rank_controllers(
-                normalise_errors(own, SCALE_CONTROLLER), _plants(own)
-            )
-        }
-        for law, row in rows.items():
-            if law not in own:
-                row += ["-", "-"]
-                continue
-            failed = _failures(results, scene, law)
-            row += [_score_with_interval(places[law]), f"{np.mean(failed):.0%}"]
-    return table(head, rows.values())
-
-
-def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:
-    """Return the controllers without the references, the best first."""
-    errors = normalise_errors(rms, SCALE_CONTROLLER)
-    errors = {n: e for n, e in errors.items() if n not in REFERENCES}
-    plants = _plants(rms)
-    draws, places = bootstrap_means(errors, plants), rank_controllers(errors, plants)
-    compared = baseline in errors
-    head = ["rank", "controller", "error"]
-    head += [f"less `{baseline}`"] if compared else []
-    rows = []
-    for place in places:
-        rank = str(place.first)
-        if place.last > place.first:
-            rank += f" to {place.last}"
-        row = [rank, _controller_label(place.name), _score_with_interval(place)]
-        if compared and place.name != baseline:
-            mean = place.score - float(np.mean(errors[baseline]))
-            row.append(str(compare_resamples(draws[place.name], draws[baseline], mean)))
-        elif compared:
-            row.append("-")
-        better = [_controller_label(n) for n in errors if n in place.better_than]
-        rows.append([*row, ", ".join(better) or "-"])
-    return table([*head, "better than"], rows)
-
-
-def conditions_table(results: Results, scene: str) -> str:
-    """Return the normalised errors, a row per condition, with the error that is 1."""
-    rms = rms_errors(results)[scene]
-    errors = normalise_errors(rms, SCALE_CONTROLLER)
-    laws = [law for law in errors if law != SCALE_CONTROLLER]
-    score = next(
-        ranked_score(r.scores) for c, r in results if c.condition.label == scene
-    )
-    measure = next(one.unit for one in EVERY_SCORE if one.name == score)
-    rows = []
-    for place, (condition, unit) in enumerate(rms[SCALE_CONTROLLER].items()):
-        means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
-        units = ", ".join(f"{own:.3g}" for own in np.nanmean(unit, axis=0))
-        rows.append([condition, f"{units} {measure}", *means])
-    return table(
-        ["condition", f"`{SCALE_CONTROLLER}`", *map(_controller_label, laws)], rows
-    )
-
-
-def scores_table(results: Results, scene: str) -> str:
-    """Return every score, a row per controller."""
-    found: dict[str, dict[str, list[Array]]] = {}
-    for cell, played in results:
-        if cell.condition.label == scene:
-            own = found.setdefault(cell.controller, {})
-            for name, values in played.scores.items():
-                own.setdefault(name, []).append(values)
-    telling = {
-        score.name
-        for score in EVERY_SCORE
-        if any(np.isfinite(own.get(score.name, [])).any() for own in found.values())
-    }
-    shown = [score for score in EVERY_SCORE if score.name in telling]
-    rows = []
-    for law, own in found.items():
-        cells = []
-        for score in shown:
-            values = np.concatenate(own[score.name])
-            known = values[np.isfinite(values)]
-            form = ".1%" if score.unit == "1" else ".3g"
-            cells.append(f"{np.mean(known):{form}}" if known.size else "-")
-        rows.append([_controller_label(law), *cells])
-    heads = [
-        score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
-        for score in shown
-    ]
-    return table(["controller", *heads], rows)
-
-
-def plants_table(results: Results, scene: str) -> str:
-    """Return the plants of the ordinary condition, or of the first, a row per seed."""
-    of_scene = [(c, r) for c, r in results if c.condition.label == scene]
-    chosen = [(c, r) for c, r in of_scene if c.condition.usual] or of_scene
-    cell, played = next((c, r) for c, r in chosen if c.controller == SCALE_CONTROLLER)
-    drawn = played.plants
-    heads = ["seed", "friction", "EA [kN]", "pretension [N]", "wrap [rad]"]
-    heads += ["wearer [N m/rad]", "delay [steps]", "bias of torque [N m]"]
-    rows = []
-    for row, seed in enumerate(cell.seeds):
-
-        def both(name: str, scale: float = 1.0, row: int = row) -> str:
-            pairs = zip(
-                drawn[f"plant_{name}"][row], drawn[f"believed_{name}"][row], strict=True
-            )
-            return ", ".join(f"{scale * p:.3g} ({scale * b:.3g})" for p, b in pairs)
-
-        rows.append(
-            [
-                str(seed),
-                both("friction"),
-                both("axial_stiffness", 1e-3),
-                both("pretension"),
-                ", ".join(f"{wrap:.3g}" for wrap in drawn["plant_wrap"][row]),
-                ", ".join(f"{own:.3g}" for own in drawn["plant_wearer"][row]) or "-",
-                str(drawn["plant_delay"][row]),
-                ", ".join(f"{own:.2g}" for own in drawn["plant_bias"][row]),
-            ]
-        )
-    return table(heads, rows)
-
-
-def times_table(results: Results) -> str:
-    """Return the median and worst time of a step, measured during the runs."""
-    scenes: dict[str, dict[str, str]] = {}
-    for cell, played in results:
-        median = played.plants.get("step_median_s", [None])[0]
-        worst = played.plants.get("step_worst_s", [None])[0]
-        if median is not None and worst is not None:
-            times = f"{1e6 * median:.0f} µs, {1e6 * worst:.0f} µs"
-            scenes.setdefault(cell.condition.label, {})[cell.controller] = times
-    laws = dict.fromkeys(law for own in scenes.values() for law in own)
-    rows = [
-        [_controller_label(law), *(own.get(law, "-") for own in scenes.values())]
-        for law in laws
-    ]
-    heads = [f"{scene}: median, worst" for scene in scenes]
-    return table(["controller", *heads], rows) if rows else ""
-
-
 def comparison(errors: Errors, differing: list[str]) -> str:
     """Return the ranks of two files of results together, device by device."""
     parts = ["# Two results compared"]
     if differing:
         parts.append(f"What made them differs in {', '.join(differing)}.")
     for scene, own in errors.items():
-        parts += [f"## {scene}", ranks_table(own, SCALE_CONTROLLER)]
+        parts += [f"## {scene}", table(*ranks_table(own, SCALE_CONTROLLER))]
     return "\n\n".join(parts) + "\n"
-
-
-def _plants(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:
-    """Return the names of the plants of every condition."""
-    return [plant_key(condition) for condition in rms[SCALE_CONTROLLER]]
-
-
-def _controller_label(law: str) -> str:
-    return f"*{law}*" if law in REFERENCES else f"`{law}`"
-
-
-def _score_with_interval(place: Place) -> str:
-    if math.isnan(place.low):
-        return f"{place.score:.3f}"
-    return f"{place.score:.3f} ({place.low:.3f} to {place.high:.3f})"

@@ -1,4 +1,4 @@
-"""Files of a benchmark: results, tables, figures."""
+"""Files of a benchmark: results, figures, tables and a page."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from pathlib import Path
 
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark._page import report_page
 from cc_mujoco.benchmark._report import DEFAULT_BASELINE, all_tables, summary
 from cc_mujoco.benchmark._results import Results, write_results
 from cc_mujoco.benchmark._runner import (
     FIGURE_STEMS,
+    REPORT_FILE,
     RESULTS_FILE,
     TABLES_FILE,
+    TEXT_FILES,
     BenchmarkPlan,
 )
 from cc_mujoco.report._figures import save, style
@@ -24,7 +27,7 @@ def write(
     results: Results,
     baseline: str = DEFAULT_BASELINE,
 ) -> str:
-    """Write `results.parquet`, `table.md` and the figures of every device.
+    """Write `results.parquet`, the figures, `table.md` and `report.html`.
 
     Returns:
         The summary at the top, as Markdown.
@@ -32,14 +35,18 @@ def write(
     out = Path(out)
     makers = plan.made_by()
     write_results(out / RESULTS_FILE, results, plan.suite, makers)
-    text = all_tables(results, baseline, plan.left_out())
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
-    with replacing(out / TABLES_FILE) as partial:
-        partial.write_text(text, encoding="utf-8")
     for scene in dict.fromkeys(cell.condition.label for cell, _ in results):
         for stem in FIGURE_STEMS:
             with style():
                 draw = getattr(drawing, stem)
                 save(out / f"{scene}-{stem}.png", draw(results, scene))
-    write_manifest(out, [TABLES_FILE])
+    texts = {
+        TABLES_FILE: all_tables(results, baseline, plan.left_out()),
+        REPORT_FILE: report_page(out, plan, results, baseline),
+    }
+    for name, text in texts.items():
+        with replacing(out / name) as partial:
+            partial.write_text(text, encoding="utf-8")
+    write_manifest(out, TEXT_FILES)
     return summary(results, baseline)

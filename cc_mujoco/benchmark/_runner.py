@@ -55,7 +55,9 @@ MAX_SEEDS = 1000
 MAX_SEED = 2**31
 """Largest first seed."""
 
-CELLS_FOLDER, RESULTS_FILE, TABLES_FILE = "cells", "results.parquet", "table.md"
+CELLS_FOLDER, RESULTS_FILE = "cells", "results.parquet"
+TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
+"""Files for reading, which a user may have changed."""
 FIGURE_STEMS = ("pareto", "cycle", "robustness")
 """Figures of a scene."""
 
@@ -217,10 +219,10 @@ def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
     pictures = [f"{scene}-{stem}.png" for scene in scenes for stem in FIGURE_STEMS]
     require_ours_in(
         out,
-        (TABLES_FILE, RESULTS_FILE, *pictures, *cells),
+        (*TEXT_FILES, RESULTS_FILE, *pictures, *cells),
         lambda place: any(map(is_marked, (place / CELLS_FOLDER).glob("*.parquet"))),
     )
-    require_unmodified(out, (TABLES_FILE,))
+    require_unmodified(out, TEXT_FILES)
 
 
 def run(

@@ -16,7 +16,7 @@ Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Play controllers and references in a suite; write results, tables, figures."""
+    """Play controllers and references in a suite; write results and a report."""
 
     interrupted: ClassVar[str] = (
         "cells that were finished, if any, are kept; the same command goes on"
@@ -84,6 +84,7 @@ class Benchmark:
         from cc_mujoco.benchmark._references import SCALE_CONTROLLER
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._results_files import write
+        from cc_mujoco.benchmark._runner import REPORT_FILE, RESULTS_FILE
         from cc_mujoco.benchmark._suites import SUITES, default_suite
 
         suite = self.suite or default_suite(self.scene)
@@ -122,5 +123,5 @@ class Benchmark:
                 say=tqdm.write,
             )
         print(write(self.out, plan, results, baseline))
-        print(f"results:    {self.out / 'results.parquet'}")
-        print(f"see also:   {self.out}")
+        print(f"results:    {self.out / RESULTS_FILE}")
+        print(f"report:     {self.out / REPORT_FILE}")

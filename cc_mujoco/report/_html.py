@@ -7,6 +7,7 @@ is put into other elements as it is.
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -17,6 +18,9 @@ from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
 TABLE_ROWS, TABLE_COLUMNS = 5, 6
 """Most rows and columns of a table that is not folded."""
+
+
+_MARKED = re.compile(r"`([^`]+)`|\*([^*]+)\*")
 
 
 class Html(str):
@@ -60,6 +64,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     return element("div", element("table", top, body), class_="wide")
 
 
+def inline_markdown(text: str) -> Html:
+    """Return a text whose `code` and *emphasis* are elements."""
+    return Html(_MARKED.sub(_marked, escape(text)))
+
+
 def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     """Return a table of at most `TABLE_ROWS` and `TABLE_COLUMNS`, all of it folded."""
     rows = list(rows)
@@ -72,7 +81,7 @@ def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     return join_pieces([few, folded(title, table(head, rows))])
 
 
-def folded(title: str, *content: Content) -> Html:
+def folded(title: Content, *content: Content) -> Html:
     """Return content below a title that opens it; on paper it is open."""
     return element("details", element("summary", title), *content)
 
@@ -160,6 +169,10 @@ def list_words(words: Iterable[str], last: str = "and") -> str:
     return f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
+def _marked(found: re.Match[str]) -> str:
+    return f"<code>{found[1]}</code>" if found[1] else f"<em>{found[2]}</em>"
+
+
 def _html(content: Content) -> str:
     return content if isinstance(content, Html) else escape(content)
 
@@ -218,6 +231,7 @@ th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
 th { font-weight: 600; border-bottom-color: #999; }
 code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   overflow-wrap: anywhere; }
+th code, td code { overflow-wrap: normal; }
 .whole img { max-width: none; width: 42rem; }
 details { margin: .6rem 0; }
 summary { cursor: pointer; font-size: .88rem; color: $blue; }
@@ -245,6 +259,7 @@ summary { cursor: pointer; font-size: .88rem; color: $blue; }
   figure, tr, li { break-inside: avoid; }
   /* What is taller than a sheet would be cut in two. */
   figure img { width: auto; max-height: 21cm; }
+  header figure img { max-height: 15cm; }
   .wide { overflow: visible; }
 }
 """).substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from cc_mujoco.benchmark import (
     REFERENCES,
     SCORES,
     SUITES,
+    BenchmarkPlan,
     Cell,
     CellResult,
     all_tables,
@@ -20,10 +23,14 @@ from cc_mujoco.benchmark import (
     normalise_errors,
     rank_controllers,
 )
+from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._ranking import MAX_NORMALISED_ERROR, bootstrap_means
-from cc_mujoco.benchmark._report import comparison
+from cc_mujoco.benchmark._report import best_sentence, comparison, next_command
 from cc_mujoco.benchmark._results import join_results, read_results, write_results
+from cc_mujoco.benchmark._results_files import write
+from cc_mujoco.benchmark._runner import FIGURE_STEMS, require_ours
 from cc_mujoco.errors import CableError
+from cc_mujoco.report import figure
 
 SEEDS = 6
 MAKERS = {"versions": {}, "sources": "one", "files": {}}
@@ -126,6 +133,65 @@ def test_tables_have_every_row_and_say_what_it_is() -> None:
     unit = np.mean(noisy(1.0, len("none"), 9)[4])
     assert f"| ordinary-rough | {unit:.3g} N m | 2." in text
     assert "0.1 (0.1), 0.1 (0.1) | 4 (4), 4 (4)" in text
+
+
+@pytest.mark.parametrize(
+    ("errors", "sentence"),
+    [
+        (
+            {"pi": 0.8, "model": 0.5},
+            r"`model` wins at wrist with an error of 0\.\d+ \(`pi`: 0\.8",
+        ),
+        (
+            {"other": 0.5, "model": 0.5},
+            r"`other` has the least error at wrist, (0\.5\d*), not significantly below "
+            r"`model` \(\1\)",
+        ),
+        (
+            dict.fromkeys("abcde", 0.5),
+            r"`a` has the least error at wrist, 0\.5\d*, not significantly below "
+            "4 others",
+        ),
+        ({}, "`none` has the least error at wrist, 1"),
+    ],
+)
+def test_the_first_sentence_names_who_wins_or_all_that_may_be_as_good(
+    errors: dict[str, float], sentence: str
+) -> None:
+    found = best_sentence(fake({"none": 1.0, **errors}))
+    assert re.match(sentence, found), found
+    assert found.endswith("(error of `none` is 1; 6 seeds).")
+
+
+def test_the_page_opens_with_the_winner_and_is_written_again_until_a_user_edits_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for stem in FIGURE_STEMS:
+        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
+    laws = {**LAWS, "<b>": 0.6}
+    plan = BenchmarkPlan(("pi", "model"), scenes=("wrist",))
+    for seeds in (1, SEEDS):
+        few = [
+            (dataclasses.replace(c, seeds=c.seeds[:seeds]), r) for c, r in fake(laws)
+        ]
+        write(tmp_path, plan, few)
+    text = (tmp_path / "report.html").read_text("utf-8")
+    header = text.partition("<header>")[2].partition("</header>")[0]
+    assert "<code>model</code> wins at wrist with an error of 0." in header
+    assert "6 seeds" in header and header.count("<img") == 1
+    assert f"<code>{next_command(fake(laws))}</code>" in header
+    assert "<code>&lt;b&gt;</code>" in text and "<b></code>" not in text
+    assert text.count("<img") == len(FIGURE_STEMS)
+    for row in REFERENCES.values():
+        assert row.meaning.partition("`")[0] in text
+    (tmp_path / "cells").mkdir()
+    shutil.copy(tmp_path / "results.parquet", tmp_path / "cells")
+    for edited in ("table.md", "report.html"):
+        before = (tmp_path / edited).read_text("utf-8")
+        (tmp_path / edited).write_text("mine")
+        with pytest.raises(CableError, match=rf"{edited} is not as an earlier run"):
+            require_ours(plan, tmp_path)
+        (tmp_path / edited).write_text(before, "utf-8")
 
 
 def test_files_of_results_rank_together(tmp_path: Path) -> None:

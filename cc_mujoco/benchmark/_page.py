@@ -1,0 +1,143 @@
+"""Page on a benchmark: who wins, by how much, and where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cc_mujoco._utils.provenance import versions
+from cc_mujoco.benchmark import _report as text
+from cc_mujoco.benchmark._results import Results, describe_machine, rms_errors
+from cc_mujoco.benchmark._runner import RESULTS_FILE, BenchmarkPlan
+from cc_mujoco.benchmark._tables import (
+    Cells,
+    conditions_table,
+    overview_table,
+    plants_table,
+    ranks_table,
+    scores_table,
+    times_table,
+)
+from cc_mujoco.report._html import (
+    Html,
+    bullet_list,
+    element,
+    embed_picture,
+    folded,
+    inline_markdown,
+    join_pieces,
+    page,
+    paragraph,
+    sections,
+    short_table,
+    table,
+)
+
+CAPTIONS = {
+    "pareto": "Normalised error against effort and chatter, mean over conditions and "
+    "seeds; the line joins the controllers that no other beats in both.",
+    "robustness": "Normalised error of every controller in every condition; blue is "
+    "better than none, red is worse.",
+    "cycle": "Error over the cycle in the ordinary condition.",
+}
+"""Captions of the figures of a device."""
+
+
+def report_page(
+    folder: Path, plan: BenchmarkPlan, results: Results, baseline: str
+) -> str:
+    """Return the page of a benchmark.
+
+    Args:
+        folder: Folder that holds the figures.
+        plan: What was run.
+        results: Of the run.
+        baseline: Controller that the others are compared with.
+    """
+    errors = rms_errors(results)
+    first = next(iter(errors))
+    titles: dict[str, str] = {}
+    parts: dict[str, Html] = {}
+    for number, scene in enumerate(errors):
+        key = f"device{number}"
+        titles[key] = f"{scene[:1].upper()}{scene[1:]}"
+        parts[key] = _device(folder, results, scene, baseline, scene == first)
+    titles |= {"all": "All controllers and references", "words": "What the names mean"}
+    titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
+    notes = (*text.divergence_sentences(results), *text.unknown_limits(results))
+    notes += tuple(text.left_out_sentences(plan.left_out()))
+    parts["all"] = _folded_table(text.OVERVIEW_HEADING, overview_table(results))
+    times = times_table(results)
+    if times[1]:
+        parts["times"] = short_table(*_marked(times))
+    parts["words"] = folded(
+        "References and scores",
+        bullet_list(
+            inline_markdown(line.removeprefix("- "))
+            for line in text.definitions(results).splitlines()
+        ),
+    )
+    parts["made"] = _provenance()
+    return page(
+        f"Benchmark of controllers: suite {plan.suite}",
+        "named",
+        element(
+            "header",
+            element("h1", f"Benchmark of controllers, suite {plan.suite}"),
+            paragraph(
+                inline_markdown(text.best_sentence(results, baseline)), kind="lead"
+            ),
+            _figure(folder, first, "pareto"),
+            paragraph(
+                element("b", "Next: "), element("code", text.next_command(results))
+            ),
+            *(paragraph(inline_markdown(note), kind="small") for note in notes),
+        ),
+        sections(titles, parts),
+    )
+
+
+def _device(
+    folder: Path, results: Results, scene: str, baseline: str, first: bool
+) -> Html:
+    """Return ranks, figures and tables of a device."""
+    ranks = ranks_table(rms_errors(results)[scene], baseline)
+    return join_pieces(
+        [
+            paragraph(text.RANKS_HEADING),
+            short_table(*_marked(ranks)),
+            *([] if first else [_figure(folder, scene, "pareto")]),
+            _figure(folder, scene, "robustness"),
+            _folded_table(text.CONDITIONS_HEADING, conditions_table(results, scene)),
+            _folded_table(text.SCORES_HEADING, scores_table(results, scene)),
+            folded("Error over the cycle", _figure(folder, scene, "cycle")),
+            _folded_table(text.PLANTS_HEADING, plants_table(results, scene)),
+        ]
+    )
+
+
+def _figure(folder: Path, scene: str, stem: str) -> Html:
+    return embed_picture(folder / f"{scene}-{stem}.png", CAPTIONS[stem])
+
+
+def _folded_table(heading: str, cells: Cells) -> Html:
+    """Return a table folded below its heading."""
+    title = inline_markdown(heading.rstrip(":"))
+    return folded(title, table(*_marked(cells)))
+
+
+def _marked(cells: Cells) -> tuple[list[Html], list[list[Html]]]:
+    """Return a table whose code and emphasis are elements."""
+    head, rows = cells
+    return [*map(inline_markdown, head)], [[*map(inline_markdown, r)] for r in rows]
+
+
+def _provenance() -> Html:
+    """State versions and machine, and where all rows lie."""
+    listed = ", ".join(f"{name} {number}" for name, number in versions().items())
+    machine = describe_machine()
+    return paragraph(
+        element("code", RESULTS_FILE),
+        f" beside this page has a row per episode. {listed}. "
+        f"{machine['processors']} processors ({machine['processor']}), "
+        f"{machine['system']}.",
+    )

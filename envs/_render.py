@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,9 @@ IMAGE_SIZE = (480, 854)
 
 RENDER_RATE = 30
 """Pictures drawn per simulated second; a film needs no more [1/s]."""
+
+RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"]}
+"""Metadata of every environment, by Gymnasium's names."""
 
 
 def frame_interval(period: float) -> int:
@@ -78,11 +83,56 @@ class Film:
         return self._picture
 
 
-def check_mode(mode: str | None, modes: Sequence[str]) -> None:
+class Screen:
+    """Pictures of the devices of an environment, by one renderer that opens on demand.
+
+    They are drawn 30 times per simulated second; in between they are the last ones.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, mode: str | None, period: float, count: int = 1
+    ) -> None:
+        """Begin, with no picture drawn.
+
+        Args:
+            model: Of all devices.
+            mode: A `render_mode`.
+            period: Control step [s].
+            count: Number of devices.
+        """
+        self._model, self._mode = model, mode
+        self._camera: Camera | None = None
+        self.films = [Film(period) for _ in range(count)]
+
+    def render(
+        self, poses: Iterable[NDArray[np.float64]], steps: Iterable[int]
+    ) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture (height, width, 3) of every device, or None without a mode.
+
+        Args:
+            poses: Joint positions of each (nq,).
+            steps: Control step of each.
+        """
+        if self._mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        camera = self._camera = self._camera or Camera(self._model)
+        shots = zip(self.films, poses, steps, strict=True)
+        return tuple(film.picture(camera, pose, int(k)) for film, pose, k in shots)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+def check_mode(mode: str | None) -> None:
     """Refuse a render mode that does not exist.
 
     Raises:
-        CableError: If `mode` is neither None nor one of `modes`.
+        CableError: If `mode` is neither None nor one of `RENDER_METADATA`.
     """
+    modes = RENDER_METADATA["render_modes"]
     if mode is not None and mode not in modes:
         raise CableError.unknown("render mode", str(mode), modes)

@@ -26,7 +26,7 @@ from cc_mujoco.simulation._worn_device import (
     refuse_unknown,
 )
 
-from ._render import Camera, Film, check_mode
+from ._render import RENDER_METADATA, Screen, check_mode
 
 
 class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
@@ -142,7 +142,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
     every physics step.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
+    metadata = RENDER_METADATA
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         EzPickle.__init__(self, device, *given, render_mode, model, *more)
-        check_mode(render_mode, self.metadata["render_modes"])
+        check_mode(render_mode)
         found = find_device(device)
         model = load(found) if model is None else copy.copy(model)
         self.device: Device = found
@@ -185,8 +185,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self._script: Script | None = None
         self.plant: Plant = self.exo.plants.nominal
         """Plant that this episode is played on."""
-        self._camera: Camera | None = None
-        self._film = Film(self.exo.sampling)
+        self._screen = Screen(self.model, render_mode, self.exo.sampling)
 
     @property
     def drive(self) -> Drive:
@@ -221,7 +220,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         twin._action = self._action
         twin._sensors = copy.deepcopy(self._sensors, memo)
         twin._sights = copy.deepcopy(self._sights, memo)
-        twin._film = copy.copy(self._film)
+        twin._screen.films = [copy.copy(self._screen.films[0])]
         twin._np_random = copy.deepcopy(self._np_random, memo)
         twin._np_random_seed = self._np_random_seed
         return twin
@@ -259,7 +258,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         exo.begin(self._sensors, self.plant, self.np_random)
         self._sample = 0
         self._action = np.zeros(len(exo.drives))
-        self._film.cut()
+        self._screen.films[0].cut()
         begun = script.part(0)
         exo.device.start(self.data, script.angles, begun.commands[0])
         marks = begun.marks[0]
@@ -326,18 +325,12 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
 
         Drawn 30 times per simulated second; in between it is the last one again.
         """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
-            return None
-        if self._camera is None:
-            self._camera = Camera(self.model)
-        return self._film.picture(self._camera, self.data.qpos, self._sample)
+        drawn = self._screen.render([self.data.qpos], [self._sample])
+        return None if drawn is None else drawn[0]
 
     def close(self) -> None:
         """Free the renderer."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self._screen.close()
 
 
 def _models_equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:

@@ -30,9 +30,12 @@ from cc_mujoco.simulation._worn_device import (
 )
 
 from . import BACKENDS
-from ._render import Camera, Film, check_mode
+from ._render import RENDER_METADATA, Screen, check_mode
 
 Singles = NDArray[np.float32]
+
+VECTOR_METADATA = {**RENDER_METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+"""Metadata by Gymnasium's names, before an environment is made."""
 
 
 class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
@@ -48,10 +51,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
     `simulations.data` and `simulations.cables` have the arrays on Warp's device.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012, as in Gymnasium
-        "render_modes": ["rgb_array"],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata = VECTOR_METADATA
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
                 f"threads are of backend={BACKENDS[0]!r}; leave them out with "
                 f"backend={backend!r}."
             )
-        check_mode(render_mode, self.metadata["render_modes"])
+        check_mode(render_mode)
         found = find_device(device)
         model = load(found, drawn=render_mode is not None)
         self.device: Device = found
@@ -165,8 +165,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._actions = np.zeros((num_envs, len(exo.drives)))
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._was_reset = False
-        self._camera: Camera | None = None
-        self._films = [Film(exo.sampling) for _ in range(num_envs)]
+        self._screen = Screen(self.model, render_mode, exo.sampling, num_envs)
 
     @property
     def drive(self) -> Drive:
@@ -354,23 +353,11 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
 
         Drawn 30 times per simulated second; in between they are the last ones again.
         """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
-            return None
-        if self._camera is None:
-            self._camera = Camera(self.model)
-        shots = zip(
-            self._films, self.simulations.physics.qpos, self._samples, strict=True
-        )
-        return tuple(
-            film.picture(self._camera, qpos, int(step)) for film, qpos, step in shots
-        )
+        return self._screen.render(self.simulations.physics.qpos, self._samples)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self._screen.close()
 
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
         """Start an episode in some environments."""
@@ -381,7 +368,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             if rng is None:
                 rng, _ = seeding.np_random()
                 self._random[row] = rng
-            self._films[row].cut()
+            self._screen.films[row].cut()
             self._apply_plant(row, exo.plants.draw(rng, options))
             script = self._scripts.write(row, rng)
             exo.begin(self._sensors, self.plants[row], rng, row)

@@ -20,7 +20,7 @@ from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE, PUSH_OFF
 from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.plugin import settle
 
-from ._render import Camera, Film, check_mode
+from ._render import RENDER_METADATA, Screen, check_mode
 from ._strides import Stride, StrideMeter
 from ._walking_ropes import TRANSMISSIONS, Ropes, walking_model
 
@@ -97,10 +97,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     | `render_mode` | `None` | `None` or `"rgb_array"` |
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
-        "render_fps": round(1 / MUSCLE_PERIOD),
-    }
+    metadata = RENDER_METADATA
 
     def __init__(
         self,
@@ -115,7 +112,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         EzPickle.__init__(
             self, transmission, cable, adaptation, policy, duration, render_mode
         )
-        check_mode(render_mode, self.metadata["render_modes"])
+        check_mode(render_mode)
         look_up("transmission", transmission, TRANSMISSIONS)
         if not 0.0 <= adaptation <= 1.0:
             raise CableError(f"adaptation is {adaptation!r}; it must be in [0, 1].")
@@ -125,6 +122,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             )
         self.transmission, self.adaptation = transmission, adaptation
         self.duration, self.render_mode = duration, render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / MUSCLE_PERIOD)}
         if not isinstance(policy, WalkingPolicy):
             policy = WalkingPolicy.read(policy)
         self.policy = policy
@@ -137,8 +135,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         high = np.float32(10.0)
         self.observation_space = gymnasium.spaces.Box(-high, high, (16,))
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
-        self._camera: Camera | None = None
-        self._film = Film(MUSCLE_PERIOD)
+        self._screen = Screen(self.model, render_mode, MUSCLE_PERIOD)
         self._begin(0.25)
 
     def _begin(self, step: float) -> None:
@@ -152,7 +149,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         self._meter = StrideMeter()
         self._expected = ExpectedHelp(1, dtype=np.float64)
         self._sample = 0
-        self._film.cut()
+        self._screen.films[0].cut()
 
     @property
     def strides(self) -> list[Stride]:
@@ -294,15 +291,9 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture of the person, (height, width, 3), in mode `rgb_array`."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
-            return None
-        if self._camera is None:
-            self._camera = Camera(self.model)
-        return self._film.picture(self._camera, self.data.qpos, self._sample)
+        drawn = self._screen.render([self.data.qpos], [self._sample])
+        return None if drawn is None else drawn[0]
 
     def close(self) -> None:
         """Free the renderer."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self._screen.close()

@@ -236,7 +236,7 @@ def test_the_first_change_of_an_episode_is_from_nothing() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"foo": 1}, "unknown argument 'foo': Available: .*smoothness, task"),
+        ({"foo": 1}, r"unknown argument 'foo'\. Available: .*smoothness, task"),
         ({"smoothness": True}, "smoothness must be a number in .*not True"),
         ({"durration": 1.0}, "did you mean 'duration'"),
         ({"smoothness": -1.0}, "smoothness must be a number in"),

@@ -43,8 +43,8 @@ class CableError(ValueError):
         if near and len(names) > MANY:
             hint = " or ".join(map(repr, near))
             return cls(f"unknown {kind} {name!r}: did you mean {hint}?")
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")
+        hint = f": did you mean {near[0]!r}?" if near else "."
+        return cls(f"unknown {kind} {name!r}{hint} Available: {', '.join(names)}.")
 
 
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:

@@ -26,7 +26,7 @@ def test_of_many_names_only_near_ones_are_told() -> None:
 @pytest.mark.parametrize("name", ["", "zzz", None])
 def test_no_near_name_is_no_guess(name: Any) -> None:
     text = str(CableError.unknown("task", name, ["tunnel"]))
-    assert text == f"unknown task {name!r}: Available: tunnel."
+    assert text == f"unknown task {name!r}. Available: tunnel."
 
 
 def test_where_there_are_no_names_that_is_said() -> None:

@@ -26,7 +26,7 @@ from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._policy import Policy
-from cc_mujoco.control._registry import controller
+from cc_mujoco.control._registry import CONTROLLERS, controller
 from cc_mujoco.control._user_controller import External, controller_errors
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._drive import Drive
@@ -198,10 +198,12 @@ def axes_controller(
         The controller; of a device with one axis that of the axis.
 
     Raises:
-        CableError: There is no such controller or axis, or an axis has none.
+        CableError: There is no such controller or axis, or an axis has none; or a
+            single axis is to be decoupled.
     """
+    require_decoupling(given, len(drives))
     if len(drives) == 1 and not isinstance(given, Mapping):
-        return controller(_of_each(given), drives[0])
+        return controller(given, drives[0])
     if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
         name = given if isinstance(given, str) else make.__qualname__
         with controller_errors(name):
@@ -220,11 +222,23 @@ def axes_controller(
     return DecoupledController(made, prefixes, coupling)
 
 
-def _of_each(given: Law) -> Law:
-    """Return the controller of each axis of one that may be decoupled."""
-    if isinstance(given, str) and is_decoupled(given):
-        return given.removeprefix(DECOUPLED)
-    return given
+def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
+    """Refuse a `decoupled_NAME` that is none, or has nothing to decouple.
+
+    Raises:
+        CableError: NAME is unknown, or there is one axis.
+    """
+    if not isinstance(given, str) or not is_decoupled(given):
+        return
+    for name in named_laws(given):
+        if not is_user_controller(name) and name not in CONTROLLERS:
+            error = CableError.unknown("suffix", name, CONTROLLERS)
+            raise CableError(f"controller {given!r}: {error}")
+    if axes == 1:
+        raise CableError(
+            f"controller {given!r} decouples several driven axes, and here is one; "
+            f"take {given.removeprefix(DECOUPLED)!r}."
+        )
 
 
 def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
@@ -234,10 +248,8 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
         CableError: There is no such axis, or an axis has none.
     """
     names = [prefix.rstrip(".") for prefix in prefixes]
-    if not isinstance(given, Mapping):
-        given = _of_each(given)
     if isinstance(given, str):
-        given = split_by_axis(given, names)
+        given = split_by_axis(given.removeprefix(DECOUPLED), names)
     if not isinstance(given, Mapping):
         return [given] * len(names)
     for name in given:

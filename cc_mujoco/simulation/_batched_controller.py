@@ -23,6 +23,7 @@ from cc_mujoco.control._axes import (
     decoupled_drives,
     is_decoupled,
     is_policy,
+    require_decoupling,
     sees_all_axes,
 )
 from cc_mujoco.device._drive import Drive
@@ -201,8 +202,9 @@ def batched_controller(
         prefixes: Beginnings of the columns of each axis.
 
     Raises:
-        CableError: There is no such controller or axis.
+        CableError: As `control.axes_controller`.
     """
+    require_decoupling(given, len(prefixes))
     if sees_all_axes(given):
         return PlantsController(
             [axes_controller(given, own, prefixes) for own in drives]

@@ -13,7 +13,8 @@ from cc_mujoco.control._decoupling import Coupling, distribute, internal
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.device._moment_arm import moments
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation import simulate
+from cc_mujoco.simulation import EpisodeLog, simulate
+from cc_mujoco.simulation._batched_controller import batched_controller
 
 Array = NDArray[np.float64]
 
@@ -83,6 +84,24 @@ def test_a_missing_ratio_is_named() -> None:
         law.torque(seen)
 
 
+@pytest.mark.parametrize(
+    ("name", "axes", "text"),
+    [
+        ("decoupled_lgq", 2, "controller 'decoupled_lgq': unknown suffix 'lgq'.*'lqg'"),
+        ("decoupled_", 2, "controller 'decoupled_': unknown suffix ''"),
+        ("decoupled_one=pi,two=foo", 2, "unknown suffix 'foo'"),
+        ("decoupled_pi", 1, "'decoupled_pi' decouples several .*; take 'pi'"),
+    ],
+)
+def test_what_cannot_be_decoupled_is_refused(name: str, axes: int, text: str) -> None:
+    drives, prefixes = [drive("a", 2.0), drive("b", 1.0)], ("one.", "two.")
+    given = drives[:axes], prefixes[:axes]
+    with pytest.raises(CableError, match=text):
+        axes_controller(name, *given)
+    with pytest.raises(CableError, match=text):
+        batched_controller(name, [given[0]] * 2, given[1])
+
+
 def test_a_torque_beyond_what_is_safe_releases_every_cable_that_adds_to_it() -> None:
     drives = [drive("a", 1.0, b=1.0), drive("b", 1.0)]
     safe = [Drive(**{**vars(one), "safe_torque": 4.0}) for one in drives]
@@ -121,8 +140,8 @@ def test_without_friction_joints_get_what_is_desired_by_mujocos_own_moments() ->
         assert torque == pytest.approx(log[f"{prefix}desired_torque_nm"][-1], abs=3e-3)
 
 
-def play(plant: Plant, name: str) -> dict[str, Array]:
-    return simulate(plant, name, motion="sine:0.001", seed=0, duration=0.3)  # type: ignore[return-value]
+def play(plant: Plant, name: str) -> EpisodeLog:
+    return simulate(plant, name, motion="sine:0.001", seed=0, duration=0.3)
 
 
 def test_plants_together_are_driven_as_each_alone() -> None:

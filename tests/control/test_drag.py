@@ -60,6 +60,30 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
         assert found == 0.0
 
 
+@pytest.mark.parametrize("term", DRAG)
+def test_slack_at_the_motor_leaves_the_pull_of_known_drag_as_it_is(term: str) -> None:
+    """It is paid out further by what the slack stretches the cable by."""
+    (own,) = single().cables
+    cable = own.cable.replace(**sized(LARGE[term], 0.1))
+    cables = stepper.make_cables([cable], [own.proximal], [own.distal])
+    start = stepper.rest_states(cables, 0.0, 0.0)
+    new, leapt = np.zeros_like(start), np.zeros_like(start)
+    work, tolerance, slack = stepper.scratch(cables), 0.01, 2.0
+    rise = joint_stiffness([dataclasses.replace(own, cable=cable)])
+
+    def left(slack: float) -> tuple[float, float]:
+        found = rollout.find_motor_angle(
+            cables, start, 0.0, -1.0, 0.0, 0.0, 0.0, rise, 2.0, tolerance, slack,
+            DT, False, leapt, new, work,
+        )  # fmt: skip
+        return -found, float(tensions(new[0], cable.segments)[-1])
+
+    (taut, pull), (paid, left_pull) = left(0.0), left(slack)
+    assert pull > 1.0
+    assert left_pull == pytest.approx(pull, abs=tolerance)
+    assert paid - taut == pytest.approx(slack / rise, rel=0.02)
+
+
 def test_a_drag_that_is_known_leaves_no_more_than_it_has_to() -> None:
     """The motor stood still, and a walking ankle was pulled with 90 N m."""
     cases = designs("ankle", ["load-independent"], [0.02])

@@ -47,8 +47,7 @@ class Clip:
 
 @pytest.fixture(autouse=True)
 def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("_scalar", "_vector"):
-        monkeypatch.setattr(f"cc_mujoco.envs.{module}.Camera", Counting)
+    monkeypatch.setattr("cc_mujoco.envs._render.Camera", Counting)
     for name in ("moviepy", "moviepy.video", "moviepy.video.io"):
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
     clip = types.ModuleType("moviepy.video.io.ImageSequenceClip")

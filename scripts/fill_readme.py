@@ -39,7 +39,8 @@ from cc_mujoco.benchmark import (
     scores_table,
     times_table,
 )
-from cc_mujoco.cable import PARAMETERS, as_table
+from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.diagnosis import EFFECTS
@@ -121,12 +122,7 @@ def plain(
 def package_tables() -> dict[str, list[list[str]]]:
     """Return the rows of every table of the package."""
     return {
-        "parameters": [
-            [entry.strip(" `") if place == 0 else entry.strip() for place, entry in row]
-            for line in as_table(PARAMETERS).splitlines()
-            if not line.startswith("|---")
-            for row in [enumerate(line.strip("| ").split(" | "))]
-        ],
+        "parameters": of_parameters.table_rows(PARAMETERS),
         "materials": of_materials.table_rows(MATERIALS.values()),
         "material_sources": of_materials.source_rows(MATERIALS.values()),
         "metrics": of_metrics.table_rows(METRICS.values()),

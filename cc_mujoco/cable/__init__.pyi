@@ -5,7 +5,6 @@ from ._conduit import replay as replay
 from ._conduit import rest_state as rest_state
 from ._parameter import Parameter as Parameter
 from ._parameter import Term as Term
-from ._parameter import as_table as as_table
 from ._parameters import ENDS as ENDS
 from ._parameters import PARAMETERS as PARAMETERS
 from ._parameters import PATHS as PATHS

@@ -22,7 +22,6 @@ from numbers import Real
 from typing import Any, Literal, NamedTuple
 
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.report import _markdown as markdown
 
 ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
 """Target of a term: friction in proportion to tension and wrap angle, friction that
@@ -190,12 +189,8 @@ def parameters_of(owner: Any) -> tuple[Parameter, ...]:
     )
 
 
-def as_table(parameters: Iterable[Parameter]) -> str:
-    """Return parameters as a Markdown table."""
-    return markdown.table(
-        ("key", "unit", "range", "default", "meaning"),
-        [
-            (f"`{p.name}`", p.unit, p.span, f"{p.default:g}", p.meaning)
-            for p in parameters
-        ],
-    )
+def table_rows(parameters: Iterable[Parameter]) -> list[list[str]]:
+    """Return parameters as rows of text below the heads of the columns."""
+    head = ["key", "unit", "range", "default", "meaning"]
+    rows = [[p.name, p.unit, p.span, f"{p.default:g}", p.meaning] for p in parameters]
+    return [head, *rows]

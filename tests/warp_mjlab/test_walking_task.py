@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
 pytest.importorskip("mjlab")
 
-from mjlab.envs import ManagerBasedRlEnv  # noqa: E402
-from mjlab.tasks.registry import load_env_cfg, load_rl_cfg  # noqa: E402
+import torch
+from mjlab.envs import ManagerBasedRlEnv
+from mjlab.tasks.registry import load_env_cfg, load_rl_cfg
 
-from cc_mujoco.human._walking_rig import DRUM, PUSH_OFF  # noqa: E402
-from cc_mujoco.warp.mjlab._walker import walker  # noqa: E402
-from cc_mujoco.warp.mjlab.walking_task import MOTORS, TASK  # noqa: E402
+from cc_mujoco.human._walking_rig import DRUM, PUSH_OFF
+from cc_mujoco.warp.mjlab._walker import walker
+from cc_mujoco.warp.mjlab.walking_task import MOTORS, TASK
 
 ANKLES = ("right_ankle", "left_ankle")
 WORLDS, STEPS, MEASURED, SCALE = 2, 500, 250, 5.0

@@ -44,6 +44,7 @@ from cc_mujoco.warp._model import (
     lengths_in_qpos0,
     require_plain,
     require_routes,
+    require_shared_positions,
     require_supported,
 )
 from cc_mujoco.warp._paths import LedCables
@@ -218,6 +219,9 @@ class AttachedCables:
         self._place = wp.zeros((2, rows, 2), **reals)
         nv = int(self._model.nv)
         is_followed = bool((held & ~tied).any())
+        self._needs_qpos0 = not self._rest_in_pose and (
+            is_followed or self._paths.lengthens != 0.0
+        )
         self._slope = wp.zeros((2, 2 * rows, nv if is_followed else 0), **reals)
         self._aim = wp.zeros((rows, 9), **reals)
         self._stamp = wp.full(rows, np.inf, **reals)
@@ -253,6 +257,8 @@ class AttachedCables:
                 f"the data has {d.nworld} worlds, and cables were attached to "
                 f"{self._worlds}; attach them to a model of its own"
             )
+        if self._needs_qpos0:
+            require_shared_positions(m)
         wp.launch(
             self._kernels.begin,
             dim=self._shape,
@@ -268,7 +274,7 @@ class AttachedCables:
             device=d.time.device,
         )  # fmt: skip
         if self._led is not None:
-            self._led.lead(self._rows, self._fresh, self._rest_in_pose, d)
+            self._led.lead(self._rows, self._fresh, self._rest_in_pose, m, d)
         if self._ahead is not None:
             self._ahead.aim(m, d)
         if self._is_split:

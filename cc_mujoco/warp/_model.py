@@ -15,6 +15,11 @@ from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 
 Floats = NDArray[np.float64]
+_POSITIONS = (
+    "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
+    "geom_quat", "geom_size",
+)  # fmt: skip
+"""Fields of a model that may have values for each world, and move a tendon."""
 
 
 def require_supported(integrator: int) -> None:
@@ -56,6 +61,21 @@ def require_plain(
             "this mujoco_warp model is not of the scene with its cables; make it of "
             "cc_mujoco.warp.without_plugin(spec).compile()"
         )
+
+
+def require_shared_positions(m: mjw.Model) -> None:
+    """Refuse worlds that differ in positions on which paths in `qpos0` depend.
+
+    Raises:
+        CableError: with what lays cables in the pose of each world.
+    """
+    for name in _POSITIONS:
+        if getattr(m, name).shape[0] > 1:
+            raise CableError(
+                f"{name} of the mujoco_warp model differs from world to world, and "
+                "cables are laid at rest on the path that the scene has in qpos0; "
+                "attach them with rest_in_pose=True"
+            )
 
 
 def lengths_in_qpos0(model: mujoco.MjModel) -> Floats:

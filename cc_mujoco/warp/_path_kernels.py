@@ -15,12 +15,12 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.warp._build import functions
 from cc_mujoco.warp._kernels import OPTIONS, RESET, CableRows
+from cc_mujoco.warp._place_kernels import Links, Pose, read_places, vector_of
 from cc_mujoco.warp._variants import Paths
 
 _TENSIONS = at.STATE_HEADER
 _SIZE, _FIRST, _LAST = geometry.PLACE_SIZE, geometry.FIRST, geometry.LAST
-_TOUCHED, _CENTRE, _AXES = geometry.TOUCHED, geometry.CENTRE, geometry.AXES
-_SITE = geometry.SITE
+_TOUCHED, _SITE = geometry.TOUCHED, geometry.SITE
 
 
 @wp.struct
@@ -44,7 +44,8 @@ class PathRows:
         reference: path in the pose `qpos0`.
         memory: path, committed and pending.
         shape: path now.
-        places: of the path, see `cable/_path_geometry.py`.
+        near: bodies of the path, see `_place_kernels.locate`.
+        places: of the path from there, see `cable/_path_geometry.py`.
         forces: of the pieces, see `cable._open_path.pull_forces`.
         gained: scratch, by node.
         pulls: out, force of the pieces on the degrees of freedom (rows, nv).
@@ -66,66 +67,11 @@ class PathRows:
     reference: wp.array2d(dtype=float)
     memory: wp.array3d(dtype=float)
     shape: wp.array2d(dtype=float)
+    near: wp.array2d(dtype=float)
     places: wp.array2d(dtype=float)
     forces: wp.array2d(dtype=float)
     gained: wp.array2d(dtype=float)
     pulls: wp.array2d(dtype=float)
-
-
-@wp.func
-def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
-    for axis in range(3):
-        row[i + axis] = v[axis]
-
-
-@wp.func
-def _vector(row: wp.array(dtype=float), i: int):
-    return wp.vec3(row[i], row[i + 1], row[i + 2])
-
-
-@wp.func
-def _path_point(points: wp.array(dtype=wp.spatial_vector), i: int):
-    if i % 2 == 0:
-        return wp.spatial_top(points[i // 2])
-    return wp.spatial_bottom(points[i // 2])
-
-
-@wp.func
-def _read_places(
-    paths: PathRows,
-    cable: int,
-    begin: int,
-    wrapped: wp.array(dtype=wp.vec2i),
-    points: wp.array(dtype=wp.spatial_vector),
-    centres: wp.array(dtype=wp.vec3),
-    frames: wp.array(dtype=wp.mat33),
-    places: wp.array(dtype=float),
-):
-    """Write the places of a path that begins at a point of all paths."""
-    point = int(begin)
-    for k in range(paths.numbers[cable]):
-        place, i = paths.starts[cable] + k, _SIZE * k
-        kind = paths.kinds[place]
-        places[i] = kind
-        if kind == _SITE:
-            _write_vector(places, i + _FIRST, _path_point(points, point))
-            point += 1
-        else:
-            geom = paths.objects[place]
-            places[i + _TOUCHED] = 0.0
-            pair = wrapped[point // 2]  # an index that varies would need a stack
-            touched = pair[1]
-            if point % 2 == 0:
-                touched = pair[0]
-            if touched == geom:
-                places[i + _TOUCHED] = 1.0
-                _write_vector(places, i + _FIRST, _path_point(points, point))
-                _write_vector(places, i + _LAST, _path_point(points, point + 1))
-                point += 2
-                _write_vector(places, i + _CENTRE, centres[geom])
-                frame = wp.transpose(frames[geom])
-                for axis in range(3):
-                    _write_vector(places, i + _AXES + 3 * axis, frame[axis])
 
 
 @wp.func
@@ -137,17 +83,19 @@ def _draw(
     second: wp.vec3,
     second_body: int,
     force: wp.vec3,
+    origin: wp.vec3,
     centres: wp.array(dtype=wp.vec3),
     motions: wp.array(dtype=wp.spatial_vector),
 ):
     """Add the force of a piece on its first body, and the opposite on its second.
 
-    A degree of freedom that moves both bodies does not feel it.
+    A degree of freedom that moves both bodies does not feel it. Points are from
+    `origin`.
     """
     i = int(paths.last_dofs[first_body])
     j = int(paths.last_dofs[second_body])
-    first_arm = first - centres[paths.roots[first_body]]
-    second_arm = second - centres[paths.roots[second_body]]
+    first_arm = first + (origin - centres[paths.roots[first_body]])
+    second_arm = second + (origin - centres[paths.roots[second_body]])
     while i != j:
         if i > j:
             motion = motions[i]
@@ -186,14 +134,11 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
     def survey(
         rows: CableRows,
         paths: PathRows,
-        begins: wp.array2d(dtype=int),
+        links: Links,
+        pose: Pose,
         lengths: wp.array2d(dtype=float),
-        wrapped: wp.array2d(dtype=wp.vec2i),
-        points: wp.array2d(dtype=wp.spatial_vector),
-        centres: wp.array2d(dtype=wp.vec3),
-        frames: wp.array2d(dtype=wp.mat33),
     ):
-        """Measure the paths of all led cables in the data."""
+        """Measure the paths of all led cables in a pose."""
         cable, world = wp.tid()
         tendon = paths.tendons[cable]
         if tendon < 0:
@@ -202,9 +147,9 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         shape, places = paths.shape[row], paths.places[row]
         number, mouth = paths.numbers[cable], paths.mouths[cable]
         guided = paths.guided[cable]
-        _read_places(
-            paths, cable, begins[world, tendon], wrapped[world], points[world],
-            centres[world], frames[world], places,
+        read_places(
+            links, pose, tendon, world, paths.starts[cable], number, paths.kinds,
+            paths.objects, paths.near[row], places,
         )  # fmt: skip
         if wp.static(has_open):
             if guided < n:
@@ -281,6 +226,7 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                         rows.state[which, row, _TENSIONS + end * n], 0.0
                     )
         places, forces = paths.places[row], paths.forces[row]
+        origin = vector_of(paths.near[row], 0)
         number = paths.numbers[cable]
         pull_forces(
             places, number, paths.mouths[cable], paths.shape[row], n, guided,
@@ -289,22 +235,23 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         k = int(0)
         while k < number - 1:
             place = paths.starts[cable] + k
-            here, i = _vector(places, _SIZE * k + _FIRST), 6 * k
+            here, i = vector_of(places, _SIZE * k + _FIRST), 6 * k
             body = int(paths.bodies[place])
             if paths.kinds[place + 1] != _SITE:
                 k += 1
                 if places[_SIZE * k + _TOUCHED] != 0.0:
                     on = int(paths.bodies[place + 1])
                     _draw(
-                        paths, row, here, body, _vector(places, _SIZE * k + _FIRST), on,
-                        _vector(forces, i), centres[world], motions[world],
+                        paths, row, here, body,
+                        vector_of(places, _SIZE * k + _FIRST), on,
+                        vector_of(forces, i), origin, centres[world], motions[world],
                     )  # fmt: skip
-                    here, body, i = _vector(places, _SIZE * k + _LAST), on, i + 3
+                    here, body, i = vector_of(places, _SIZE * k + _LAST), on, i + 3
             k += 1
             _draw(
-                paths, row, here, body, _vector(places, _SIZE * k + _FIRST),
-                paths.bodies[paths.starts[cable] + k], _vector(forces, i),
-                centres[world], motions[world],
+                paths, row, here, body, vector_of(places, _SIZE * k + _FIRST),
+                paths.bodies[paths.starts[cable] + k], vector_of(forces, i),
+                origin, centres[world], motions[world],
             )  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

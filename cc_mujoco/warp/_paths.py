@@ -15,6 +15,7 @@ from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._route import Route
+from cc_mujoco.warp._links import Poses, links_of
 from cc_mujoco.warp._path_kernels import PathRows, add_pulls, path_kernels
 from cc_mujoco.warp._variants import Paths
 
@@ -103,6 +104,10 @@ class LedCables:
         self._size = size
         rows.reference, rows.shape = matrix(size), matrix(size)
         rows.memory = matrix(open_path.memory_size(most), 2)
+        tendons = [route.tendon for _, route in led]
+        self._links, most_links = links_of(model, tendons, bodies, device)
+        self._poses = Poses()
+        rows.near = matrix(3 * most_links + 3)
         rows.places = matrix(geometry.PLACE_SIZE * number)
         rows.forces, rows.gained = matrix(6 * number), matrix(most + 1)
         rows.pulls = matrix(int(model.nv))
@@ -132,18 +137,17 @@ class LedCables:
             device=values.device,
         )
 
-    def lead(self, rows: Any, fresh: Any, rest_in_pose: bool, d: mjw.Data) -> None:
+    def lead(
+        self, rows: Any, fresh: Any, rest_in_pose: bool, m: mjw.Model, d: mjw.Data
+    ) -> None:
         """Lay the cables along the paths in the data."""
         size, device = (self._cables, self._worlds), d.time.device
         wp.launch(
             self._own.survey,
             dim=size,
-            inputs=[
-                rows, self.rows, d.ten_wrapadr, d.ten_length, d.wrap_obj, d.wrap_xpos,
-                d.geom_xpos, d.geom_xmat,
-            ],
+            inputs=[rows, self.rows, self._links, self._poses.of(m, d), d.ten_length],
             device=device,
-        )  # fmt: skip
+        )
         wp.launch(
             self._own.lay,
             dim=size,

@@ -30,7 +30,9 @@ PATH_FUNCTIONS: tuple[Any, ...] = (
 )  # fmt: skip
 """Those that kernels of cables that a tendon leads call too."""
 
-_SINGLE_PRECISION = {"LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6}
+_SINGLE_PRECISION = {
+    "LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6, "_MIN_ARC_ANGLE": -1e-2
+}  # fmt: skip
 """Tolerances of rounding in single precision."""
 
 

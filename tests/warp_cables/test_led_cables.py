@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -10,9 +13,15 @@ import warp as wp
 
 import cc_mujoco
 from cc_mujoco.assets import scene_path
+from cc_mujoco.errors import CableError
 from cc_mujoco.warp import attach, without_plugin
 from plugin.test_moving_route import LIMB
-from warp_cables.test_scenes import played, played_on_warp
+from warp_cables.test_capture import replay_equals_steps
+from warp_cables.test_scenes import (
+    played,
+    played_on_warp,
+    reset_world_leaves_others,
+)
 
 pytestmark = pytest.mark.study
 
@@ -59,12 +68,16 @@ WINCH = """
 SECONDS, HOLD = 1.0, 0.02
 
 
-def winch(step: float = 5e-4, n: int = 8) -> mujoco.MjSpec:
-    given = {"step": step, "n": n, "path": "open", "more": ""}
-    probe = WINCH.format(length=1.0, **given)
+def winch(step: float = 5e-4, guide: str = "0.3 0 -0.1") -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(winch_text(step, guide))
+
+
+def winch_text(step: float = 5e-4, guide: str = "0.3 0 -0.1") -> str:
+    given = {"step": step, "n": 8, "path": "open", "more": ""}
+    text = WINCH.replace("0.3 0 -0.1", guide)
+    probe = text.format(length=1.0, **given)
     bare = without_cable(mujoco.MjSpec.from_string(probe)).compile()
-    length = float(bare.tendon_length0[0])
-    return mujoco.MjSpec.from_string(WINCH.format(length=length, **given))
+    return text.format(length=float(bare.tendon_length0[0]), **given)
 
 
 def without_cable(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -141,23 +154,9 @@ def test_long_steps_err_no_more_than_the_plugin(step):
 
 def test_worlds_do_not_see_each_other_and_readings_are_those_of_the_plugin():
     spec = winch()
-    model, plain = spec.compile(), without_plugin(spec).compile()
-    data, runs = mujoco.MjData(model), []
-    for resets in (False, True):
-        m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=3)
-        cables = attach(m, d, spec)
-        d.ctrl.fill_(1.0)
-        for k in range(200):
-            if resets and k == 100:
-                mjw.reset_data(m, d, wp.array([False, True, False], dtype=bool))
-                d.ctrl.fill_(1.0)
-            mjw.step(m, d)
-            if k == 99:
-                half = d.qpos.numpy().copy()
-        runs.append((d.qpos.numpy().copy(), cables.tensions.numpy().copy()))
-    np.testing.assert_array_equal(runs[0][0][[0, 2]], runs[1][0][[0, 2]])
-    np.testing.assert_array_equal(runs[0][1][[0, 2]], runs[1][1][[0, 2]])
-    np.testing.assert_array_equal(runs[1][0][1], half[1])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    cables = reset_world_leaves_others(spec, 1.0)
     data.ctrl[0] = 1.0
     for _ in range(200):
         mujoco.mj_step(model, data)
@@ -172,21 +171,54 @@ def test_worlds_do_not_see_each_other_and_readings_are_those_of_the_plugin():
 
 
 def test_a_replay_of_a_captured_step_is_a_step():
-    spec = winch(4e-3)
-    plain, found = without_plugin(spec).compile(), []
-    for captured in (False, True):
-        m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=2)
-        cables = attach(m, d, spec)
+    replay_equals_steps(winch(4e-3), lifted)
+
+
+def on_a_floating_base(text: str, away: float) -> mujoco.MjSpec:
+    """Return a scene whose world floats at some distance from the origin, turned."""
+    base = f"""<worldbody><body pos="{away} {-away} 0" euler="0.3 0.2 0.1"><freejoint/>
+        <geom type="box" size="1 1 1" mass="200" contype="0" conaffinity="0"/>"""
+    text = re.sub("<geom [^>]*plane[^>]*/>", "", text).replace("<worldbody>", base)
+    spec = mujoco.MjSpec.from_string(
+        text.replace("</worldbody>", "</body></worldbody>")
+    )
+    spec.option.gravity, spec.option.timestep = [0.0, 0.0, 0.0], 5e-4
+    return spec
+
+
+@pytest.mark.parametrize("name", ["winch", "exosuit"])
+def test_tensions_do_not_depend_on_the_distance_from_the_origin(name):
+    if name == "winch":
+        text, control = winch_text(), lifted
+    else:
+        text = Path(scene_path(name)).read_text("utf-8")
+        control = moved(mujoco.MjSpec.from_string(text))
+    _, tensions = played(on_a_floating_base(text, 0.0), control, 0.15)
+    for away in (10.0, 100.0):
+        _, pulls = played_on_warp(on_a_floating_base(text, away), control, 0.15)
+        assert np.abs(pulls - tensions).max() < 2e-4 * tensions.max()
+
+
+def test_a_site_may_be_elsewhere_in_a_world():
+    spec, other = winch(), winch(guide="0.32 0 -0.12")
+    plain = without_plugin(spec).compile()
+    _, tensions = played(other, lifted, 0.1)
+    pulls, sites = [], np.tile(plain.site_pos[None], (2, 1, 1))
+    sites[1] = without_plugin(other).compile().site_pos
+    m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=2)
+    m.site_pos = wp.array(sites, dtype=wp.vec3)
+    attach(m, d, spec)
+    with pytest.raises(CableError, match=r"site_pos .* rest_in_pose=True"):
+        m.callback.act_bias(m, d)
+    m.callback.act_bias = None
+    cables = attach(m, d, spec, rest_in_pose=True)
+    for k in range(len(tensions)):
+        d.ctrl.fill_(lifted(k * plain.opt.timestep)[0])
         mjw.step(m, d)
-        if captured:
-            with wp.ScopedCapture("cpu") as capture:
-                mjw.step(m, d)
-        for k in range(1, 60):
-            d.ctrl.fill_(lifted(4e-3 * k)[0])
-            wp.capture_launch(capture.graph) if captured else mjw.step(m, d)
-        found.append((d.qpos.numpy().copy(), cables.tensions.numpy().copy()))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, other)
+        pulls.append(cables.tensions.numpy()[:, 0].copy())
+    found = np.array(pulls)
+    assert np.abs(found[:, 1] - tensions[:, 0]).max() < 1e-4 * tensions.max()
+    assert np.abs(found[:, 0] - tensions[:, 0]).max() > 2e-3 * tensions.max()
 
 
 def test_parameters_are_given_anew_on_the_path_of_the_scene():

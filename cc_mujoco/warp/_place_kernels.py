@@ -1,0 +1,248 @@
+"""Places of a path, measured from a body close to it.
+
+Far from the origin, positions of single precision are coarse: 4 µm at 100 m. The bodies
+of a path are therefore placed anew, from the body that carries the whole path: along
+the chain from there, distances stay short. The points at which a path touches a geom
+are those of mujoco_warp, put back on the surface. That they are coarse along it changes
+no length, because of all paths over the surface this is the shortest.
+"""
+
+# Warp reads the annotations of its kernels, so they are not postponed here.
+
+import mujoco
+import warp as wp
+
+from cc_mujoco.cable import _path_geometry as geometry
+
+_SIZE, _FIRST, _LAST = geometry.PLACE_SIZE, geometry.FIRST, geometry.LAST
+_TOUCHED, _CENTRE, _AXES = geometry.TOUCHED, geometry.CENTRE, geometry.AXES
+_SITE, _SPHERE = geometry.SITE, geometry.SPHERE
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@wp.struct
+class Links:
+    """Bodies that carry the places of paths, without those that carry a whole path.
+
+    Attributes:
+        starts: first link of each tendon (tendons,).
+        numbers: links of each tendon, parents before children (tendons,).
+        carriers: body that carries the whole path (tendons,).
+        bodies: of all links.
+        above: link that carries a link, counted from the first of its tendon; -1: the
+            body that carries the whole path.
+        places: link of every place of all tendons, likewise.
+    """
+
+    starts: wp.array(dtype=int)
+    numbers: wp.array(dtype=int)
+    carriers: wp.array(dtype=int)
+    bodies: wp.array(dtype=int)
+    above: wp.array(dtype=int)
+    places: wp.array(dtype=int)
+
+
+@wp.struct
+class Pose:
+    """Arrays of a model and its data that place bodies, sites and geoms."""
+
+    body_parentid: wp.array(dtype=int)
+    body_jntnum: wp.array(dtype=int)
+    body_jntadr: wp.array(dtype=int)
+    body_mocapid: wp.array(dtype=int)
+    jnt_type: wp.array(dtype=int)
+    jnt_qposadr: wp.array(dtype=int)
+    body_pos: wp.array2d(dtype=wp.vec3)
+    body_quat: wp.array2d(dtype=wp.quat)
+    jnt_pos: wp.array2d(dtype=wp.vec3)
+    jnt_axis: wp.array2d(dtype=wp.vec3)
+    qpos0: wp.array2d(dtype=float)
+    site_pos: wp.array2d(dtype=wp.vec3)
+    geom_pos: wp.array2d(dtype=wp.vec3)
+    geom_size: wp.array2d(dtype=wp.vec3)
+    qpos: wp.array2d(dtype=float)
+    mocap_pos: wp.array2d(dtype=wp.vec3)
+    xpos: wp.array2d(dtype=wp.vec3)
+    xquat: wp.array2d(dtype=wp.quat)
+    geom_xpos: wp.array2d(dtype=wp.vec3)
+    geom_xmat: wp.array2d(dtype=wp.mat33)
+    ten_wrapadr: wp.array2d(dtype=int)
+    wrap_obj: wp.array2d(dtype=wp.vec2i)
+    wrap_xpos: wp.array2d(dtype=wp.spatial_vector)
+
+
+@wp.func
+def vector_of(row: wp.array(dtype=float), i: int):
+    """Return the vector whose three numbers begin at i."""
+    return wp.vec3(row[i], row[i + 1], row[i + 2])
+
+
+@wp.func
+def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
+    for axis in range(3):
+        row[i + axis] = v[axis]
+
+
+@wp.func
+def _turn_of(q: wp.quat):
+    """Return a quaternion of MuJoCo, whose real part is the first, as one of Warp."""
+    return wp.quat(q[1], q[2], q[3], q[0])
+
+
+@wp.func
+def _is_free(pose: Pose, body: int):
+    if pose.body_jntnum[body] != 1:
+        return False
+    return pose.jnt_type[pose.body_jntadr[body]] == wp.static(_FREE)
+
+
+@wp.func
+def _offset(pose: Pose, world: int, body: int):
+    """Return where a body is in its parent before its joints move it."""
+    if _is_free(pose, body):
+        i = pose.jnt_qposadr[pose.body_jntadr[body]]
+        return vector_of(pose.qpos[world], i)
+    if pose.body_mocapid[body] >= 0:
+        return pose.mocap_pos[world, pose.body_mocapid[body]]
+    return pose.body_pos[world % pose.body_pos.shape[0], body]
+
+
+@wp.func
+def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.quat):
+    """Return where the joints of a body move it from its place at rest."""
+    at = wp.vec3(start[0], start[1], start[2])
+    fixed = _turn_of(pose.body_quat[world % pose.body_quat.shape[0], body])
+    turn = parent_turn * fixed
+    first = pose.body_jntadr[body]
+    for joint in range(first, first + pose.body_jntnum[body]):
+        kind, i = pose.jnt_type[joint], pose.jnt_qposadr[joint]
+        arm = pose.jnt_pos[world % pose.jnt_pos.shape[0], joint]
+        axis = pose.jnt_axis[world % pose.jnt_axis.shape[0], joint]
+        if kind == wp.static(_SLIDE):
+            way = pose.qpos[world, i] - pose.qpos0[world % pose.qpos0.shape[0], i]
+            at += wp.quat_rotate(turn, axis) * way
+        else:
+            at += wp.quat_rotate(turn, arm)
+            if kind == wp.static(_BALL):
+                q = pose.qpos[world]
+                own = wp.quat(q[i + 1], q[i + 2], q[i + 3], q[i])
+                turn = turn * wp.normalize(own)
+            else:
+                angle = pose.qpos[world, i] - pose.qpos0[world % pose.qpos0.shape[0], i]
+                turn = turn * wp.quat_from_axis_angle(axis, angle)
+            at -= wp.quat_rotate(turn, arm)
+    return at
+
+
+@wp.func
+def locate(
+    links: Links, pose: Pose, tendon: int, world: int, near: wp.array(dtype=float)
+):
+    """Place the links of a tendon, from a point that its first link has at rest.
+
+    `near` becomes that point in the world, and the vectors from there to all links.
+    """
+    start = links.starts[tendon]
+    carrier = links.carriers[tendon]
+    turn = _turn_of(pose.xquat[world, carrier])
+    origin = wp.vec3(0.0, 0.0, 0.0)
+    if links.numbers[tendon] > 0:
+        origin = _offset(pose, world, links.bodies[start])
+    _write_vector(near, 0, pose.xpos[world, carrier] + wp.quat_rotate(turn, origin))
+    for k in range(links.numbers[tendon]):
+        body, above = links.bodies[start + k], links.above[start + k]
+        parent_turn = _turn_of(pose.xquat[world, pose.body_parentid[body]])
+        offset = _offset(pose, world, body)
+        at = wp.vec3(0.0, 0.0, 0.0)
+        if above < 0:
+            offset -= origin
+        else:
+            at = vector_of(near, 3 * above + 3)
+        at += wp.quat_rotate(parent_turn, offset)
+        if not _is_free(pose, body):
+            at = _moved(pose, world, body, at, parent_turn)
+        _write_vector(near, 3 * k + 3, at)
+
+
+@wp.func
+def _attached(
+    links: Links, pose: Pose, tendon: int, world: int, place: int, own: wp.vec3,
+    near: wp.array(dtype=float),
+):  # fmt: skip
+    """Return where a point of the body at a place is, from the point of `near`."""
+    link, start = links.places[place], links.starts[tendon]
+    if link >= 0:
+        turn = _turn_of(pose.xquat[world, links.bodies[start + link]])
+        return vector_of(near, 3 * link + 3) + wp.quat_rotate(turn, own)
+    turn = _turn_of(pose.xquat[world, links.carriers[tendon]])
+    if links.numbers[tendon] == 0:
+        return wp.quat_rotate(turn, own)
+    return wp.quat_rotate(turn, own - _offset(pose, world, links.bodies[start]))
+
+
+@wp.func
+def _on_surface(kind: float, radius: float, axis: wp.vec3, arm: wp.vec3):
+    """Return the point of a sphere or a cylinder that is closest to one near it."""
+    along = wp.vec3(0.0, 0.0, 0.0)
+    if kind != wp.static(_SPHERE):
+        along = wp.dot(arm, axis) * axis
+    return along + radius * wp.normalize(arm - along)
+
+
+@wp.func
+def _path_point(points: wp.array(dtype=wp.spatial_vector), i: int):
+    if i % 2 == 0:
+        return wp.spatial_top(points[i // 2])
+    return wp.spatial_bottom(points[i // 2])
+
+
+@wp.func
+def read_places(
+    links: Links,
+    pose: Pose,
+    tendon: int,
+    world: int,
+    start: int,
+    number: int,
+    kinds: wp.array(dtype=float),
+    objects: wp.array(dtype=int),
+    near: wp.array(dtype=float),
+    places: wp.array(dtype=float),
+):
+    """Write the places of a path, from the point of `near`; see `_path_geometry.py`."""
+    locate(links, pose, tendon, world, near)
+    points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]
+    point = int(pose.ten_wrapadr[world, tendon])
+    for k in range(number):
+        place, i = start + k, _SIZE * k
+        kind, thing = kinds[place], objects[place]
+        places[i] = kind
+        if kind == _SITE:
+            own = pose.site_pos[world % pose.site_pos.shape[0], thing]
+            at = _attached(links, pose, tendon, world, place, own, near)
+            _write_vector(places, i + _FIRST, at)
+            point += 1
+        else:
+            places[i + _TOUCHED] = 0.0
+            pair = wrapped[point // 2]  # an index that varies would need a stack
+            touched = pair[1]
+            if point % 2 == 0:
+                touched = pair[0]
+            if touched == thing:
+                places[i + _TOUCHED] = 1.0
+                own = pose.geom_pos[world % pose.geom_pos.shape[0], thing]
+                centre = _attached(links, pose, tendon, world, place, own, near)
+                frame = wp.transpose(pose.geom_xmat[world, thing])
+                radius = pose.geom_size[world % pose.geom_size.shape[0], thing][0]
+                for side in range(2):
+                    arm = _path_point(points, point + side)
+                    arm -= pose.geom_xpos[world, thing]
+                    arm = _on_surface(kind, radius, frame[2], arm)
+                    # The last point follows the first one.
+                    _write_vector(places, i + _FIRST + 3 * side, centre + arm)
+                point += 2
+                _write_vector(places, i + _CENTRE, centre)
+                for axis in range(3):
+                    _write_vector(places, i + _AXES + 3 * axis, frame[axis])

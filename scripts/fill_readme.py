@@ -41,6 +41,7 @@ from cc_mujoco.benchmark import (
 )
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.diagnosis import EFFECTS
@@ -172,7 +173,7 @@ def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
 def played(folder: Path, seeds: int) -> Results:
     """Play what of the suite is not played yet, and return all of it."""
     plan = BenchmarkPlan(ENTRIES, seeds=seeds)
-    with tqdm(total=len(plan.cells()), unit="cell") as bar:
+    with tqdm(total=len(plan.cells()), unit="cell", **progress_options()) as bar:
         return run(
             plan, folder, workers=0, progress=lambda done: bar.update(done - bar.n)
         )

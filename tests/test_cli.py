@@ -21,6 +21,7 @@ from cc_mujoco import cli, viz
 from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._runner import FIGURE_STEMS
+from cc_mujoco.cli import _options
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import COMMANDS
 from cc_mujoco.device import find_device
@@ -172,6 +173,20 @@ def test_old_results_stay_until_new_ones_are_complete(
     after = {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()}
     assert after["notes.txt"] == b"mine"
     assert after["log.parquet"] != before["log.parquet"]
+
+
+def test_a_bar_in_a_pipe_is_a_line_for_each_state(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(_options, "PROGRESS_INTERVAL", 0.0)
+    with _options.progress_bar(2.0, "episode") as progress:
+        for time in (1.0, 2.0):
+            progress(time)
+    shown = capsys.readouterr().err
+    assert "\r" not in shown and shown.endswith("\n")
+    lines = shown.splitlines()
+    assert len(lines) > 2 and lines[-1].endswith("2.0 of 2.0 s")
+    assert all(re.fullmatch(r"episode: .*\| \d\.0 of 2\.0 s", line) for line in lines)
 
 
 PLAYING = """

@@ -34,13 +34,25 @@ Added = Annotated[
 Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], option_help()]
 
 
+class _Lines:
+    """Standard error for a bar of tqdm, each state of which is a line of its own."""
+
+    def write(self, text: str) -> None:
+        """Write a state; what only moves or clears the cursor is left out."""
+        if line := text.strip("\r\n").rstrip():
+            sys.stderr.write(f"{line}\n")
+
+    def flush(self) -> None:
+        """Write what is held back."""
+        sys.stderr.flush()
+
+
 def progress_options() -> dict[str, Any]:
-    """Options of a bar of tqdm: only a line at times where there is no terminal."""
-    return (
-        {}
-        if sys.stderr.isatty()
-        else {"delay": PROGRESS_INTERVAL, "mininterval": PROGRESS_INTERVAL}
-    )
+    """Return options of a bar of tqdm: where there is no terminal, a line at times."""
+    if sys.stderr.isatty():
+        return {}
+    interval = {"delay": PROGRESS_INTERVAL, "mininterval": PROGRESS_INTERVAL}
+    return {"file": _Lines(), **interval}
 
 
 @contextmanager

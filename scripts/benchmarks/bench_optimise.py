@@ -19,6 +19,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.design import (
     objective_costs,
     optimise,
@@ -67,7 +68,7 @@ def main() -> None:
     few = count // SHARE
     how = {"duration": arguments.duration, "controllers": arguments.controllers}
     measured = [*GOALS, "slack_margin"]
-    with tqdm(total=count, unit="design") as bar:
+    with tqdm(total=count, unit="design", **progress_options()) as bar:
         begin = time.perf_counter()
         grid = study(
             "wrist",

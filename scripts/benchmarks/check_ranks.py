@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.control import ProportionalIntegral
 from cc_mujoco.design import study
 from cc_mujoco.device import Drive
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, help="default 5 s, wrist 6 s")
     parser.add_argument("--threads", type=int, default=0)
     given = parser.parse_args()
-    with tqdm(total=given.designs, disable=not sys.stderr.isatty()) as bar:
+    with tqdm(total=given.designs, **progress_options()) as bar:
         table = study(
             given.scene,
             VARY[given.scene],

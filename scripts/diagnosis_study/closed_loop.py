@@ -35,6 +35,7 @@ from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, require_ours
 from cc_mujoco.assets import scene_path
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.control import controller
 from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.diagnosis import diagnose
@@ -386,7 +387,7 @@ def main() -> None:
         for name in given.effects
         if (name, seed, given.strength) not in done
     ]
-    for name, seed, strength in tqdm(cases, unit="case"):
+    for name, seed, strength in tqdm(cases, unit="case", **progress_options()):
         folder = given.out / f"{name}-{seed}-{strength:g}"
         found = run(name, seed, strength, given.controllers, folder)
         records.append(found)

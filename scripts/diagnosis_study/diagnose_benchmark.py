@@ -33,6 +33,7 @@ from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.diagnosis import BOOTSTRAP_BLOCK
 from cc_mujoco.errors import CableError
 
@@ -287,7 +288,7 @@ def main() -> None:
     ]
     made = study_job.records(wanted, options.naive, options.jobs, options.scheduler)
     try:
-        for record in tqdm(made, total=len(wanted), unit="case"):
+        for record in tqdm(made, total=len(wanted), unit="case", **progress_options()):
             records.append(record)
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(record) + "\n")

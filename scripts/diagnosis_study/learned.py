@@ -29,6 +29,7 @@ from driven import Array, Bench, Lockstep
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import AxisRow, DrivenAxis, Loop, Watchdog, drive_of
@@ -176,7 +177,7 @@ def main() -> None:
         for name in given.controllers
         if (case := (name, effect, seed)) not in done
     ]
-    for case in tqdm(cases, unit="task"):
+    for case in tqdm(cases, unit="task", **progress_options()):
         record = played(*case)
         records.append(record)
         with kept.open("a", encoding="utf-8") as file:

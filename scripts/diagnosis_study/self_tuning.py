@@ -29,6 +29,7 @@ from driven import Array, Lockstep, Swing
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.control import (
     AdaptiveModel,
     Controller,
@@ -324,7 +325,7 @@ def main() -> None:
         for name in given.variants
         if (case := (name, world, seed)) not in done
     ]
-    for case in tqdm(cases, unit="task"):
+    for case in tqdm(cases, unit="task", **progress_options()):
         record = played(*case)
         records.append(record)
         with kept.open("a", encoding="utf-8") as file:

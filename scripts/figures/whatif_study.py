@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 from tqdm import tqdm
 
+from cc_mujoco.cli._options import progress_options
 from cc_mujoco.design import study
 from cc_mujoco.report import figure_path
 
@@ -30,7 +30,7 @@ def studied(
     parser.add_argument("--threads", type=int, default=0)
     given = parser.parse_args()
     given.out.parent.mkdir(parents=True, exist_ok=True)
-    with tqdm(total=number, disable=not sys.stderr.isatty()) as bar:
+    with tqdm(total=number, **progress_options()) as bar:
         table = study(
             **how,
             threads=given.threads,

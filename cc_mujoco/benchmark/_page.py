@@ -40,6 +40,8 @@ CAPTIONS = {
     "cycle": "Error over the cycle in the ordinary condition.",
 }
 """Captions of the figures of a device."""
+WHOLE_NAMES = "th code, td code { overflow-wrap: normal; }"
+"""Style that breaks no name of a controller in a table."""
 
 
 def report_page(
@@ -93,6 +95,7 @@ def report_page(
             *(paragraph(inline_markdown(note), kind="small") for note in notes),
         ),
         sections(titles, parts),
+        style=WHOLE_NAMES,
     )
 
 

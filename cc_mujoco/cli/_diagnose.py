@@ -129,7 +129,7 @@ class Diagnose:
             if found.verdict == "unknown" or lacking:
                 print(f"  noticed: {problem}")
         for tie in found.ties:
-            print(f"  cannot tell apart: {', '.join(tie)}")
+            print(f"  cannot distinguish: {', '.join(tie)}")
         if found.next_experiment is not None:
             planned = found.next_experiment
             print(f"  to separate them: {planned.description}")

@@ -9,7 +9,7 @@ from cc_mujoco.design._study_metrics import known_metric
 from cc_mujoco.device._variables import VALUES, split
 
 UNKNOWN_REASON = (
-    "no variation, too few designs, or designs left out are not foretold by the others"
+    "no variation, too few designs, or designs left out are not predicted by the others"
 )
 """Why it may be unknown what a metric depends on."""
 

@@ -314,7 +314,7 @@ def markdown(
     parts += [_sensitivity(one) for one in found]
     known = {one.metric for one in found}
     if unknown := [name for name in protocol.metrics if name not in known]:
-        parts.append(f"Nothing can be said of {', '.join(unknown)}: {UNKNOWN_REASON}.")
+        parts.append(f"No shares are known of {', '.join(unknown)}: {UNKNOWN_REASON}.")
     parts.append("## Metrics")
     parts.append(
         table_of(

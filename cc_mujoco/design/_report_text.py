@@ -223,7 +223,9 @@ def near_best_sentence(found: RankedStudy) -> str:
     span = np.ptp(found.cost[good], axis=0)
     near = good & (found.cost <= found.cost[first] + NEAR_BEST_SHARE * span).all(axis=1)
     others = int(near.sum()) - 1
-    many = f"{others} other designs are" if others != 1 else "1 other design is"
+    many = {0: "no other design is", 1: "1 other design is"}.get(
+        others, f"{others} other designs are"
+    )
     meaning = (
         "what they have in common matters, not the last digit of the best"
         if others
@@ -256,8 +258,8 @@ def axes_sentence(axes: Sequence[str]) -> str:
 def cases_sentence(plan: Plan) -> str:
     """State over which cases designs are ranked."""
     return (
-        f"Every number of a design is {plan.protocol.across.told()}. A design that "
-        "fails in one of them has failed, one without a number in one of them has "
+        f"Every number of a design is {plan.protocol.across.aggregation()}. A design "
+        "that fails in one of them has failed, one without a number in one of them has "
         "none, and limits hold in all of them."
     )
 
@@ -434,11 +436,13 @@ def controllers(found: RankedStudy) -> Html | None:
     head = ["controller", "tracks best in"]
     for goal in goals:
         own = [] if found.best is None else [f"design {found.best['design']}"]
-        head += [f"{column_title(goal.name)}, {text}" for text in (*own, "ranks alike")]
+        head += [
+            f"{column_title(goal.name)}, {text}" for text in (*own, "rank correlation")
+        ]
     words = (
-        "A design is ranked with the controller that tracks best with it. Ranks alike "
-        "(Spearman's correlation, 1 is the same order) says whether another controller "
-        "alone would have ordered the designs as they are ordered here; where it is "
+        "A design is ranked with the controller that tracks best with it. The rank "
+        "correlation (Spearman's, 1 is the same order) shows whether another "
+        "controller alone would have ordered the designs as they are ordered here; where it is "
         "far from 1, the number is as much the controller's as the design's."
     )
     return join_pieces([paragraph(words), short_table(head, rows)])
@@ -477,7 +481,7 @@ def deciding_variables(
     parts: list[Html] = []
     if unknown:
         lost = list_words([plain_name(name) for name in unknown])
-        parts.append(paragraph(f"Nothing can be said of {lost}: {UNKNOWN_REASON}."))
+        parts.append(paragraph(f"No shares are known of {lost}: {UNKNOWN_REASON}."))
     if not known:
         return parts[0]
     for one in known:
@@ -503,7 +507,7 @@ def deciding_variables(
         "The share of the differences between designs that goes when a variable is "
         "held (Sobol's total index; shares overlap where variables act together). "
         "Means are over all values of the other variables; a share below its error is "
-        "not told from none."
+        "may be 0."
     )
     return join_pieces([paragraph(words), *parts])
 

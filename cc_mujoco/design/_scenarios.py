@@ -85,7 +85,7 @@ class Across:
             f"{name}={_format_short(value)}" for name, value in case.items()
         )
 
-    def told(self) -> str:
+    def aggregation(self) -> str:
         """Describe how a number of a design is aggregated, and over which cases."""
         values = "; ".join(
             f"{name} {', '.join(map(_format_short, values))}"

@@ -7,7 +7,7 @@ the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_ind
 What the surface does not foretell of the variance belongs to no variable. The error
 of an index is how far those of surfaces through random halves of the designs lie off,
 which is the sampling error and what more designs would still change, together with that
-part that is not foretold. An index below its error is 0.
+part that is not predicted. An index below its error is 0.
 """
 
 from __future__ import annotations

@@ -205,7 +205,8 @@ $body
 _STYLE = Template("""
 body { margin: 0; background: #fff; color: #1a1a1a;
   font: 16px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
-main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem; }
+main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem;
+  overflow-wrap: break-word; }
 header { border-left: .4rem solid $grey; padding: .2rem 0 .2rem 1rem; }
 .named header { border-color: $blue; }
 .none header { border-color: $green; }
@@ -231,7 +232,6 @@ th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
 th { font-weight: 600; border-bottom-color: #999; }
 code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   overflow-wrap: anywhere; }
-th code, td code { overflow-wrap: normal; }
 .whole img { max-width: none; width: 42rem; }
 details { margin: .6rem 0; }
 summary { cursor: pointer; font-size: .88rem; color: $blue; }

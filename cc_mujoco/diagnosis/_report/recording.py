@@ -148,7 +148,7 @@ def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
         f"with the named effects blue. {SIGN_NOTE}",
         "# Maps of the error",
         markdown.table(("", "over", "share", "by chance"), maps, numbers=(2, 3)),
-        "# Effects that are alike",
+        "# Effects that are similar",
         markdown.table(("", "", "likeness"), pairs, numbers=[2]),
     ]
     weak = invisible_effects(evidence.isolability)

@@ -43,7 +43,7 @@ SECTION_TITLES = {
     "where": "Where the error lies",
     "maps": "Maps of the error",
     "candidates": "What was tried",
-    "likeness": "What these data can tell apart",
+    "likeness": "What these data can distinguish",
     "untested": "What these data hide",
     "next": "What to run next",
     "parameters": "Fitted parameters",

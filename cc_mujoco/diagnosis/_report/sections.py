@@ -82,8 +82,8 @@ def gap(diagnosis: Diagnosis) -> Html | None:
         "All errors are those on data that were not used for fitting. The simulation "
         "before has no new effect, but everything that can be tuned is tuned; the "
         "noise floor is what the noise of the sensors makes of it, an estimate. "
-        "Samples are weighted by how well the angles tell the torque: where an end of "
-        "the cable sticks, the last digit of an angle is worth newtons, and plain "
+        "Samples are weighted by how well the angles determine the torque: where an "
+        "end of the cable sticks, the last digit of an angle is worth newtons, and plain "
         "errors there, as in the traces, are several times larger."
     )
     lines = [gap_sentence(name, each) for name, each in diagnosis.gap.items()]
@@ -251,9 +251,9 @@ def effect_similarity(evidence: Evidence, names: Names) -> Html | None:
         for one, other, cosine in confounded_pairs(evidence.isolability)
     ]
     weak = invisible_effects(evidence.isolability)
-    lines = ["These data tell all effects apart."]
+    lines = ["These data distinguish all effects."]
     if pairs:
-        lines = [f"These data can hardly tell apart {list_words(pairs)}."]
+        lines = [f"These data can hardly distinguish {list_words(pairs, 'or')}."]
     if weak:
         lines.append(f"Smaller than the noise, if present: {names.list(weak)}.")
     return bullet_list(lines)

@@ -184,7 +184,8 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
         )
     return _step_item(
         "What to record",
-        f"{capitalise(planned.description)}. It tells whether it is {either}. Folder "
+        f"{capitalise(planned.description.rstrip('.'))}. It shows whether it is "
+        f"{either}. Folder "
         f"{next_folder(planned)} has the motion and the lines of dataset.toml; "
         f"{then}.",
     )

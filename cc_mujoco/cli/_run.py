@@ -202,7 +202,7 @@ class RunRig:
         """Print how a run went, and leave if it did not go well."""
         from cc_mujoco.hardware._run_report import AT_LIMIT_SHARE
 
-        late, work = found.late.told(), found.work.told()
+        late, work = found.late.quantiles(), found.work.quantiles()
         print(
             f"{found.cycles} cycles of {period * 1e3:g} ms, {found.missed} missed, "
             f"{found.without_reading} without a new reading"

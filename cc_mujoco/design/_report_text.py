@@ -442,8 +442,9 @@ def controllers(found: RankedStudy) -> Html | None:
     words = (
         "A design is ranked with the controller that tracks best with it. The rank "
         "correlation (Spearman's, 1 is the same order) shows whether another "
-        "controller alone would have ordered the designs as they are ordered here; where it is "
-        "far from 1, the number is as much the controller's as the design's."
+        "controller alone would have ordered the designs as they are ordered here; "
+        "where it is far from 1, the number is as much the controller's as the "
+        "design's."
     )
     return join_pieces([paragraph(words), short_table(head, rows)])
 

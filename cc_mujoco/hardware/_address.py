@@ -12,6 +12,12 @@ from cc_mujoco.errors import CableError
 MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF
 """Greatest identifiers of 11 and of 29 bits."""
 _CAN_PREFIX = "can:"
+_PLACES = {"dynamixel": ("PORT", "/dev/ttyUSB0")}
+"""Name and example of the place of a drive that is not on CAN."""
+_JOINT_NEEDED = (
+    "`joint`, a table with the `address` or `class` of what measures the joint"
+)
+"""Table that a drive needs, as errors name it."""
 _ID_KEYS = ("command_id", "reading_id")
 
 
@@ -115,6 +121,11 @@ def _can(table: Table, channel: str) -> CanAddress:
 
 def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
     common = ("address", "node", "gear", "zero", "joint")
+    if not place:
+        kind, example = _PLACES.get(protocol, ("CHANNEL", "can0"))
+        needed = f'{protocol}:{kind}, such as "{protocol}:{example}"'
+        more = "" if "joint" in table.content else f", and {_JOINT_NEEDED}"
+        raise table.wrong("address", needed + more)
     nodes = DRIVE_NODES[protocol]
     node = _whole(table, "node", nodes, nodes.start, str(nodes.stop - 1))
     gear = table.number("gear")
@@ -124,8 +135,7 @@ def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
     if "class" not in joint.content:
         if "address" not in joint.content:
             raise CableError(
-                f"{table.where} needs `joint`, a table with the `address` or `class` "
-                "of what measures the joint: a drive reads its motor only."
+                f"{table.where} needs {_JOINT_NEEDED}: a drive reads its motor only."
             )
         if (joint.text("address") or "").partition(":")[0] in DRIVE_NODES:
             raise joint.wrong("address", "that of a rig with sensors at the joint")
@@ -141,10 +151,6 @@ def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
         }
         return DriveAddress(protocol, CanPlace(place, **keys), node, joint, gear, zero)
     table.only(*common, "baud_rate", "torque_per_ampere")
-    if not place:
-        raise table.wrong(
-            "address", f'{protocol}:PORT, such as "{protocol}:/dev/ttyUSB0"'
-        )
     torque = table.number("torque_per_ampere", 1e-6)
     if torque is None:
         raise CableError(

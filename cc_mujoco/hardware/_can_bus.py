@@ -79,6 +79,7 @@ class CanPort:
         self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
         self._interface, self._fd = place.interface, fd
         self._can = _python_can()
+        self._errors = _bus_errors(self._can)
         buses = {} if buses is None else buses
         key = place.channel, place.interface
         if key not in buses:
@@ -108,7 +109,7 @@ class CanPort:
                 # Without filters of python-can: by those a frame of others would look
                 # like the end of what came.
                 frame = self._bus.recv(0.0)
-            except Exception as error:  # each interface has its own
+            except self._errors as error:
                 self._count_failure("read from", error)
             self._failure_counts["read from"] = 0
             if frame is None:
@@ -139,7 +140,7 @@ class CanPort:
         )
         try:
             self._bus.send(frame, timeout=0.0)
-        except Exception as error:  # each interface has its own
+        except self._errors as error:
             self._count_failure("sent to", error)
         self._failure_counts["sent to"] = 0
 
@@ -151,7 +152,7 @@ class CanPort:
             return
         try:
             self._bus.shutdown()
-        except Exception:  # of a device that was pulled out, say
+        except self._errors:  # of a device that was pulled out, say
             self.ignored["not closed"] += 1
 
     def _count_failure(self, done: str, error: Exception) -> NoReturn:
@@ -183,6 +184,11 @@ def _python_can() -> ModuleType:
     return can
 
 
+def _bus_errors(library: ModuleType) -> tuple[type[Exception], ...]:
+    """Return the errors of an open bus: of python-can, the system, a wrong frame."""
+    return library.CanError, OSError, ValueError
+
+
 def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can.BusABC:
     if place.interface not in library.VALID_INTERFACES:
         raise CableError.unknown(
@@ -195,6 +201,8 @@ def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can
     how: dict[str, object] = {}
     if fd:  # only the virtual bus takes the first keyword
         how = {"protocol": kind} if place.interface == "virtual" else {"fd": True}
+    errors: tuple[type[Exception], ...] = _bus_errors(library)
+    errors += ImportError, TypeError, LookupError
     try:
         bus: can.BusABC = library.Bus(
             channel=place.channel,
@@ -202,7 +210,7 @@ def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can
             ignore_config=True,  # `rig.toml` says all
             **{**how, **place.bus},
         )
-    except Exception as error:  # each interface has its own
+    except errors as error:
         raise CableError(f"{where} cannot be opened: {_error_text(error)}.") from error
     if fd and bus.protocol not in (kind, library.CanProtocol.CAN_FD_NON_ISO):
         bus.shutdown()

@@ -162,7 +162,7 @@ def _user_rig(table: Table, name: str) -> Rig:
         made = getattr(importlib.import_module(place), attribute)(**others)
     except CableError:
         raise
-    except Exception as error:
+    except Exception as error:  # of the user's code, which may raise anything
         raise CableError(
             f"{table.where}, class {name!r} cannot be made: "
             f"{type(error).__name__}: {error}"

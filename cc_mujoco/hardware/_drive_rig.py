@@ -6,16 +6,13 @@ the documents that the modules name.
 
 from __future__ import annotations
 
-import contextlib
 import math
-import time
 from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._packet import Readings, Status
-from cc_mujoco.hardware._rig import END_PACKETS, Rig
+from cc_mujoco.hardware._rig import Connection, Rig, end_safely
 
 TURN = 2.0 * math.pi
 """A turn, in which drives measure angles [rad]."""
@@ -40,35 +37,17 @@ class MotorState(NamedTuple):
     """None while the drive prepares to enable its motor."""
 
 
-class MotorDrive(Protocol):
-    """Motor drive; no method waits for it."""
-
-    ignored: Counter[str]
-    """Packets that were received and not used, or not sent, by why."""
-    where: str
-    """The address at which it is looked for."""
+class MotorDrive(Connection, Protocol):
+    """Motor drive."""
 
     def read(self) -> MotorState | None:
-        """Return the newest reading, or None if none came since the last call.
-
-        Raises:
-            OSError: It could not be received; the next one may.
-            CableError: Nothing can be any more.
-        """
+        """Return the newest reading, or None if none came since the last call."""
 
     def write(self, torque: float) -> None:
-        """Command a torque of its shaft [N m]; enable it once it was read.
-
-        Raises:
-            OSError: It could not be sent; the next one may.
-            CableError: Nothing can be any more.
-        """
+        """Command a torque of its shaft [N m]; enable it once it was read."""
 
     def stop(self) -> None:
         """Command zero torque and disable the motor; sent several times."""
-
-    def close(self) -> None:
-        """Leave the bus."""
 
 
 class Enabling:
@@ -86,7 +65,7 @@ class Enabling:
             self._since = self._now()
 
     def status(self, enabled: bool) -> Status | None:
-        """Return the status of a drive that tells whether its motor is enabled."""
+        """Return the status of a drive by its report on whether it is enabled."""
         if enabled:
             self._enabled = True
             return Status.ENABLED
@@ -170,9 +149,4 @@ class DriveRig:
         if self._closed:
             return
         self._closed = True
-        for _ in range(END_PACKETS):
-            with contextlib.suppress(OSError, CableError):
-                self._drive.stop()
-            time.sleep(END_INTERVAL)
-        self._drive.close()
-        self._joint.close()
+        end_safely(self._drive.stop, END_INTERVAL, self._drive.close, self._joint.close)

@@ -5,7 +5,7 @@ current. A cycle sends one Sync Write with the goal current, which no servo answ
 one Read. Its watchdog stops it 60 ms after the last instruction. A hardware error
 is a fault, which only a reboot clears. A cycle moves about 80 bytes: set 1 Mbit/s or
 more, `Return Delay Time` 0, and a latency timer of 1 ms in the adapter. The torque is
-`torque_per_ampere` times the current that is asked for; nobody measures it.
+`torque_per_ampere` times the current that is commanded; nobody measures it.
 
 Sources: https://emanual.robotis.com/docs/en/dxl, pages "Protocol 2.0" (protocol2), "CRC
 Calculation" (crc) and the control table of the XH430-W350 (x/xh430-w350). Servos with
@@ -150,9 +150,9 @@ class Dynamixel:
         self._node, self._torque_per_ampere, self._now = node, torque_per_ampere, now
         self._enabling = Enabling(now)
         self._received = bytearray()
-        self._asked: tuple[int, int] | None = None
+        self._requested: tuple[int, int] | None = None
         """Bytes that a reply is expected to hold."""
-        self._asked_at = -math.inf
+        self._requested_at = -math.inf
         self._mode: int | None = None
         self._limit = 0
         """Current limit, in units of a current."""
@@ -163,7 +163,7 @@ class Dynamixel:
         """See `MotorDrive`."""
         try:
             self._received += self._port.read(4096)
-        except Exception as error:  # pyserial has several
+        except OSError as error:  # those of pyserial are
             self._fail("read from", error)
         newest: MotorState | None = None
         while (found := take_status(self._received, self._node)) is not None:
@@ -172,7 +172,10 @@ class Dynamixel:
 
     def write(self, torque: float) -> None:
         """See `MotorDrive`."""
-        if self._asked is not None and self._now() - self._asked_at < REPLY_TIME:
+        if (
+            self._requested is not None
+            and self._now() - self._requested_at < REPLY_TIME
+        ):
             raise OSError("the servo's reply is still under way")
         if self._mode != CURRENT_CONTROL:
             writes = [(TORQUE_ENABLE, b"\0")]  # the mode changes only without torque
@@ -206,34 +209,34 @@ class Dynamixel:
         return struct.pack("<h", given)
 
     def _send(
-        self, writes: list[tuple[int, bytes]], asked: tuple[int, int] | None
+        self, writes: list[tuple[int, bytes]], requested: tuple[int, int] | None
     ) -> None:
         data = b"".join(write_instruction(self._node, *each) for each in writes)
-        if asked is not None:
-            data += read_instruction(self._node, *asked)
-        self._asked, self._asked_at = asked, self._now()
+        if requested is not None:
+            data += read_instruction(self._node, *requested)
+        self._requested, self._requested_at = requested, self._now()
         try:
             self._port.write(data)
-        except Exception as error:  # pyserial has several
+        except OSError as error:
             self._fail("written to", error)
         self._failures = 0
 
     def _reply(self, error: int, data: bytes) -> MotorState | None:
         """Take the reply to the last read."""
-        asked, self._asked = self._asked, None
-        if asked is None or len(data) != asked[1]:
+        requested, self._requested = self._requested, None
+        if requested is None or len(data) != requested[1]:
             self.ignored["error of the servo" if error else "corrupt"] += 1
             return None
-        first = asked[0]
-        if asked == _SETTINGS:
+        first = requested[0]
+        if requested == _SETTINGS:
             self._mode, place = data[0], CURRENT_LIMIT - first
             (self._limit,) = struct.unpack_from("<H", data, place)
             return None
         self._heard = True
-        self._confirmed |= asked == _WHOLE and data[0] == 1
+        self._confirmed |= requested == _WHOLE and data[0] == 1
         tripped = data[BUS_WATCHDOG - first] == WATCHDOG_TRIPPED
         enabled = self._confirmed and not tripped
-        if asked == _WHOLE:
+        if requested == _WHOLE:
             enabled = enabled and data[0] == 1
         velocity, position = struct.unpack_from("<ii", data, PRESENT_VELOCITY - first)
         status = Status.FAULT if error & _ALERT else self._enabling.status(enabled)

@@ -120,7 +120,7 @@ class Limiter:
             CableError: It is not.
         """
         if not math.isfinite(wish):
-            raise CableError(f"the controller asked for {wish!r} N m.")
+            raise CableError(f"the controller gave {wish!r} N m.")
         self._cycles += 1
         self._stop_rate = 0.0
         return self._towards(self.share * wish)

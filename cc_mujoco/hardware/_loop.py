@@ -83,7 +83,7 @@ class TimeHistogram:
             return math.nan
         return float(np.searchsorted(total, math.ceil(share * total[-1])) + 1) * 1e-6
 
-    def told(self) -> dict[str, float]:
+    def quantiles(self) -> dict[str, float]:
         """Return the median, quantiles and longest [us]; nothing of no cycle."""
         if not self._bins.any():
             return {}
@@ -130,8 +130,8 @@ class RunOutcome:
             "cycles_at_rate_limit": self.rate_limited,
             "cycles_without_reading": self.without_reading,
             "ignored_packets": dict(self.ignored),
-            "late": self.late.told(),
-            "work": self.work.told(),
+            "late": self.late.quantiles(),
+            "work": self.work.quantiles(),
         }
 
 
@@ -449,7 +449,7 @@ class Loop:
             raise Ending(f"the controller failed: {_error_text(error)}") from error
         for one, wish in zip(self._axes, wishes, strict=True):
             if not math.isfinite(wish):
-                raise Ending(one.sentence(f"the controller asked for {wish} N m."))
+                raise Ending(one.sentence(f"the controller gave {wish} N m."))
         return desired, wishes
 
     def _stop_requested(self) -> None:

@@ -1,6 +1,6 @@
 """A moteus controller on CAN FD, by its register protocol.
 
-A frame to `0x8000 | id` writes mode and command and asks for position, velocity,
+A frame to `0x8000 | id` writes mode and command and requests position, velocity,
 torque, mode and fault; the reply is from `id << 8`. Torque control is position
 mode with all gains scaled to zero and a feed-forward torque. A command is valid for 50
 ms. Set `servo.max_current_A`, `servo.max_velocity` and `servo.timeout_mode = 0`, which
@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import math
 import struct
-import time
 
-from cc_mujoco.hardware._address import CanPlace
-from cc_mujoco.hardware._can_bus import CanBuses, CanPort
-from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
+from cc_mujoco.hardware._can_drive import CanDrive
+from cc_mujoco.hardware._drive_rig import TURN, MotorState
 from cc_mujoco.hardware._packet import Status
 
 MODE, POSITION, VELOCITY, FAULT_CODE = 0x000, 0x001, 0x002, 0x00F
@@ -72,7 +70,7 @@ def padded(data: bytes) -> bytes:
 def registers(data: bytes) -> dict[int, float] | None:
     """Return the values in the replies of a frame, by register; None if it is damaged.
 
-    Integers are not scaled: only modes and fault codes are asked for as such.
+    Integers are not scaled: only modes and fault codes are requested as such.
     """
     found: dict[int, float] = {}
     place = 0
@@ -111,33 +109,15 @@ def _varuint(data: bytes, place: int) -> tuple[int, int]:
         shift += 7
 
 
-class Moteus:
+class Moteus(CanDrive):
     """A moteus controller; see `MotorDrive`."""
 
-    def __init__(
-        self,
-        place: CanPlace,
-        node: int,
-        buses: CanBuses | None = None,
-        now: Now = time.perf_counter,
-    ) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
+    title, fd = "moteus", True
 
-        Args:
-            place: The bus, of CAN FD.
-            node: The controller's `id.id`, 1 to 127.
-            buses: Those that are open, see `CanPort`.
-            now: Clock of the host [s].
-
-        Raises:
-            CableError: As `CanPort`.
-        """
-        self._port = CanPort(place, [node << 8], fd=True, buses=buses)
-        self.ignored = self._port.ignored
-        self.where = f"moteus {node} on {self._port.where}"
-        self._command_id, self._now = _REPLY_REQUESTED | node, now
-        self._enabling = Enabling(now)
-        self._heard = False
+    @staticmethod
+    def identifiers(node: int) -> list[int]:
+        """See `CanDrive`."""
+        return [node << 8]
 
     def read(self) -> MotorState | None:
         """See `MotorDrive`."""
@@ -161,15 +141,14 @@ class Moteus:
             self.stop()
             return
         self._enabling.request()
-        self._port.send(self._command_id, torque_command(torque))
+        self._send(torque_command(torque))
 
     def stop(self) -> None:
         """See `MotorDrive`."""
-        self._port.send(self._command_id, stop_command())
+        self._send(stop_command())
 
-    def close(self) -> None:
-        """See `MotorDrive`."""
-        self._port.close()
+    def _send(self, data: bytes) -> None:
+        self._port.send(_REPLY_REQUESTED | self._node, data)
 
     def _status(self, mode: float) -> Status | None:
         if mode == FAULT:

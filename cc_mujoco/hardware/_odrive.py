@@ -5,8 +5,8 @@ first commands set torque control and clear errors. The motor is enabled once th
 was read. Before a run, the drive itself needs:
 
 - `config.can.encoder_msg_rate_ms` at most the period of the loop (10 ms by default),
-- `config.can.heartbeat_msg_rate_ms` of about 10 (100 by default): a heartbeat tells of
-  faults,
+- `config.can.heartbeat_msg_rate_ms` of about 10 (100 by default): a heartbeat
+  reports faults,
 - `config.enable_watchdog` with `watchdog_timeout = 0.05`, or it goes on with the last
   torque of a host that is gone; its current limit and velocity limit.
 
@@ -19,11 +19,9 @@ from __future__ import annotations
 
 import math
 import struct
-import time
 
-from cc_mujoco.hardware._address import CanPlace
-from cc_mujoco.hardware._can_bus import CanBuses, CanPort
-from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
+from cc_mujoco.hardware._can_drive import CanDrive
+from cc_mujoco.hardware._drive_rig import TURN, MotorState
 from cc_mujoco.hardware._packet import Status
 
 HEARTBEAT, ESTIMATES = 0x01, 0x09
@@ -49,37 +47,18 @@ def identifier(node: int, command: int) -> int:
     return node << 5 | command
 
 
-class Odrive:
+class Odrive(CanDrive):
     """An axis of an ODrive; see `MotorDrive`."""
 
-    def __init__(
-        self,
-        place: CanPlace,
-        node: int,
-        buses: CanBuses | None = None,
-        now: Now = time.perf_counter,
-    ) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
+    title, fd = "ODrive", False
+    _cleared = _requested = -math.inf
+    _beat = (-math.inf, 0, 0)
+    """Time, errors and state of the last heartbeat."""
 
-        Args:
-            place: The bus.
-            node: Number of the axis on it, 0 to 62.
-            buses: Those that are open, see `CanPort`.
-            now: Clock of the host [s].
-
-        Raises:
-            CableError: As `CanPort`.
-        """
-        heard = [identifier(node, each) for each in (HEARTBEAT, ESTIMATES)]
-        self._port = CanPort(place, heard, fd=False, buses=buses)
-        self.ignored = self._port.ignored
-        self.where = f"ODrive {node} on {self._port.where}"
-        self._node, self._now = node, now
-        self._enabling = Enabling(now)
-        self._heard = False
-        self._cleared = self._requested = -math.inf
-        self._beat = (-math.inf, 0, 0)
-        """Time, errors and state of the last heartbeat."""
+    @staticmethod
+    def identifiers(node: int) -> list[int]:
+        """See `CanDrive`."""
+        return [identifier(node, each) for each in (HEARTBEAT, ESTIMATES)]
 
     def read(self) -> MotorState | None:
         """See `MotorDrive`."""
@@ -121,10 +100,6 @@ class Odrive:
         """See `MotorDrive`."""
         self._send(SET_INPUT_TORQUE, struct.pack("<f", 0.0))
         self._send(SET_AXIS_STATE, struct.pack("<I", IDLE))
-
-    def close(self) -> None:
-        """See `MotorDrive`."""
-        self._port.close()
 
     def _send(self, command: int, data: bytes) -> None:
         self._port.send(identifier(self._node, command), data)

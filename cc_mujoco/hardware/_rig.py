@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from cc_mujoco.errors import CableError
@@ -39,32 +40,53 @@ class Rig(Protocol):
         """Leave the motor without torque, for good."""
 
 
-class Link(Protocol):
-    """Carrier of packets between two ends; nothing of it waits."""
+class Connection(Protocol):
+    """Connection to the other end; no method waits.
+
+    Methods raise `OSError` where something could not be received or sent and the next
+    may be, and `CableError` where nothing can be any more.
+    """
 
     ignored: Counter[str]
-    """Packets that it received and did not hand on, by why."""
+    """Packets that were received and not used, or not sent, by why."""
     where: str
     """The address of the other end."""
 
-    def receive(self) -> bytes | None:
-        """Return the next packet, or None if there is none.
-
-        Raises:
-            OSError: It could not be received; the next one may.
-            CableError: Nothing can be any more.
-        """
-
-    def send(self, data: bytes) -> None:
-        """Send a packet.
-
-        Raises:
-            OSError: It could not be sent; the next one may.
-            CableError: Nothing can be any more.
-        """
-
     def close(self) -> None:
         """Leave it; a second time does nothing."""
+
+
+class Link(Connection, Protocol):
+    """Carrier of packets between two ends."""
+
+    def receive(self) -> bytes | None:
+        """Return the next packet, or None if there is none."""
+
+    def send(self, data: bytes) -> None:
+        """Send a packet."""
+
+
+def end_safely(
+    stop: Callable[[], None], interval: float, *close: Callable[[], None]
+) -> None:
+    """Try to stop a motor `END_PACKETS` times and then close, whatever fails.
+
+    Args:
+        stop: Sends the command that takes the torque away.
+        interval: Time after each [s].
+        close: Called afterwards, in this order.
+    """
+    with contextlib.ExitStack() as ending:  # goes on after any error
+        for each in reversed(close):
+            ending.callback(each)
+        for _ in range(END_PACKETS):
+            ending.callback(_try_stop, stop, interval)
+
+
+def _try_stop(stop: Callable[[], None], interval: float) -> None:
+    with contextlib.suppress(OSError, CableError):
+        stop()
+    time.sleep(interval)
 
 
 class PacketRig:
@@ -123,11 +145,10 @@ class PacketRig:
         if self._closed:
             return
         self._closed = True
-        for _ in range(END_PACKETS):
-            with contextlib.suppress(CableError):
-                self._send(0.0, Status.STOPPED)
-            time.sleep(_END_PACKET_INTERVAL)
-        self._link.close()
+        end_safely(self._stop, _END_PACKET_INTERVAL, self._link.close)
+
+    def _stop(self) -> None:
+        self._send(0.0, Status.STOPPED)
 
     def _receive(self) -> bytes | None:
         try:

@@ -138,9 +138,9 @@ def _sentence(
     run: ReportedRun, duration: float, errors: tuple[float, float], axis: str
 ) -> str:
     """Return what ran, how well the torque was followed and which limits it reached."""
-    told = run.outcome.sentence.rstrip(".")
+    reason = run.outcome.sentence.rstrip(".")
     if run.outcome.code:
-        return f"{run.what} ended after {duration:.3g} s: {told}."
+        return f"{run.what} ended after {duration:.3g} s: {reason}."
     error, size = errors
     parts = [f"{run.what} ran for {duration:.3g} s"]
     if not run.is_trial and math.isfinite(error):
@@ -227,14 +227,16 @@ def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
 def _timing(run: ReportedRun) -> Html:
     """Return how punctual a run was."""
     found = run.outcome
-    told = [
+    sentences = [
         f"{found.cycles} cycles of {run.period * 1e3:g} ms, {found.missed} missed, "
         f"{found.without_reading} without a new reading."
     ]
-    if late := found.late.told():
-        told.append(
+    if late := found.late.quantiles():
+        sentences.append(
             f"Late by {late['p50_us']:g} us (median), {late['p99_us']:g} us (99 %), "
             f"{late['longest_us']:g} us (longest)."
         )
-    told += [f"{n} packets ignored: {why}." for why, n in sorted(found.ignored.items())]
-    return join_pieces([element("h2", "Timing"), *map(paragraph, told)])
+    sentences += [
+        f"{n} packets ignored: {why}." for why, n in sorted(found.ignored.items())
+    ]
+    return join_pieces([element("h2", "Timing"), *map(paragraph, sentences)])

@@ -68,7 +68,7 @@ class OdriveAxis:
 
 
 class MoteusController:
-    """A moteus controller that answers each frame in which a reply is asked for."""
+    """A moteus controller that answers each frame in which a reply is requested."""
 
     def __init__(self, bus: can.BusABC, node: int) -> None:
         self.bus, self.node = bus, node

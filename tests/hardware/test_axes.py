@@ -359,8 +359,8 @@ def test_the_command_runs_two_axes_and_stops_both(
             with pytest.raises(SystemExit) as stop:
                 cli.main(["run", *given])
             assert stop.value.code == 3
-            told = capsys.readouterr().err
-            assert "axis elbow: the rig is silent: no new reading in 50" in told
+            printed = capsys.readouterr().err
+            assert "axis elbow: the rig is silent: no new reading in 50" in printed
         else:
             assert cli.main(["run", *given]) == 0
     assert shoulder.stopped() and elbow.stopped()

@@ -148,8 +148,8 @@ class Answering(Broken):
     """Bus that returns a frame on every second request."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        self.asked = not getattr(self, "asked", False)
-        return super().recv(timeout) if self.asked else None
+        self.waited = not getattr(self, "waited", False)
+        return super().recv(timeout) if self.waited else None
 
 
 @pytest.mark.parametrize("when", [0, 50])

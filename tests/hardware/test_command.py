@@ -80,11 +80,11 @@ def test_a_run_leaves_its_log_and_how_it_went(
     commands = [row["command_torque_nm"] for row in found]
     assert max(commands) > 0.1
     assert set(commands) <= set(peer.torques)  # what was written, bit for bit
-    told = about(tmp_path)
-    assert told["outcome"] == "the 0.3 s are over." and told["exit_code"] == 0
-    assert told["controller"] == "pi" and 'scene = "bench"' in told["rig"]
+    written = about(tmp_path)
+    assert written["outcome"] == "the 0.3 s are over." and written["exit_code"] == 0
+    assert written["controller"] == "pi" and 'scene = "bench"' in written["rig"]
     # More where the machine was busy when the time was over.
-    assert told["cycles"] + told["missed_cycles"] >= 149
+    assert written["cycles"] + written["missed_cycles"] >= 149
     assert peer.stopped()
 
 
@@ -98,7 +98,7 @@ def test_a_controller_that_plans_is_warned_of(
     assert "it may swing up" in capsys.readouterr().err
 
 
-def test_a_model_is_refused_where_a_joint_is_not_told(
+def test_a_model_is_refused_where_a_joint_is_not_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = words(tmp_path, NOWHERE, 0.05)

@@ -32,6 +32,7 @@ from cc_mujoco.hardware import _odrive as odrive
 from cc_mujoco.hardware._address import CanPlace
 from cc_mujoco.hardware._drive_rig import MotorDrive
 from cc_mujoco.hardware._references import constant_course
+from cc_mujoco.hardware._rig import END_PACKETS, end_safely
 from hardware.drive_peers import (
     STEP,
     DynamixelServo,
@@ -283,15 +284,18 @@ def test_a_host_that_is_silent_loses_the_torque_and_never_gets_it_back(
     assert not is_on(bench.peer)
 
 
-def test_a_drive_that_is_silent_ends_the_run(name: str, closing: ExitStack) -> None:
+def test_a_drive_that_is_silent_ends_the_run(
+    name: str, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench = Bench(name, closing)
-    end = bench.clock.time + 0.2
+    end, step = bench.clock.time + 0.2, bench.peer.step
 
-    def before() -> None:
+    def step_until_end() -> None:
         bench.quiet = bench.clock.time > end
+        if not bench.quiet:
+            step()
 
-    step = bench.peer.step
-    bench.peer.step = lambda: (before(), None if bench.quiet else step())  # type: ignore[method-assign, assignment]
+    monkeypatch.setattr(bench.peer, "step", step_until_end)
     outcome = bench.run()
     assert outcome.code == 3 and "the rig is silent" in outcome.sentence
 
@@ -361,6 +365,8 @@ def test_rig_toml_leads_to_a_drive(tmp_path: Path) -> None:
         (plain.replace("odrive", "odrve"), "address must be HOST:PORT, .*odrive, mot"),
         (plain.replace("127.0.0.1:5005", "moteus:can0"), "joint.* sensors at the jo"),
         ('address = "odrive:can0"', "needs `joint`, a table with the `address`"),
+        ('address = "odrive:"', 'as "odrive:can0", and `joint`, a table with the `a'),
+        (DRIVEN.format("dynamixel:"), 'such as "dynamixel:/dev/ttyUSB0", not'),
         (f"{plain}\nbaud_rate = 9600", "key .*'baud_rate'"),
         (servo, "needs `torque_per_ampere`"),
         (f"{servo}\ntorque_per_ampere = 1.7", "no_such_port cannot be opened: .*plug"),
@@ -369,6 +375,18 @@ def test_rig_toml_leads_to_a_drive(tmp_path: Path) -> None:
         with pytest.raises(CableError, match=why) as error:
             read_settings(path).connect()
         assert str(path) in str(error.value)
+
+
+def test_every_stop_is_tried_whatever_fails() -> None:
+    tried: list[str] = []
+
+    def stop() -> None:
+        tried.append("stop")
+        raise RuntimeError("an error that no interface documents")
+
+    with pytest.raises(RuntimeError):
+        end_safely(stop, 0.0, lambda: tried.append("drive"), lambda: tried.append("j"))
+    assert tried == [*["stop"] * END_PACKETS, "drive", "j"]
 
 
 def test_two_axes_have_drives_of_their_own(tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ class Reordering:
 
 
 class Late:
-    """Sends every reading after three others have been asked for."""
+    """Sends every reading after three others have been requested."""
 
     def __init__(self) -> None:
         self.kept: list[bytes] = []

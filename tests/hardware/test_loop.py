@@ -88,9 +88,9 @@ def test_a_controller_hears_what_the_motor_got_instead_of_its_wish() -> None:
     heard: list[float] = []
     law.given = heard.append  # type: ignore[method-assign]
     played = play(law, duration=0.3)
-    asked = [row[-5:-3] for row in played.rows.rows if math.isfinite(row[-4])]
-    assert heard == [torque for torque, wish in asked if torque != wish]
-    assert 10 < len(heard) < len(asked) == 150
+    wanted = [row[-5:-3] for row in played.rows.rows if math.isfinite(row[-4])]
+    assert heard == [torque for torque, wish in wanted if torque != wish]
+    assert 10 < len(heard) < len(wanted) == 150
 
 
 WISHES = st.lists(
@@ -154,7 +154,7 @@ def test_the_share_of_the_controller_grows_from_zero() -> None:
 def test_a_controller_that_gives_no_number_ends_the_run(bad: float) -> None:
     calls = iter(range(10**6))
     played = play(law_of(lambda _: 1.0 if next(calls) < 120 else bad))
-    require_stopped(played, "asked for nan N m")
+    require_stopped(played, "gave nan N m")
 
 
 def test_a_controller_that_raises_ends_the_run() -> None:
@@ -203,8 +203,8 @@ def test_cycles_at_the_limit_of_the_torque_are_counted(
     wish: float, most: float
 ) -> None:
     played = play(law_of(lambda _: wish), limits=LIMITS)
-    told = played.outcome.to_json()
-    assert told["cycles_at_torque_limit"] == pytest.approx(
+    written = played.outcome.to_json()
+    assert written["cycles_at_torque_limit"] == pytest.approx(
         most * played.outcome.cycles, rel=0.25
     )
 
@@ -258,7 +258,7 @@ class Freezing:
         return seen._replace(**{n: getattr(self.kept, n) for n in self.names})
 
 
-def test_frozen_sensors_end_the_run_of_a_motor_that_is_told_to_move() -> None:
+def test_frozen_sensors_end_the_run_of_a_motor_that_is_commanded_to_move() -> None:
     ramp = law_of(lambda seen: 2.0 * math.sin(20.0 * seen["desired_torque_nm"]))
 
     class Rising:
@@ -340,11 +340,10 @@ def test_a_late_host_skips_cycles_and_makes_no_larger_steps() -> None:
     assert played.outcome.late.longest == pytest.approx(3.4 * PERIOD)
 
 
-@pytest.mark.parametrize("asked_at", [300, 301])
-def test_a_stop_always_wins(asked_at: int) -> None:
+@pytest.mark.parametrize("stopped_at", [300, 301])
+def test_a_stop_always_wins(stopped_at: int) -> None:
     """The stop comes before or after the controller runs; its torque is not written."""
-    asked = iter(range(10**6))
-    calls = iter(range(10**6))
+    looks, calls = iter(range(10**6)), iter(range(10**6))
 
     def wish(_: dict[str, float]) -> float:
         next(calls)
@@ -352,11 +351,13 @@ def test_a_stop_always_wins(asked_at: int) -> None:
 
     played = play(
         law_of(wish),
-        stop=lambda: Ending("told so.", 130) if next(asked) >= asked_at else None,
+        stop=lambda: (
+            Ending("stopped by hand.", 130) if next(looks) >= stopped_at else None
+        ),
     )
-    require_stopped(played, "told so", 130)
+    require_stopped(played, "stopped by hand", 130)
     # One question before the rig answers, then two in every cycle.
-    assert played.outcome.cycles == (asked_at - 1) // 2
+    assert played.outcome.cycles == (stopped_at - 1) // 2
 
 
 def test_what_the_class_of_a_rig_raises_ends_the_run(
@@ -377,13 +378,13 @@ def test_what_the_class_of_a_rig_raises_ends_the_run(
     ("error", "why"),
     [(OSError("gone"), "OSError: gone"), (CableError("it is gone."), "it is gone.")],
 )
-def test_a_rig_that_raises_for_good_is_told_zero_until_the_end(
+def test_a_rig_that_raises_for_good_gets_zero_until_the_end(
     monkeypatch: pytest.MonkeyPatch, error: Exception, why: str
 ) -> None:
-    asked: list[float] = []
+    sent: list[float] = []
 
     def write(rig: FakeRig, torque: float) -> None:
-        asked.append(torque)
+        sent.append(torque)
         if rig.reads >= 100:
             raise error
         plain(rig, torque)
@@ -399,7 +400,7 @@ def test_a_rig_that_raises_for_good_is_told_zero_until_the_end(
     played = play()
     assert (played.outcome.sentence, played.outcome.code) == (why, 3)
     assert (
-        asked[-ZERO_TORQUE_CYCLES:] == [0.0] * ZERO_TORQUE_CYCLES
+        sent[-ZERO_TORQUE_CYCLES:] == [0.0] * ZERO_TORQUE_CYCLES
         and played.rig.closed == 1
     )
 

@@ -127,10 +127,10 @@ def test_it_is_where_rig_toml_says(rig: str, tmp_path: Path) -> None:
     end.close()
 
 
-def arrived(asked: Callable[[], Any]) -> Any:
+def arrived(read: Callable[[], Any]) -> Any:
     """Return the first result within a second."""
     for _ in range(1000):
-        if (found := asked()) is not None:
+        if (found := read()) is not None:
             return found
         time.sleep(1e-3)
     raise AssertionError("nothing came")

@@ -149,7 +149,7 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("asked", "ratio", "one_way", "why"),
+    ("wanted", "ratio", "one_way", "why"),
     [
         (
             (0.0, 5.0),
@@ -167,9 +167,9 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
     ],
 )
 def test_a_torque_that_cannot_be_given_is_refused(
-    asked: tuple[float, ...], ratio: float, one_way: bool, why: str
+    wanted: tuple[float, ...], ratio: float, one_way: bool, why: str
 ) -> None:
-    course = TorqueTable(np.arange(len(asked), dtype=float), np.array(asked))
+    course = TorqueTable(np.arange(len(wanted), dtype=float), np.array(wanted))
     drive = Drive(ratio, -1.0, 1.0, 0.002, one_way)
     limits = Limits(1.0, 20.0, 30.0, (-1.0, 1.0), joint_torque=1.5)
     if not why:

@@ -69,7 +69,7 @@ def recorded(folder: Path) -> dict[str, float | None]:
     """Pretension of every log, as its folder's `dataset.toml` has it [N]."""
     facts = read_dataset_file(folder / "dataset.toml")
     logs = data_files([folder])
-    # That of the bench: the logs have the torque that its rotor was told.
+    # That of the bench: the logs have the torque that its rotor was given.
     assert facts.rig["rotor_inertia"].value == pytest.approx(3e-4)
     assert set(tomllib.loads((folder / "dataset.toml").read_text())["trials"]) == {
         path.stem for path in logs
@@ -119,8 +119,8 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
         assert peer.stopped()
     assert "trial_02: n2" in capsys.readouterr().out
     out = tmp_path / "out"
-    told = json.loads((out / "trial_02.json").read_text())
-    assert told["exit_code"] == 0 and told["plan"] == str(tmp_path / "plan")
+    about = json.loads((out / "trial_02.json").read_text())
+    assert about["exit_code"] == 0 and about["plan"] == str(tmp_path / "plan")
     assert recorded(out) == {"trial_02": 80.0}
     with Peer() as peer:
         assert cli.main(words(tmp_path, peer.end.rig, "--trial", "2")) == 2
@@ -131,7 +131,7 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
     assert recorded(out) == {"trial_01": 40.0, "trial_02": 80.0}
 
 
-def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
+def test_a_trial_that_was_cut_short_is_reported(tmp_path: Path) -> None:
     log = RunLog(tmp_path, {}, 1, "trial_01")
     add_row(log, Readings(0.0, *[0.1] * 5, Status.ENABLED))
     log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})

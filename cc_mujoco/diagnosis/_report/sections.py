@@ -83,8 +83,8 @@ def gap(diagnosis: Diagnosis) -> Html | None:
         "before has no new effect, but everything that can be tuned is tuned; the "
         "noise floor is what the noise of the sensors makes of it, an estimate. "
         "Samples are weighted by how well the angles determine the torque: where an "
-        "end of the cable sticks, the last digit of an angle is worth newtons, and plain "
-        "errors there, as in the traces, are several times larger."
+        "end of the cable sticks, the last digit of an angle is worth newtons, and "
+        "plain errors there, as in the traces, are several times larger."
     )
     lines = [gap_sentence(name, each) for name, each in diagnosis.gap.items()]
     return join_pieces([bullet_list(lines), paragraph(key, kind="small")])

@@ -68,12 +68,14 @@ def format_mean_interval(values: Array) -> Interval:
 
 
 def overview_table(results: Results) -> Cells:
-    """Return the normalised error and failures of every controller and device."""
+    """Return the normalised error and any failures of every controller and device."""
     errors = rms_errors(results)
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
     for scene, own in errors.items():
-        head += [scene, f"{scene}, failed"]
+        failed = {law: float(np.mean(_failures(results, scene, law))) for law in own}
+        some = any(failed.values())
+        head += [scene, f"{scene}, failed"] if some else [scene]
         places = {
             p.name: p
             for p in rank_controllers(
@@ -81,11 +83,10 @@ def overview_table(results: Results) -> Cells:
             )
         }
         for law, row in rows.items():
-            if law not in own:
-                row += ["-", "-"]
-                continue
-            failed = _failures(results, scene, law)
-            row += [_score_with_interval(places[law]), f"{np.mean(failed):.0%}"]
+            known = law in own
+            row.append(_score_with_interval(places[law]) if known else "-")
+            if some:
+                row.append(f"{failed[law]:.0%}" if known else "-")
     return head, list(rows.values())
 
 

@@ -78,6 +78,15 @@ def test_front_page_is_one() -> None:
     assert len(FRONT.splitlines()) <= 150
 
 
+def test_all_pages_together_can_be_read() -> None:
+    words = {
+        place: len(text.split())
+        for place, text in PAGES.items()
+        if place != "CHANGELOG.md" and not place.startswith(".github")
+    }
+    assert sum(words.values()) <= 25_000, words
+
+
 @pytest.mark.parametrize("place", PAGES)
 def test_links_and_pictures_resolve(place: str) -> None:
     for path, heading in links(place, False) + links(place, True):

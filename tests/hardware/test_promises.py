@@ -26,12 +26,9 @@ PROTECTED_BY = {
     "stop reasons": {
         "loop": "a_silent_rig late_too_long is_no_number beyond_its_limit "
         "takes_the_torque_away never_gives_torque a_controller_that_raises "
-        "gives_no_number a_log_that_cannot_be_written",
+        "gives_no_number a_log_that_cannot_be_written raises_for_good",
         "links": "a_peer_that_is_killed only_corrupt_packets",
-    },
-    "CAN bus": {
         "can": "takes_nothing cannot_be_read is_off now_and_then",
-        "loop": "raises_for_good",
     },
     "motor drives": {
         "drives": "enabled_once_it_was_read a_host_that_is_silent a_fault_of_the_drive"
@@ -50,13 +47,13 @@ PROTECTED_BY = {
     "clock": {"loop": "a_step_of_the_rigs_clock clock_that_drifts"},
     "twist": {"loop": "go_apart"},
     "tension": {"loop": "a_cable_that_carries_too_much that_another_joint_winds"},
-    "refusals": {"settings": "what_is_wrong_is_said cannot_be_given"},
+    "refusals": {
+        "settings": "what_is_wrong_is_said cannot_be_given",
+        "axes": "wrong_with_axes_is_said left_out_is_missed identifiers_of_their_own",
+    },
     "axes": {
         "axes": "amiss_on_one_axis_stops_all takes_nothing_on_one_axis "
         "no_torque_of_each_stops_all before_all_are_heard its_own_torque stops_both"
-    },
-    "axis names": {
-        "axes": "wrong_with_axes_is_said left_out_is_missed identifiers_of_their_own"
     },
     "log": {"command": "the_death_of_the_host lacks_less_than_a_block never_replaced"},
     "full disk": {

@@ -223,7 +223,7 @@ def near_best_sentence(found: RankedStudy) -> str:
     span = np.ptp(found.cost[good], axis=0)
     near = good & (found.cost <= found.cost[first] + NEAR_BEST_SHARE * span).all(axis=1)
     others = int(near.sum()) - 1
-    many = {0: "no other design is", 1: "1 other design is"}.get(
+    many = {0: "No other design is", 1: "1 other design is"}.get(
         others, f"{others} other designs are"
     )
     meaning = (

@@ -68,7 +68,7 @@ class WarpWorlds:
             getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
         try:
             self.model = mjw.put_model(plain)
-        except NotImplementedError as error:
+        except NotImplementedError as error:  # a feature that mujoco_warp lacks
             raise _refusal(device, error) from None
         self.data = mjw.make_data(plain, nworld=count)
         self.cables = attach(
@@ -100,13 +100,12 @@ class WarpWorlds:
         }
         self._fresh = np.zeros(count, dtype=np.bool_)
         self._warned = np.zeros(count, dtype=np.bool_)
-        self._take_sample()  # compiles
+        self._step_sample()  # compiles
         self._require_order(neutral)
-        self._graph = None
-        if wp.get_device().is_cuda:
-            with wp.ScopedCapture() as capture:
-                self._take_sample()
-            self._graph = capture.graph
+        # A replay launches some hundred kernels a step without Python.
+        with wp.ScopedCapture() as capture:
+            self._step_sample()
+        self._graph = capture.graph
 
     @property
     def warned(self) -> Mask:
@@ -163,10 +162,7 @@ class WarpWorlds:
         control[:, :, device.motor_controls] = share * scale
         control[:, :, device.script_controls] = np.swapaxes(commands, 0, 1)
         self._controls.assign(control)
-        if self._graph is None:
-            self._take_sample()
-        else:
-            wp.capture_launch(self._graph)
+        self._take_sample()
         for name, field in zip(Physics._fields, self.physics, strict=True):
             now = self._read(name)
             if going.all():
@@ -176,7 +172,11 @@ class WarpWorlds:
         self._notice(going)
 
     def _take_sample(self) -> None:
-        """Take the physics steps of a sample."""
+        """Take the physics steps of a sample, as captured."""
+        wp.capture_launch(self._graph)
+
+    def _step_sample(self) -> None:
+        """Launch the kernels of the physics steps of a sample."""
         for step in range(self._skip):
             wp.copy(self.data.ctrl, self._controls[step])
             mjw.step(self.model, self.data)

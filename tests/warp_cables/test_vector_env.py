@@ -101,6 +101,17 @@ def test_an_episode_does_not_depend_on_the_one_before(env: Any) -> None:
     assert (runs[0] != runs[1]).any()
 
 
+def test_a_sample_that_is_replayed_is_that_of_its_steps(
+    env: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worlds, runs = env.simulations, []
+    for _ in range(2):
+        env.reset(seed=1)
+        runs.append(np.stack([step[0] for step in play(env, 8)]))
+        monkeypatch.setattr(worlds, "_take_sample", worlds._step_sample)
+    np.testing.assert_array_equal(*runs)
+
+
 def test_a_world_that_diverges_ends_alone(env: Any) -> None:
     env.reset(seed=1)
     play(env, 3)

@@ -9,6 +9,8 @@ no length, because of all paths over the surface this is the shortest.
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
 
+import math
+
 import mujoco
 import warp as wp
 
@@ -81,14 +83,28 @@ def vector_of(row: wp.array(dtype=float), i: int):
 
 @wp.func
 def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
-    for axis in range(3):
-        row[i + axis] = v[axis]
+    row[i] = v[0]  # an index that varies would need a stack
+    row[i + 1] = v[1]
+    row[i + 2] = v[2]
 
 
 @wp.func
 def _turn_of(q: wp.quat):
     """Return a quaternion of MuJoCo, whose real part is the first, as one of Warp."""
     return wp.quat(q[1], q[2], q[3], q[0])
+
+
+@wp.func
+def _turn_about(axis: wp.vec3, angle: float):
+    """Return the turn about an axis; sine and cosine of Warp would need a stack."""
+    half = 0.5 * angle
+    half -= wp.static(math.pi) * wp.round(half * wp.static(1.0 / math.pi))
+    q = half * half  # up to (pi / 2)^2; the opposite quaternion is the same turn
+    sine = 1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0 - q / 39916800.0))
+    sine = half * (1.0 - q * (1.0 / 6.0 - q * sine))
+    cosine = 1.0 / 40320.0 - q * (1.0 / 3628800.0 - q / 479001600.0)
+    cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0 - q * cosine)))
+    return wp.quat(axis[0] * sine, axis[1] * sine, axis[2] * sine, cosine)
 
 
 @wp.func
@@ -131,7 +147,7 @@ def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.qu
                 turn = turn * wp.normalize(own)
             else:
                 angle = pose.qpos[world, i] - pose.qpos0[world % pose.qpos0.shape[0], i]
-                turn = turn * wp.quat_from_axis_angle(axis, angle)
+                turn = turn * _turn_about(axis, angle)
             at -= wp.quat_rotate(turn, arm)
     return at
 
@@ -226,7 +242,7 @@ def read_places(
             point += 1
         else:
             places[i + _TOUCHED] = 0.0
-            pair = wrapped[point // 2]  # an index that varies would need a stack
+            pair = wrapped[point // 2]
             touched = pair[1]
             if point % 2 == 0:
                 touched = pair[0]
@@ -244,5 +260,6 @@ def read_places(
                     _write_vector(places, i + _FIRST + 3 * side, centre + arm)
                 point += 2
                 _write_vector(places, i + _CENTRE, centre)
-                for axis in range(3):
-                    _write_vector(places, i + _AXES + 3 * axis, frame[axis])
+                _write_vector(places, i + _AXES, frame[0])
+                _write_vector(places, i + _AXES + 3, frame[1])
+                _write_vector(places, i + _AXES + 6, frame[2])

@@ -16,7 +16,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -339,6 +339,8 @@ def play(
     seed: int = 0,
     variant: mujoco.MjModel | None = None,
     axis: str | None = None,
+    known: Sequence[Drive] = (),
+    make_fleet: Callable[..., Fleet] = Fleet,
 ) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
 
@@ -353,6 +355,8 @@ def play(
         variant: Of the scene, to be played in its place.
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
+        known: Knowledge that the controller has of each axis, in place of the scene's.
+        make_fleet: Makes the batch of devices, as `Fleet` does.
 
     Returns:
         Energy and motion; infinite where the simulation diverged.
@@ -396,8 +400,10 @@ def play(
         )
     exo = exos[0]
     scripts = [e.author.write(seeding.np_random(seed)[0]) for e in exos]
-    fleet = Fleet(exo, [e.device for e in exos], scripts)
-    drives = tuple(_believing(about.sensing.equip(d), believed) for d in exo.drives)
+    fleet = make_fleet(exo, [e.device for e in exos], scripts)
+    drives = tuple(
+        _believing(about.sensing.equip(d), believed) for d in known or exo.drives
+    )
     seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
     measuring = AxesMeasuring(
         prefixes,

@@ -1,6 +1,7 @@
 """Does a controlled joint stay quiet in the hands of the worst passive wearer?
 
     python scripts/benchmarks/check_passivity.py --jobs 2 --out runs/passivity.csv
+    python scripts/benchmarks/check_passivity.py --structures all --generations 0
 
 The wearer is a spring and a damper to a reference, with inertia added at the joint; he
 moves to one side and then holds still. From then on nobody does work but the device.
@@ -8,7 +9,9 @@ What it puts into the joint, less what the virtual spring gives back, is energy 
 passive device does not have; a loop that is unstable with this wearer, or has a limit
 cycle, moves the joint on and on. The sensors are those of the benchmark, noise and
 delay included; the controller knows the cables, or, with `--believed`, takes their
-friction for so many times what it is; with `--damping` a virtual damper is asked for.
+friction for so many times what it is; with `--damping` a virtual damper is desired.
+With `--structures` the plant is one of suite `v2`: it has an effect that its controller
+does not know, or with `none` no effect, and the numbers of its model are rough.
 
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
@@ -34,6 +37,10 @@ from scipy.optimize import differential_evolution
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick, run_here
+from cc_mujoco.benchmark import SUITES, Belief, Condition
+from cc_mujoco.benchmark._actuation import HinderedFleet
+from cc_mujoco.benchmark._conditions import MODEL_ERRORS
+from cc_mujoco.benchmark._plant import believed_drives, sample_plants
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.design import (
     LIMB_RANGES,
@@ -47,9 +54,13 @@ from cc_mujoco.design import (
     play,
     wearer_bounds,
 )
+from cc_mujoco.device import Device, DeviceModel, find_device
+from cc_mujoco.errors import look_up
 from cc_mujoco.report import table
 
 Array = NDArray[np.float64]
+Piece = tuple[str, str, str, str]
+"""Device or `DEVICE.AXIS`, task, controller, and structure of suite `v2` or nothing."""
 
 
 def search(
@@ -97,14 +108,50 @@ def search(
     )
 
 
+PLAIN = "none"
+"""Structure of a plant of suite `v2` that has no unknown effect."""
+ACTIVE_WEARERS = ("tremor",)
+"""Structures of the suite in which the wearer moves by himself."""
+
+
+def structures(scene: str) -> dict[str, Condition]:
+    """Return the conditions of suite `v2` with a passive wearer, by structure."""
+    return {
+        one.structure or PLAIN: one
+        for one in SUITES["v2"].conditions(scene)
+        if one.structure not in ACTIVE_WEARERS
+    }
+
+
+def sampled(scene: str, structure: str, seed: int) -> tuple[Device, dict[str, Any]]:
+    """Return a device of suite `v2` and the arguments of `play` for its plant."""
+    at = look_up("structure", structure, structures(scene))
+    (drawn,) = sample_plants(at, [seed])
+    model = drawn.plant.model()
+    device = drawn.plant.scene
+    plain = DeviceModel(drawn.known.description, drawn.known.model())
+    own = believed_drives(
+        plain.drives(device.description.period),
+        plain.driven,
+        [drawn],
+        [Belief(MODEL_ERRORS[at.error])],
+    )
+
+    def make_fleet(
+        exo: Any, devices: Sequence[DeviceModel], scripts: Any
+    ) -> HinderedFleet:
+        return HinderedFleet([drawn.actuation] * len(devices), exo, devices, scripts)
+
+    return device, {"variant": model, "known": own, "make_fleet": make_fleet}
+
+
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the table as a `_workers.Job`; a piece is a device, a task and a law.
-
-    A device with several axes is given as `DEVICE.AXIS`.
-    """
+    """Rows of the table as a `_workers.Job`; see `Piece`."""
 
     generations: int
+    crowd: int
+    seed: int
     believed: float
     damping: float
 
@@ -115,38 +162,47 @@ class Rows:
         """See `Job.made_by`."""
         return code_provenance()
 
-    def size(self, piece: tuple[str, str, str]) -> int:
+    def size(self, piece: Piece) -> int:
         """Return the size of a row, 1."""
         return 1
 
-    def do(self, piece: tuple[str, str, str], tick: Tick) -> list[dict[str, Any]]:
+    def do(self, piece: Piece, tick: Tick) -> list[dict[str, Any]]:
         """Search the worst wearer, and tell of all that were tried."""
-        name, task, law = piece
+        name, task, law, structure = piece
         scene, _, own = name.partition(".")
         axis = own or None
         inertia = inertia_of(scene, axis)
+        device, plant = (
+            sampled(scene, structure, self.seed)
+            if structure
+            else (find_device(scene), {})
+        )
 
         def limbs(places: Array) -> list[Limb]:
             return [limb_of(place, inertia) for place in places]
 
         tried, found = search(
             lambda places: play(
-                scene,
+                device,
                 law,
                 task,
                 limbs(places),
                 self.believed,
                 self.damping,
                 axis=axis,
+                **plant,
             ),
             wearer_bounds(scene, axis),
             self.generations,
+            self.crowd,
         )
         # A wearer of little damping swings on by himself.
-        swings = play(scene, "ideal", task, limbs(tried), axis=axis).velocity
+        swings = play(device, "ideal", task, limbs(tried), axis=axis).velocity
         return [
             {
                 "scene": name,
+                "structure": structure,
+                "seed": self.seed,
                 "task": task,
                 "controller": law,
                 "believed": self.believed,
@@ -167,6 +223,7 @@ class Rows:
 
 HEAD = (
     "device",
+    "structure",
     "task",
     "controller",
     "energy, held still [mJ]",
@@ -192,6 +249,7 @@ def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     begun = max(one["begun_j"] for one in tried)
     return (
         worst["scene"],
+        worst["structure"],
         worst["task"],
         f"`{worst['controller']}`",
         _figure(1e3 * worst["held_j"]),
@@ -212,6 +270,11 @@ def _limb(one: dict[str, Any]) -> str:
     return ", ".join(f"{float(f'{one[name]:.2g}'):g}" for name in names)
 
 
+def _structures_of(scene: str, given: Sequence[str]) -> list[str]:
+    """Return the structures of a device, all of them for `all`."""
+    return list(structures(scene.partition(".")[0]) if given == ["all"] else given)
+
+
 def main() -> None:
     """Search for every row, and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -229,7 +292,12 @@ def main() -> None:
     parser.add_argument(
         "--damping", type=float, default=0.0, help="virtual, of critical"
     )
+    parser.add_argument(
+        "--structures", nargs="+", default=[""], help="of suite v2, or all"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of a plant of v2")
     parser.add_argument("--generations", type=int, default=5, help="after the first")
+    parser.add_argument("--crowd", type=int, default=24, help="wearers in each")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument(
         "--out", type=Path, help="CSV file of all wearers that were tried"
@@ -238,19 +306,22 @@ def main() -> None:
     pieces = {
         number: piece
         for number, piece in enumerate(
-            (scene, task, law)
+            (scene, task, law, structure)
             for scene in given.scenes
+            for structure in _structures_of(scene, given.structures)
             for task in given.tasks
             for law in given.controllers
         )
     }
-    job = Rows(given.generations, given.believed, given.damping)
+    job = Rows(
+        given.generations, given.crowd, given.seed, given.believed, given.damping
+    )
     done = {}
     for number, tried in run_here(job, pieces, count=given.jobs, processes=True):
         done[number] = tried
         print(*row(tried), sep=" | ", flush=True)
     print()
-    print(table(HEAD, [row(done[number]) for number in pieces], (3, 5, 6)))
+    print(table(HEAD, [row(done[number]) for number in pieces], (4, 6, 7)))
     print("\nWearers: stiffness [N m/rad], damping [N m s/rad], inertia added [kg m2].")
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from benchmarks.check_passivity import search
+from benchmarks.check_passivity import ACTIVE_WEARERS, sampled, search, structures
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -123,6 +123,21 @@ def test_the_box_of_every_device_can_be_worn() -> None:
         assert 0.0 < low.stiffness < high.stiffness
         assert 0.0 < low.damping < high.damping
         assert 0.0 < low.inertia < high.inertia
+
+
+def test_a_plant_of_the_suite_has_an_effect_that_its_controller_does_not_know() -> None:
+    assert not {*ACTIVE_WEARERS} & {*structures("wrist")}
+    _, plain = sampled("wrist", "none", 0)
+    for name in ("rotor-inertia", "presliding", "late-commands", "cuff"):
+        _, found = sampled("wrist", name, 0)
+        ((one,),) = (own.cable_drives for own in found["known"])
+        assert found["known"][0].inertia == plain["known"][0].inertia
+        assert one[0].cable.bristle_length == 0.0
+    rotors = [
+        sampled("wrist", "rotor-inertia", seed)[1]["variant"].dof_armature[0]
+        for seed in (0, 1)
+    ]
+    assert max(rotors) == pytest.approx(min(rotors) * 1.6 / 0.6)
 
 
 def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> None:

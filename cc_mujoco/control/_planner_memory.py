@@ -10,9 +10,9 @@ makes the motor follow the joint; by how much the torque sensor has shifted the 
 a single cable's model so that it pulls, now and when it last pulled no more than
 desired; the same of the model with bristles; the joint of that model; mean squared
 errors of the torque that the model predicts, and of that with bristles; 1 while that
-one is planned with, and while it predicts better; mean squared errors of the joint's
-torque while either was planned with; torque by which a crossing stops short; logarithms
-of the factors of friction.
+one is planned with; mean squared torques on the rotor that either does not explain, the
+loads of both, and their observers of the rotor; torque by which a crossing stops short;
+logarithms of the factors of friction.
 
 The model with bristles is a second hypothesis: friction that builds up over a travel,
 as it does where fibres or a liner give way, instead of at once. What that travel is
@@ -29,10 +29,11 @@ ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12
 BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17
 RELEASED, JOINT_SHIFT, TAUT_SHIFT = 18, 19, 20
-OTHER_JOINT, MODEL_ERROR, BRISTLED, FAVOURED = 23, 24, 26, 27
-PLAN_ERROR, CAUTION, FRICTION = 28, 30, 31
+OTHER_JOINT, MODEL_ERROR, BRISTLED = 23, 24, 26
+ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, FRICTION = 27, 29, 31, 39, 40
 """Places in the memory; behind the last there is a number for every cable. What
-belongs to the model with bristles is one behind that of the model, shifts two."""
+belongs to the model with bristles is one behind that of the model, shifts two, the
+observer of the rotor `OBSERVER_SIZE`."""
 
 OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity

@@ -24,16 +24,18 @@ from cc_mujoco.control._planner_memory import (
     DESIRED_TORQUE,
     DISTURBANCE,
     ENERGY,
-    FAVOURED,
     FILTERED_TORQUE,
     JOINT,
     JOINT_SHIFT,
     LOAD,
     MODEL_ERROR,
+    MODEL_LOAD,
+    MODEL_ROTOR,
     MOTOR_TORQUE,
     OBSERVER_ERROR,
+    OBSERVER_SIZE,
     OTHER_JOINT,
-    PLAN_ERROR,
+    ROTOR_ERROR,
     STARTED,
     TAUT_SHIFT,
     VELOCITY,
@@ -71,15 +73,13 @@ _OBSERVER_SWITCH_RATIO = 0.7
 """Mean squared error of an observer, over that of the one that is believed, below which
 it is believed instead."""
 _MODEL_SWITCH_RATIO = 0.25
-"""Mean squared error of the torque of a model, over that of the one that is planned
-with, below which it is planned with instead."""
+"""Product of the mean squared errors of a model at joint and rotor, over that of the
+one that is planned with, below which it is planned with instead."""
 _MODEL_ERROR_FLOOR = 0.01
 """Mean squared error from which nothing is concluded, over the squared torque that is
 one for sure."""
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
-_PLAN_MEMORY = 10.0
-"""Time for which the error under a model that is not planned with is remembered [s]."""
 _BRISTLE = law.INDEX["bristle_length"]
 _ROUNDING_ERROR = (2e-4) ** 2
 """Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
@@ -132,6 +132,9 @@ def _reset(
     rotors[:] = 0.0
     rotors[:, ANGLE] = seen[0]
     memory[LOAD] = stepper.torque(cables, state, False, seen[0])[0]
+    for hypothesis in range(2):
+        memory[MODEL_LOAD + hypothesis] = memory[LOAD]
+        memory[MODEL_ROTOR + hypothesis * OBSERVER_SIZE + ANGLE] = seen[0]
     copy_states(state, device.other)
     memory[STARTED] = 1.0
 
@@ -172,11 +175,15 @@ def observe(
             cables, device.other, memory[OTHER_JOINT] + turned, memory, 1, seen[0],
             torque, tune, scratch,
         )  # fmt: skip
+        _explain_rotor(cables, device.other, device, 1, seen[0], tables)
         _set_bristles(cables, 0.0)
     joint[0] = _follow(
         cables, state, joint[0] + turned, memory, 0, seen[0], torque, tune, scratch
     )
-    bristled = tune[BRISTLES] > 0.0 and _choose_model(memory, tune)
+    bristled = False
+    if tune[BRISTLES] > 0.0:
+        _explain_rotor(cables, state, device, 0, seen[0], tables)
+        bristled = _choose_model(memory, tune)
     if bristled:
         _set_bristles(cables, tune[BRISTLES])
         load = stepper.torque(cables, device.other, False, seen[0])[0]
@@ -198,27 +205,56 @@ def _set_bristles(cables: stepper.Cables, bristles: float) -> None:
 
 
 @internal
+def _explain_rotor(
+    cables: stepper.Cables,
+    state: FloatArray,
+    device: PlannerMemory,
+    hypothesis: int,
+    motor: float,
+    tables: Tables,
+) -> None:
+    """Update the torque on the rotor that a model of the cables does not explain.
+
+    Args:
+        cables: of the model.
+        state: of the cables (cables, numbers).
+        device: its memory is moved on.
+        hypothesis: see `_follow`.
+        motor: measured angle [rad].
+        tables: see there.
+    """
+    memory, applied, tune = device.memory, device.applied, tables.tune
+    load = stepper.torque(cables, state, False, motor)[0]
+    mean_load = 0.5 * (load + memory[MODEL_LOAD + hypothesis])
+    memory[MODEL_LOAD + hypothesis] = load
+    believed = int(memory[BELIEVED_DELAY])
+    first = MODEL_ROTOR + hypothesis * OBSERVER_SIZE
+    rotor = memory[first : first + OBSERVER_SIZE]
+    force = applied[applied.size - 1 - believed] - mean_load
+    _update_observer(rotor, motor, force, tables.unexplained[believed], tune)
+    error = memory[ROTOR_ERROR + hypothesis]
+    off = rotor[DISTURBANCE]
+    memory[ROTOR_ERROR + hypothesis] += (
+        tune[PERIOD] / _MODEL_MEMORY * (off * off - error)
+    )
+
+
+@internal
 def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     """Return whether to plan with the model with bristles.
 
-    It must predict the torque better by a margin, and by more than noise. And the joint
-    must not have lacked more torque under its plans than under those of the other.
+    Errors at joint and rotor have variances that are not known, so the likelihood of a
+    model falls with the product of both mean squares. A model is changed by a margin,
+    and by more than noise.
     """
-    before = 1 if memory[BRISTLED] != 0.0 else 0
-    off = memory[FILTERED_TORQUE] - memory[DESIRED_TORQUE]
-    error = memory[PLAN_ERROR + before]
-    memory[PLAN_ERROR + before] += tune[PERIOD] / _MODEL_MEMORY * (off * off - error)
-    memory[PLAN_ERROR + 1 - before] *= 1.0 - tune[PERIOD] / _PLAN_MEMORY
-    favoured = memory[FAVOURED] != 0.0
-    own, other = memory[MODEL_ERROR], memory[MODEL_ERROR + 1]
-    if favoured:
-        own, other = other, own
-    square = tune[NOISE] * tune[NOISE]
-    if other + _MODEL_ERROR_FLOOR * square < _MODEL_SWITCH_RATIO * own:
-        favoured = not favoured
-    memory[FAVOURED] = 1.0 if favoured else 0.0
-    bearable = max(memory[PLAN_ERROR], square)
-    bristled = favoured and memory[PLAN_ERROR + 1] <= bearable
+    floor = _MODEL_ERROR_FLOOR * tune[NOISE] * tune[NOISE]
+    at_rotor = floor / (tune[RATIO] * tune[RATIO])
+    plain = (memory[MODEL_ERROR] + floor) * (memory[ROTOR_ERROR] + at_rotor)
+    other = (memory[MODEL_ERROR + 1] + floor) * (memory[ROTOR_ERROR + 1] + at_rotor)
+    if memory[BRISTLED] != 0.0:
+        bristled = plain >= _MODEL_SWITCH_RATIO * other
+    else:
+        bristled = other < _MODEL_SWITCH_RATIO * plain
     memory[BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 

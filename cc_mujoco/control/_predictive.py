@@ -99,12 +99,13 @@ class PredictiveCompensation(Controller):
     good as the torque sensor.
 
     With `bristles` a second model, whose friction builds up over a small motion,
-    follows the same measurements. Where it predicts the torque of the next step with a
-    quarter of the squared error, and the joint did not lack more torque under its plans
-    than under the other's, 1 to 6 plan with it: with friction at once a plan would
-    cross a backlash that is not there, and swing. The choice between models by
-    their errors is that of D. Magill, "Optimal adaptive estimation of sampled
-    stochastic processes", IEEE Trans. Automatic Control 10, 1965.
+    follows the same measurements. A model errs at the joint, by the torque of the next
+    step, and at the rotor, by the torque that it does not explain. Where the product of
+    both mean squares is a quarter of the other model's, 1 to 6 plan with bristles: with
+    friction at once a plan would cross a backlash that is not there, and swing. The
+    joint alone does not decide, for every step corrects both models there. The choice
+    between models by their errors is that of D. Magill, "Optimal adaptive estimation of
+    sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965.
 
     The friction coefficient of every cable follows what remains unexplained while all
     of the cables slip, and so does the bias of the torque sensor, which other than
@@ -170,10 +171,9 @@ class PredictiveCompensation(Controller):
                 and 2 for a single one, which else turns back for less than its motor
                 spends on the turn.
             bristles: Motion of the joint over which friction builds up in a second
-                model [rad], with which is planned where it predicts the torque better;
-                0 is no such model. A model that has bristles itself has no second one.
-                Where friction does not build up, a plan with bristles may miss the
-                torque ten times as far, so give it only where friction does.
+                model [rad], with which is planned where it explains joint and rotor
+                better; 0 is no such model. A model that has bristles itself has no
+                second one.
             caution: Share of a crossing that the motor stops short of, and makes up
                 for within 30 ms unless the torque answers before, from 0 to 1: what
                 is crossed too far has to be crossed again. By default 0.12 for a pair

@@ -15,7 +15,7 @@ from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import Cable
 
 Floats = NDArray[np.float64]
-PATH_MEMORY = 2
+PATH_MEMORY = 7
 """Numbers in the state of the plugin between the kernel's and an open path's."""
 
 

@@ -145,6 +145,7 @@ from cc_mujoco.plugin._warnings import (
     begin_message,
     has_no_passive,
     refuse_open_path,
+    save_ends,
     warn_cannot_pull,
     warn_jump,
     warn_no_effect,
@@ -700,6 +701,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             warn_once(model, instance, GROUP_DISABLED)
         dt = mj_struct.timestep(model)
         time = 0.0
+        ends = u_proximal, u_distal
         yields = 0.0, 0.0
         if mj_struct.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
@@ -729,6 +731,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
+                ends = u_proximal, u_distal
                 first = shape_at(block, n, 1)
                 warn_jump(model, data, instance, state, u_proximal, u_distal, first)
                 time = load_real(stages + 16)
@@ -740,6 +743,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             copy_words(new_at(block, n), state, kernel.state_size(n))
             store_real(committed_time_at(state, n), time)
             store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
+            save_ends(data, block, state, n, *ends)
             if is_open(block):
                 seen = floats(shape, open_path.shape_size(n))
                 open_path.save_path(seen, n, path_memory(state, n))

@@ -36,6 +36,7 @@ from cc_mujoco.plugin._instance_data import (
     SHAPE_BYTES,
     TEXT_SIZE,
     committed_time_at,
+    end_at,
     first_stage_at,
     is_open,
     new_at,
@@ -46,6 +47,7 @@ from cc_mujoco.plugin._instance_data import (
     proximal_winding,
     shape_at,
     text_at,
+    velocity_at,
     work_at,
 )
 from cc_mujoco.plugin._routing import follow
@@ -222,10 +224,11 @@ def set_rest_state(
     The parameters must be up to date.
     """
     n = load_word(block + SEGMENTS)
+    wound = proximal_winding(model, block, proximal_length)[0]
     kernel.initialize(
         floats(parameters_at(block), kernel.parameter_size(n)),
         n,
-        proximal_winding(model, block, proximal_length)[0],
+        wound,
         distal_length,
         floats(state, kernel.state_size(n)),
     )
@@ -234,6 +237,10 @@ def set_rest_state(
         committed_time_at(state, n),
         before if mj_struct.integrator(model) == RK4 else 0.0,
     )
+    store_real(end_at(state, n, 0), wound)
+    store_real(end_at(state, n, 1), distal_length)
+    for part in range(3):
+        store_real(velocity_at(state, n, part), 0.0)
     if is_open(block):
         fill(path_memory(state, n), 0.0)
 

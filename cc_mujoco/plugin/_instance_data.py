@@ -74,9 +74,13 @@ HEADER_SIZE = FIRST_STAGE_VALID + 8
 TEXT_CAPACITY = 4096
 EARLY_KEPT, EARLY_REPLACED = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""
-STATE_TIME, STATE_POSE, STATE_PATH = 0, 1, PATH_MEMORY
+STATE_TIME, STATE_POSE, STATE_ENDS, STATE_VELOCITIES = 0, 1, 2, 4
+STATE_PATH = PATH_MEMORY
 """Place, behind the kernel's own state, of the time of the committed configuration, of
-a checksum of its pose, and of what an open cable remembers of its path."""
+a checksum of its pose, of the displacements of both ends in it [m], of the velocities
+of both ends and of the path [m/s], and of what an open cable remembers of its path.
+
+The displacements in the kernel's state are those that the step looked ahead to."""
 
 
 @internal
@@ -215,6 +219,18 @@ def committed_time_at(state: int, n: int) -> int:
 def pose_at(state: int, n: int) -> int:
     """Return the address of the checksum of the pose to which the last step led."""
     return state + 8 * (kernel.state_size(n) + STATE_POSE)
+
+
+@internal
+def end_at(state: int, n: int, end: int) -> int:
+    """Return the address of the committed displacement of an end (0, 1)."""
+    return state + 8 * (kernel.state_size(n) + STATE_ENDS + end)
+
+
+@internal
+def velocity_at(state: int, n: int, part: int) -> int:
+    """Return the address of the committed velocity of an end (0, 1) or the path (2)."""
+    return state + 8 * (kernel.state_size(n) + STATE_VELOCITIES + part)
 
 
 @internal

@@ -5,7 +5,9 @@ After `qpos` is set, a keyframe is loaded or a state is restored without its
 one step, with forces that no motion would cause: `settle` was not called. The state of
 the cable holds a checksum of the pose after the last step, which shows that `qpos` has
 been changed since. Then a motion without velocity counts if it changes the tension by
-1 %. A path also jumps where MuJoCo leads its tendon the other way around a geom; this
+1 %. A joint that is led by hand in every step moves by its velocity: allowed is the
+larger of those before and after the step, as the latter is zero where it reverses.
+A path also jumps where MuJoCo leads its tendon the other way around a geom; this
 creates energy. A mocap body has no velocity, so its motion is measured by its pose.
 """
 
@@ -188,7 +190,7 @@ def has_jumped(
 
     Args:
         model: address.
-        speed: its velocity at the position moved to [m/s].
+        speed: the larger of its speeds before and after the step [m/s].
         moved: by how much [m].
         by_hand: whether `qpos` has been touched since the last step.
         carried: by how much mocap bodies can have moved it [m].
@@ -197,10 +199,8 @@ def has_jumped(
     step = mj_struct.timestep(model)
     if by_hand:
         least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)
-        return (
-            abs(moved) > least + _VELOCITY_FACTOR_TOUCHED * abs(speed) * step + carried
-        )
-    return abs(moved) > _MIN_JUMP + _VELOCITY_FACTOR * abs(speed) * step + carried
+        return abs(moved) > least + _VELOCITY_FACTOR_TOUCHED * speed * step + carried
+    return abs(moved) > _MIN_JUMP + _VELOCITY_FACTOR * speed * step + carried
 
 
 @internal

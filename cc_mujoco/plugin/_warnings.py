@@ -30,6 +30,7 @@ from cc_mujoco.plugin._ffi import (
     load_real,
     load_word,
     quote,
+    store_real,
     warn,
     warned_once,
 )
@@ -44,11 +45,13 @@ from cc_mujoco.plugin._instance_data import (
     ROUTE,
     SEGMENTS,
     TIED_ENDS,
+    end_at,
     guides_at,
     is_open,
     parameters_at,
     path_memory,
     shape_at,
+    velocity_at,
 )
 
 _NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
@@ -131,6 +134,31 @@ def warn_once(model: int, instance: int, told: Bytes) -> None:
 
 
 @internal
+def _velocity(data: int, block: int, part: int) -> float:
+    """Return the velocity of an end (0, 1) or of the path (2) [m/s]."""
+    if part == jump_warnings.PATH:
+        route = load_word(block + ROUTE)
+        return (
+            mj_struct.real(data, mj_struct.TEN_VELOCITY, route) if route >= 0 else 0.0
+        )
+    if load_word(block + TIED_ENDS + 8 * part) != 0:
+        return 0.0
+    out = load_word(block + (DISTAL if part else PROXIMAL))
+    return mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, out)
+
+
+@internal
+def save_ends(
+    data: int, block: int, state: int, n: int, proximal: float, distal: float
+) -> None:
+    """Save where the ends are in a committed state, and the velocities of all parts."""
+    store_real(end_at(state, n, 0), proximal)
+    store_real(end_at(state, n, 1), distal)
+    for part in range(3):
+        store_real(velocity_at(state, n, part), _velocity(data, block, part))
+
+
+@internal
 def warn_jump(
     model: int,
     data: int,
@@ -166,13 +194,11 @@ def warn_jump(
             moved = open_path.path_growth(
                 floats(shape, size), reference, path_memory(state, n), n
             )
-            speed = mj_struct.real(data, mj_struct.TEN_VELOCITY, tendon)
         else:
             if load_word(block + TIED_ENDS + 8 * what) != 0:
                 continue
-            moved = (distal if what else proximal) - load_real(state + 8 * what)
+            moved = (distal if what else proximal) - load_real(end_at(state, n, what))
             out = load_word(block + (DISTAL if what else PROXIMAL))
-            speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, out)
             tendon = attachments.holding_tendon(
                 model, load_word(block + END_ACTUATORS + 8 * what)
             )
@@ -182,6 +208,10 @@ def warn_jump(
         carried = 0.0
         if tendon >= 0:
             carried = share * jump_warnings.mocap_motion(model, data, lead, tendon)
+        speed = max(
+            abs(_velocity(data, block, what)),
+            abs(load_real(velocity_at(state, n, what))),
+        )
         if not jump_warnings.has_jumped(model, speed, moved, by_hand, carried, soft):
             continue
         message = np.zeros(MESSAGE_CAPACITY, np.uint8)

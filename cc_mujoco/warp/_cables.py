@@ -26,6 +26,7 @@ from cc_mujoco.cable._reading import (
 )
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._instance_data import STATE_ENDS
 from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
@@ -466,6 +467,8 @@ class AttachedCables:
             instance = self._model.actuator_plugin[actuators[0]]
             start = int(self._model.plugin_stateadr[instance])
             found[:, start : start + state.shape[1]] = state
+            ends = start + state.shape[1] + STATE_ENDS
+            found[:, ends : ends + 2] = state[:, :2]
             if self._cables[index].path != PATHS[0]:
                 path = self._pending_path(index)
                 start += state.shape[1] + PATH_MEMORY

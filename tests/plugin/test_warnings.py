@@ -187,6 +187,32 @@ def test_a_state_restored_without_its_cables_is_warned_of(integrator: str) -> No
     assert "a state is restored with its `plugin_state`" in warned()[0]
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_motion_by_hand_is_no_jump_until_a_step_exceeds_its_velocity(
+    seed: int,
+) -> None:
+    """The motion turns often; there the velocity after a step is about zero."""
+    rng = np.random.default_rng(seed)
+    m = lever(("m", -0.02), ("held", 1.0), pretension=1.0)
+    m.opt.timestep = dt = rng.uniform(5e-4, 5e-3)
+    time = dt * np.arange(600)
+    waves = 2.0 * np.pi * rng.uniform(0.5, 6.0, (4, 1))
+    turned = np.sin(waves * time + rng.uniform(0.0, 6.0, (4, 1)))
+    angles = rng.normal(0.0, 0.3, (m.nq, 4)) @ turned
+    speeds = np.gradient(angles, dt, axis=1)
+    d = mujoco.MjData(m)
+    d.qpos[:] = angles[:, 0]
+    settle(m, d)
+    for position, velocity in zip(angles.T, speeds.T, strict=True):
+        d.qpos[:], d.qvel[:] = position, velocity
+        mujoco.mj_step(m, d)
+    assert warned() == []
+    d.qpos[:], d.qvel[:] = angles[:, -1], speeds[:, -1]
+    d.qpos[0] += 1.6 * np.abs(speeds[0, -2:]).max() * dt + 0.11
+    mujoco.mj_step(m, d)
+    assert "its proximal end jumped" in warned()[0]
+
+
 def test_a_joint_set_by_hand_elsewhere_and_small_differences_are_no_jump() -> None:
     m = lever(("m", -0.02), ("held", 1.0))
     d = mujoco.MjData(m)

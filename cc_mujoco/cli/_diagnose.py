@@ -165,9 +165,9 @@ class Diagnose:
         )
         for motion in found.trials:
             print(f"  {motion.description}")
-        weak = [each for each in found.resolved if each.apart < MIN_CLARITY]
+        weak = [each for each in found.resolved if each.separation < MIN_CLARITY]
         ties = ", ".join(f"{each.id} (like {each.likest})" for each in weak)
-        print(f"not told apart: {ties or 'none'}")
+        print(f"not distinguished: {ties or 'none'}")
         print(f"plan:     {self.out / PLAN_PAGE}")
 
 

@@ -42,7 +42,7 @@ CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
 TEMPERATURE_KIND = Kind("temperature", "degC", {"degC": 1.0})
 MASK = Kind("mask", "1", {"1": 1.0})
 FURTHER = Kind("reading", "1", {"1": 1.0})
-"""Kind of a column that is no channel and was asked for."""
+"""Kind of a column that is no channel and is requested."""
 _FURTHER_PREFIX = "column "
 
 _KINDS = {
@@ -120,12 +120,12 @@ def cable_end(tension: str) -> tuple[str, str]:
 
 
 def further(column: str) -> str:
-    """Return the channel of a column that is none of a rig's and was asked for."""
+    """Return the channel of a column that is none of a rig's and is requested."""
     return f"{_FURTHER_PREFIX}{column}"
 
 
 def is_further(channel: str) -> bool:
-    """Return whether a channel is a column that was asked for."""
+    """Return whether a channel is a column that is requested."""
     return channel.startswith(_FURTHER_PREFIX)
 
 

@@ -234,7 +234,7 @@ def _counted_samples(
         if channel == VALID or not lost:
             continue
         problem = f"{recording.column(channel)} lacks {lost} of {total} readings"
-        # What is only told is worth no trial.
+        # A column that is not compared is worth no trial.
         if channel == TEMPERATURE or is_further(channel):
             del values[channel]
             findings.append(warning(f"{problem}; it is left out.", name, channel))

@@ -208,7 +208,7 @@ def compare_with_sensor(
     offset = 0.0 if abs(offset) < 1e-9 * size else offset
     message += (
         f", and the load cells contradict it: on their pulley they make {gain:.3g} "
-        f"times its torque and {offset:+.2g} N m ({deviation:.2g} N m RMS apart, of "
+        f"times its torque and {offset:+.2g} N m ({deviation:.2g} N m RMS off, of "
         f"{size:.2g}); check signs, offsets and units of both, and the pulley's radius."
     )
     return [doubt(message, channel=torque)]

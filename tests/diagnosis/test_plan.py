@@ -45,8 +45,8 @@ def test_effects_show_and_are_told_from_each_other(
     found, _ = made
     assert {each.id for each in found.resolved} == set(IDS)
     assert len(found.trials) < 10
-    assert all(each.apart >= MIN_CLARITY for each in found.resolved)
-    assert all(each.clarity >= each.apart for each in found.resolved)
+    assert all(each.separation >= MIN_CLARITY for each in found.resolved)
+    assert all(each.clarity >= each.separation for each in found.resolved)
     assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
     hooked = [motion.pretension > 0.0 for motion in found.trials]
     assert hooked == [True] * (len(hooked) - 2) + [False] * 2
@@ -80,7 +80,7 @@ def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[TrialPlan, Path]) -
         assert each.plausible == pytest.approx(grown * known[each.id].plausible)
         # Changes are simulated at the size of the bench; soft ends are not linear.
         slack = 0.25 if soft else 1e-3
-        assert each.apart == pytest.approx(known[each.id].apart, rel=slack)
+        assert each.separation == pytest.approx(known[each.id].separation, rel=slack)
         assert each.least == pytest.approx(grown * known[each.id].least, rel=slack)
 
 
@@ -228,7 +228,7 @@ def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> Non
     for motion in found.trials:
         assert motion.joint.min() > bench.span[0]
         assert motion.joint.max() < bench.span[1]
-    assert all(each.apart > MIN_CLARITY for each in found.resolved)
+    assert all(each.separation > MIN_CLARITY for each in found.resolved)
     with pytest.raises(CableError, match="its lever is not known"):
         plan(bench.path, tmp_path / "far", reach=3.0)
 

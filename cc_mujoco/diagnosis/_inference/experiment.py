@@ -374,7 +374,7 @@ def refit_difference(
     record: Record,
     noise: FloatArray,
     known: FloatArray,
-    apart: FloatArray,
+    difference: FloatArray,
 ) -> FloatArray:
     """Compute the rest of a difference after a refit of a model (2, samples).
 
@@ -386,11 +386,11 @@ def refit_difference(
         record: the new trial, with what the model says of it as measured.
         noise: (2, 1) of the torques [N m].
         known: (residuals, parameters) Jacobian on the data there are, and priors.
-        apart: (2, samples) difference, relative to the noise.
+        difference: (2, samples) of the signals, relative to the noise.
     """
     from scipy.optimize import lsq_linear
 
-    wide = (np.broadcast_to(noise, apart.shape),)
+    wide = (np.broadcast_to(noise, difference.shape),)
     new = replace(
         problem,
         plant=problem.plant.limited([record]),
@@ -399,8 +399,8 @@ def refit_difference(
         slopes=TorqueDerivatives(),
     )
     every = [np.ones(record.counts.size, dtype=bool)]
-    slopes = jacobian(new, x, every)[: apart.size]
-    wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
+    slopes = jacobian(new, x, every)[: difference.size]
+    wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])
     low, high = (
         np.array([getattr(parameter, side) for parameter in problem.tuned])
         for side in ("low", "high")
@@ -413,7 +413,9 @@ def refit_difference(
     bounds = tuple(side * size for side in (margins[0] - 1e-9, margins[1] + 1e-9))
     change = np.zeros(x.size)
     change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
-    left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight
+    left: FloatArray = (
+        difference - (slopes @ change).reshape(difference.shape) / problem.weight
+    )
     return left
 
 

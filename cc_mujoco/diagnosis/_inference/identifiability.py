@@ -71,8 +71,8 @@ REMEDIES = {
     "declare the offset of its column",
     "joint_torque_offset": "read the joint's torque sensor without any load and "
     "declare the offset of its column",
-    "joint_angle_offset": "record where both cables pull alike, and declare the offset "
-    "of the joint's angle",
+    "joint_angle_offset": "record where both cables pull equally, and declare the "
+    "offset of the joint's angle",
     "load_stiffness": "measure the spring by itself and declare it more exactly ([rig] "
     "load_stiffness with its uncertainty), or measure the joint's torque",
     "load_rest_angle": "record the joint where its spring is at rest, and declare that "

@@ -182,7 +182,7 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
         else:
             found.append(
                 f"{names}: changed together these hardly change the outputs; only what "
-                "was known before tells them apart."
+                "was known before distinguishes them."
             )
     found.append(
         "friction counts only times the wrap angle; the wrap of the scene is taken."
@@ -314,18 +314,18 @@ def disagreement(
     freedom = np.full(slopes.shape[1], np.inf)
     for k in range(factor.size):
         row = [each[k] for each in without]
-        told = np.array([a @ b for a, b in zip(row, square, strict=True)])
+        shares = np.array([a @ b for a, b in zip(row, square, strict=True)])
         moved = np.array([a @ b for a, b in zip(row, pull, strict=True)])
-        joint = -told @ whole @ told.T
-        joint[np.diag_indices_from(joint)] += np.sum(told * np.array(row), axis=1)
+        joint = -shares @ whole @ shares.T
+        joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)
         tells = size > _TELLS * whole[k, k]
         if np.sum(tells) < 2:
             continue
         deviation = np.sqrt(size[tells])
-        alike = joint[np.ix_(tells, tells)] / np.outer(deviation, deviation)
+        correlation = joint[np.ix_(tells, tells)] / np.outer(deviation, deviation)
         factor[k] = float(np.mean((moved[tells] / deviation) ** 2))
-        freedom[k] = deviation.size**2 / float(np.sum(alike**2))
+        freedom[k] = deviation.size**2 / float(np.sum(correlation**2))
     return Disagreement(factor, freedom)
 
 

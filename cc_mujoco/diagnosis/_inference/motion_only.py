@@ -247,10 +247,10 @@ def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[Floa
         errors.append((own.joint - (1.0 + change) * followed)[own.counts])
     found = []
     for own, error in zip(stretches, errors, strict=True):
-        alike = [
+        own_errors = [
             e for s, e in zip(stretches, errors, strict=True) if s.trial == own.trial
         ]
-        whole = np.concatenate(alike)
+        whole = np.concatenate(own_errors)
         found.append(error - whole.mean() if whole.size else error)
     return found
 
@@ -295,11 +295,14 @@ def _statement(
                 "alone does not."
             )
         text += (
-            " Without a torque or a known load, play and a cable that stretches "
-            "against friction look alike."
+            " Without a torque or a known load, play cannot be distinguished from a "
+            "cable that stretches against friction."
         )
     if late:
-        text += " A late sensor and friction that grows with speed look alike, too."
+        text += (
+            " A late sensor cannot be distinguished from friction that grows with "
+            "speed."
+        )
     if after > MAX_EXPLAINED_ERROR:
         text += " Something else moves the joint as well."
     return text

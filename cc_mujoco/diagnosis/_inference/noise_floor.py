@@ -4,8 +4,8 @@ Where the cable runs, noise of the angles hardly matters; where its end sticks, 
 angle's last digit is worth newtons. So the floor is a number for every sample: how far
 simulated torques come off when a likely motion is read again, and the torque sensors'
 own noise. By what errors are divided is more: spikes of noise shift in time, and an
-angle that seems to stand still may have moved by its noise. That weights samples; how
-far off a model is, is told by what noise makes of errors so divided.
+angle that seems to stand still may have moved by its noise. That weights samples; the
+error of a model is held against what noise makes of errors so divided.
 
 Angles are read again as they might have been another time. What is played has lost what
 its filters took: movements smaller than the play that stills it. Read again, it would
@@ -40,7 +40,7 @@ from cc_mujoco.diagnosis._inference.lowpass import low_pass
 from cc_mujoco.diagnosis._inference.records import Filtering, Record, play_filter
 
 NOISE_DRAWS = 6
-"""Simulations with angles drawn anew."""
+"""Simulations with resampled angles."""
 SMOOTHING_TIME = 0.04
 """Time over which the scatter is taken together [s]."""
 MIN_FLOOR_SHARE = 1e-3
@@ -102,10 +102,10 @@ def noise_floor(
     plain = [np.zeros(torque.shape) for torque in clean]
     wide = [np.zeros(torque.shape) for torque in clean]
     for _ in range(NOISE_DRAWS):
-        read = [drawn(r, noise, filtering, other) for r in true]
+        read = [resample_angles(r, noise, filtering, other) for r in true]
         for total, square in zip(plain, scatter(read, exact), strict=True):
             total += square
-        again = [drawn(r, noise, filtering, random) for r in plant.records]
+        again = [resample_angles(r, noise, filtering, random) for r in plant.records]
         moved = [unsettled(r, filtering, random) for r in again]
         for total, square in zip(wide, scatter(moved, clean), strict=True):
             total += square
@@ -257,7 +257,7 @@ def _likely(
     return found + share * (smooth - found)
 
 
-def drawn(
+def resample_angles(
     record: Record,
     noise: Mapping[str, Noise],
     filtering: Filtering,

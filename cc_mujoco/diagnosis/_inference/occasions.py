@@ -1,6 +1,6 @@
 """Several occasions of one rig: shared effects, a baseline of its own for each.
 
-Between two days a rig is run in, taken apart or left in the sun. Friction, pretension,
+Between two days a rig is run in, dismantled or left in the sun. Friction, pretension,
 stiffness, offsets and clocks are then other ones, while what the scene lacks is still
 there. The baseline is that of the last occasion. For every earlier one the fit has a
 parameter `<name>@<occasion>`: the ratio to the last occasion where the parameter is

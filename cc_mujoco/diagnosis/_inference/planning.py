@@ -53,14 +53,14 @@ class Resolved(NamedTuple):
             unit.
         clarity: of plausible sizes, in standard deviations once all is tuned.
         likest: the effect with which it is confused most, "nothing" without others.
-        apart: clarity of a plausible size where that one is fitted as well.
+        separation: clarity of a plausible size where that one is fitted as well.
     """
 
     id: str
     plausible: float
     clarity: float
     likest: str
-    apart: float
+    separation: float
 
     @property
     def least(self) -> float:
@@ -175,7 +175,7 @@ def planned(
     resolved = _resolved_effects(together, owners, len(free))
     return TrialPlan(
         tuple(every[k] for k in chosen),
-        tuple(sorted(resolved, key=lambda each: each.apart)),
+        tuple(sorted(resolved, key=lambda each: each.separation)),
         dict(zip(instruments.channels, sizes, strict=True)),
         hidden,
         {name: library.declared[name] for name in wanted if name in library.declared},
@@ -306,7 +306,7 @@ def _design_value(gram: FloatArray, owners: Sequence[_Column], base: int) -> flo
     """Return the number of effects that would be identified, in part or whole."""
     return sum(
         0.5 * min(each.clarity / SATURATED_CLARITY, 1.0)
-        + 0.5 * min(each.apart / SATURATED_CLARITY, 1.0)
+        + 0.5 * min(each.separation / SATURATED_CLARITY, 1.0)
         for each in _resolved_effects(gram, owners, base)
     )
 

@@ -46,7 +46,7 @@ def _change_wrap(
 def _stiffening(
     given: tuple[Cable, ...], values: Values, _: RigGeometry
 ) -> tuple[Cable, ...]:
-    # Strands bed in one by one, so two cables need not be alike. The baseline's
+    # Strands bed in one by one, so two cables may differ. The baseline's
     # stiffness stays that of a cable in the scene's pretension, as far as it can.
     usual = values.get("pretension", given[0].pretension)
     half = values["bedding_tension"]

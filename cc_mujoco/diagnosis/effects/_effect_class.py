@@ -162,8 +162,8 @@ def effect_of_class(given: Any, rare: bool = False) -> Effect:
             return _effect(given() if inspect.isclass(given) else given, name, rare)
     except CableError as wrong:
         text = str(wrong)
-        told = text if repr(name) in text else f"effect {name!r}: {text}"
-        raise EffectError(told) from wrong
+        message = text if repr(name) in text else f"effect {name!r}: {text}"
+        raise EffectError(message) from wrong
 
 
 def _effect(made: Any, name: str, rare: bool) -> Effect:

@@ -45,7 +45,7 @@ def _stribeck(
 def _asymmetric(
     given: tuple[Cable, ...], values: Values, _: RigGeometry
 ) -> tuple[Cable, ...]:
-    # Liners wear one by one, so two cables need not be alike. The antagonist moves the
+    # Liners wear one by one, so two cables may differ. The antagonist moves the
     # other way.
     each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
     return tuple(

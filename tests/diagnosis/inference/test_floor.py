@@ -17,7 +17,11 @@ from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis import CrossValidation, Problem, Record, prepare
 from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._inference.folds import excess
-from cc_mujoco.diagnosis._inference.noise_floor import drawn, likely, noise_floor
+from cc_mujoco.diagnosis._inference.noise_floor import (
+    likely,
+    noise_floor,
+    resample_angles,
+)
 from diagnosis.recorded import BENCH
 
 STEP = 2e-3
@@ -131,7 +135,7 @@ def test_a_rest_is_read_off_by_a_digit_that_no_filter_takes_out() -> None:
     digit = 8e-4
     record, filtering, noise = still(digit)
     random = np.random.default_rng(0)
-    read = [drawn(record, noise, filtering, random) for _ in range(300)]
+    read = [resample_angles(record, noise, filtering, random) for _ in range(300)]
     off_by = np.array([each.motor_angle - record.motor_angle for each in read])
     assert np.ptp(off_by, axis=1).max() < 1e-3 * digit
     assert np.std(off_by[:, 0]) == pytest.approx(digit / math.sqrt(12.0), rel=0.1)

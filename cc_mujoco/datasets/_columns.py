@@ -208,7 +208,13 @@ def _missing_column(
     listing = f"{missing}; rename one or map it in {DATASET_FILE}"
     if channel in channels.TORQUES:
         listing += f", or declare [columns.{channel}] measured = false"
-    if channel in channels.ANGLES:
+    if channel == channels.MOTOR_ANGLE:
+        listing += (
+            f", or declare [columns.{channel}] measured = false; without this angle "
+            "there is nothing to play through the cables, and only their loss by "
+            "direction and load can be found"
+        )
+    if channel == channels.JOINT_ANGLE:
         listing += "; without this angle there is nothing to play through the cables"
     if channels.is_other_angle(channel):
         listing += "; this joint moves a cable, too, so its angle must be recorded"

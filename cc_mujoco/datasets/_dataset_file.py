@@ -17,7 +17,8 @@ All of it is optional. An example with every key:
     resolution = 1                  # quantisation step of the readings, raw
 
     [columns.joint_torque_nm]
-    measured = false                # a torque that no instrument measures
+    measured = false                # a torque that no instrument measures, or the
+                                    # motor's angle (loss by direction and load only)
 
     [files."run_*"]                 # a trial in several files, each with its times;
     motor = "motor/run_*.csv"       # `*` stands for the same in all of them
@@ -120,7 +121,7 @@ class Source:
         clock: column with the times of this channel; None is `time_s`.
         noise: standard deviation of the readings; None is not known.
         resolution: quantisation step of the readings; None is not known.
-        measured: False where no instrument tells this torque.
+        measured: False where no instrument measures this torque or motor angle.
     """
 
     name: str | None = None
@@ -331,17 +332,14 @@ def _is_measured(table: Table, channel: str) -> bool:
     value = table.content.get("measured", True)
     if not isinstance(value, bool):
         raise table.wrong("measured", "true or false")
-    if value or channel in channels.TORQUES:
+    if value or channel in (*channels.TORQUES, channels.MOTOR_ANGLE):
         return value
-    if channel in channels.ANGLES:
-        raise CableError(
-            f"{table.where}: `measured = false` is possible for one of the two torques "
-            "only; a diagnosis plays both angles through the cables, so this one must "
-            "be recorded."
-        )
+    reason = "a channel that was not recorded needs no table"
+    if channel == channels.JOINT_ANGLE:
+        reason = "the joint's angle must be recorded"
     raise CableError(
-        f"{table.where}: `measured = false` is possible for one of the two torques "
-        "only; a channel that was not recorded needs no table."
+        f"{table.where}: `measured = false` is possible for torques and the motor's "
+        f"angle only; {reason}."
     )
 
 

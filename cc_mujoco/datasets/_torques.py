@@ -176,12 +176,14 @@ def _with_current_torque(trial: Trial, constants: Mapping[str, Constant]) -> Tri
     """Return a trial with the motor torque that follows from its current.
 
     What teeth and bearings take under load is lost on the way to the cable, or on the
-    way back where the cable drives the motor.
+    way back where the cable drives the motor. Without an angle of its own the motor
+    turns as the joint does.
     """
     current = trial.motor_current
     assert current is not None
     share = constants.get("gear_efficiency", Constant(1.0)).value
-    speed = velocity(trial.motor_angle, trial.step, trial.segments)
+    angle = trial.motor_angle if trial.motor_angle.size else trial.joint_angle
+    speed = velocity(angle, trial.step, trial.segments)
     with np.errstate(invalid="ignore"):
         lost: FloatArray = np.where(current * speed >= 0.0, share, 1.0 / share)
     made = _torque_per_current(constants) * current * lost

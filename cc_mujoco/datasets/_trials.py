@@ -100,7 +100,7 @@ class Trial:
     Attributes:
         name: file name without ending; as much more of its path as it takes to differ.
         time: (samples,) [s], as recorded.
-        motor_angle: (samples,) [rad].
+        motor_angle: (samples,) [rad]; (0,) if it is not measured.
         motor_torque: (samples,) [N m], motor into its pulley; None if it is not known.
         joint_angle: (samples,) [rad].
         joint_torque: (samples,) [N m], transmission into joint; None if it is not
@@ -119,7 +119,7 @@ class Trial:
         paths: files of the channels that are in another than `path`.
         digits: quantisation step by channel, as recorded; 0 where there is none to be
             seen. Of channels that are not in it the samples are the readings.
-        columns: (samples,) each, of further columns that were asked for, by name, as
+        columns: (samples,) each, of further columns requested by effects, by name, as
             they are in the file.
     """
 
@@ -190,7 +190,7 @@ class Trial:
     def _plain(self, name: str) -> FloatArray | None:
         return {
             channels.TIME: self.time,
-            channels.MOTOR_ANGLE: self.motor_angle,
+            channels.MOTOR_ANGLE: self.motor_angle if self.motor_angle.size else None,
             channels.MOTOR_TORQUE: self.motor_torque,
             channels.MOTOR_CURRENT: self.motor_current,
             channels.JOINT_ANGLE: self.joint_angle,
@@ -237,6 +237,11 @@ class Dataset:
     path: str = ""
     sha256: str = ""
     instruments: Instruments = TORQUE_SENSORS
+
+    @property
+    def has_motor_angle(self) -> bool:
+        """Return whether the motor's angle is measured."""
+        return all(trial.motor_angle.size for trial in self.trials)
 
     @property
     def ends_held(self) -> bool:

@@ -23,6 +23,7 @@ from cc_mujoco.diagnosis._checks.run import (
     check_known_torques,
     check_load_cells,
 )
+from cc_mujoco.diagnosis._inference.loss_only import diagnose_loss
 from cc_mujoco.diagnosis._inference.motion_only import diagnose_motion
 from cc_mujoco.diagnosis._inference.pipeline import (
     run_inference,
@@ -138,7 +139,9 @@ def _infer(
     columns = {column for effect in EFFECTS.values() for column in effect.columns}
     dataset, findings = load(data, dataset_toml, bench, sorted(columns))
     known = bench.known(dataset.constants)
-    findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
+    if dataset.has_motor_angle:
+        findings += check_bench(dataset.trials, known)
+        findings += check_lead(dataset.trials, known)
     findings += check_known_torques(dataset) + check_load_cells(dataset, known)
     notes = [finding.statement for finding in findings]
     wrong = errors(findings)
@@ -154,8 +157,11 @@ def _infer(
             "fix-data", statement, problems=tuple(notes or statements)
         )
         return unanswered_diagnosis(diagnosis, bench), dataset
+    if not dataset.has_motor_angle:
+        diagnosis = diagnose_loss(dataset, known, seed)
+        return _noted(unanswered_diagnosis(diagnosis, bench), findings), dataset
     if not dataset.instruments.rows:
-        diagnosis = diagnose_motion(dataset, bench.known(dataset.constants))
+        diagnosis = diagnose_motion(dataset, known)
         return _noted(unanswered_diagnosis(diagnosis, bench), findings), dataset
     with single_threaded_blas():
         result = run_inference(

@@ -135,7 +135,10 @@ def load(
     known_bench = bench.known(file.rig) if bench else None
     trials, instruments, found = add_derived_torques(trials, file, known_bench)
     alone = known_bench is not None and len(known_bench.cables) == 1
-    if bench is not None and bench.others:  # the ends do not turn by one ratio
+    measured = file.source(channels.MOTOR_ANGLE).measured
+    if not measured:
+        found.append(warning("The motor's angle is not measured."))
+    elif bench is not None and bench.others:  # the ends do not turn by one ratio
         found += check_motions(trials)
     else:
         found += check_trials(trials, alone)
@@ -156,7 +159,8 @@ def load(
         own = noise[channels.JOINT_TORQUE]
         noise[channels.JOINT_TORQUE] = other_axes.noise(own, passed)
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
-    findings += wrong_repeats(dataset.trials) + check_occasions(dataset.trials)
+    findings += wrong_repeats(dataset.trials) if measured else []
+    findings += check_occasions(dataset.trials)
     return replace(dataset, noise=noise), findings
 
 
@@ -233,7 +237,7 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
     return Trial(
         name=recording.name,
         time=track.time,
-        motor_angle=values[channels.MOTOR_ANGLE],
+        motor_angle=values.get(channels.MOTOR_ANGLE, np.empty(0)),
         motor_torque=values.get(channels.MOTOR_TORQUE),
         joint_angle=values[channels.JOINT_ANGLE],
         joint_torque=values.get(channels.JOINT_TORQUE),

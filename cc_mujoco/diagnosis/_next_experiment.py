@@ -72,7 +72,7 @@ def plan(
     dataset_toml: str | os.PathLike[str] | None = None,
     ids: Sequence[str] | None = None,
 ) -> TrialPlan:
-    """Choose trials by which every effect of the library shows and is told apart.
+    """Choose trials by which every effect of the library shows and is distinguished.
 
     Args:
         scene: MJCF file of the rig, or name of a built-in scene.
@@ -104,6 +104,11 @@ def plan(
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
+    if not file.source(channels.MOTOR_ANGLE).measured:
+        raise CableError(
+            f"{dataset_toml} says that the motor's angle is not measured, without "
+            "which no effect can be planned for; record it"
+        )
     bench = bench.known(file.rig)
     instruments = expected_instruments(file, bench)
     if not instruments.rows:
@@ -261,15 +266,15 @@ def page(
         ],
     )
     resolved = table(
-        ("effect", "shows from", "plausible", "most like", "told apart by"),
+        ("effect", "shows from", "plausible", "most like", "separation"),
         [
             (
                 each.id,
                 f"{_size_text(found.sizes[each.id], each.least)}",
                 f"{_size_text(found.sizes[each.id], each.plausible)}",
                 each.likest,
-                f"{each.apart:.0f} sd"
-                + ("" if each.apart >= MIN_CLARITY else " (tied)"),
+                f"{each.separation:.0f} sd"
+                + ("" if each.separation >= MIN_CLARITY else " (tied)"),
             )
             for each in found.resolved
         ],
@@ -291,7 +296,7 @@ def page(
             "",
             "What these trials would resolve, in the scene as it is, once everything "
             "else is tuned. An effect shows from the size that is "
-            f"{MIN_CLARITY:g} standard deviations of the noise; told apart: a "
+            f"{MIN_CLARITY:g} standard deviations of the noise; separation: a "
             "plausible size where the effect most like it is fitted as well. A real "
             f"rig differs from the scene by more than noise: {SATURATED_CLARITY:g} is "
             "comfortable.",

@@ -11,6 +11,7 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._smoothing import velocity, velocity_noise
 from cc_mujoco.datasets._trials import Dataset, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.noise import find_holds
+from cc_mujoco.errors import CableError
 
 # Share of the range by which a motion must come back to be a reversal.
 _REVERSAL_SHARE = 0.02
@@ -73,7 +74,7 @@ class Excitation(NamedTuple):
             + (
                 f" of {self.dwells[0]:.2g} to {self.dwells[1]:.2g} s."
                 if self.dwell_count
-                else ", so nothing can be said about dwell and break-away."
+                else ", so dwell and break-away cannot be judged."
             ),
             f"Joint torque {_torque_text(self.torque)}, motor torque "
             f"{_torque_text(self.motor_torque)}.",
@@ -92,7 +93,16 @@ class Excitation(NamedTuple):
 
 
 def excitation(dataset: Dataset) -> Excitation:
-    """Return the joint excitation of the trials of a dataset."""
+    """Return the joint excitation of the trials of a dataset.
+
+    Raises:
+        CableError: the motor's angle is not measured.
+    """
+    if not dataset.has_motor_angle:
+        raise CableError(
+            f"{dataset.path} declares that the motor's angle is not measured, of which "
+            "the excitation is; give trials with that angle"
+        )
     speeds, rests = [np.empty(0)], []
     reversals = 0
     for trial in dataset.trials:
@@ -220,5 +230,5 @@ def _pretension_text(known: tuple[float, ...], tensions: int) -> str:
         return f"{len(known)} pretensions, {known[0]:.3g} to {known[-1]:.3g} N."
     return (
         "One pretension and no measured tension, so friction and pretension cannot be "
-        "told apart."
+        "distinguished."
     )

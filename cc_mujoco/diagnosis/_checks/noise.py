@@ -24,6 +24,8 @@ def find_holds(trial: Trial) -> list[slice]:
     """Return stretches of `MIN_HOLD_TIME` seconds or more without motion."""
     still = np.ones(len(trial.time), dtype=bool)
     for angle in (trial.motor_angle, trial.joint_angle):
+        if not angle.size:
+            continue
         speed = np.abs(velocity(angle, trial.step, trial.segments))
         with np.errstate(invalid="ignore"):
             still &= speed <= _REST_SPEED_SHARE * np.nanpercentile(speed, 95)

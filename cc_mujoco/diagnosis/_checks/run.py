@@ -269,6 +269,8 @@ def _check_locked(recording: Recording, facts: Facts) -> list[DataFinding]:
     if not facts.locked:
         return []
     channel = _ANGLES[facts.locked]
+    if channel not in recording.values:
+        return []
     moved = _robust_range(recording.values[channel])
     if moved <= _LOCKED_RANGE:
         return []
@@ -283,8 +285,8 @@ def _check_constants(recording: Recording, facts: Facts) -> list[DataFinding]:
     """Find channels that never change."""
     findings = []
     for channel in recording.values:
-        told = (channels.TIME, channels.VALID, channels.TEMPERATURE)
-        if channel in told or channels.is_further(channel):
+        known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
+        if channel in known or channels.is_further(channel):
             continue
         values = recording.values[channel]
         if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
@@ -343,6 +345,8 @@ def _check_degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]
         channels.MOTOR_ANGLE: MAX_MOTOR_TURNS,
     }
     for channel, most in limits.items():
+        if channel not in recording.values:
+            continue
         values = recording.values[channel]
         turns = _robust_range(values) / (2.0 * math.pi)
         if turns <= most:
@@ -367,6 +371,8 @@ def _check_turnovers(recording: Recording) -> list[DataFinding]:
     """Find angles of an encoder that begins anew after a full turn."""
     findings = []
     for channel in channels.ANGLES:
+        if channel not in recording.values:
+            continue
         steps = np.abs(np.diff(recording.values[channel]))
         steps = steps[np.isfinite(steps)]
         jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < _MAX_ANGLE_STEP))

@@ -27,6 +27,13 @@ _MOTION_ONLY = (
     "lag, and the ratio of the drive. They cannot show what makes them (play, stretch "
     "against friction, drag, a late sensor), nor any friction, stiffness or pretension."
 )
+_NO_MOTOR_ANGLE = (
+    "Torques at both ends without the motor's angle. While the whole cable slides, "
+    "these data can show its loss by direction and load, a drag, and a break-away loss "
+    "after reversals. They cannot show stretch, play, slack or pretension, where the "
+    "loss arises, or anything that depends on the motor's angle. The loss of motor and "
+    "gear is part of it where the torque follows from a current or a command."
+)
 _ARM_BY_PAIRS = (
     "The moment arm at the joint follows from angle pairs. These data cannot tell an "
     "error of the pairs from an eccentric pulley or a wrap that grows with the angle."
@@ -57,7 +64,10 @@ _JOINT = {
 
 
 def describe_mode(
-    instruments: Instruments, ends_held: bool = False, arm_by_pairs: bool = False
+    instruments: Instruments,
+    ends_held: bool = False,
+    arm_by_pairs: bool = False,
+    motor_angle: bool = True,
 ) -> str:
     """Return what the instruments can and cannot show; "" of two torque sensors.
 
@@ -65,7 +75,10 @@ def describe_mode(
         instruments: of both torques.
         ends_held: whether the ends are held, see `Trial.ends_held`.
         arm_by_pairs: whether the arm at the joint is that of `[rig] angle_pairs`.
+        motor_angle: whether the motor's angle is measured.
     """
+    if not motor_angle:
+        return _NO_MOTOR_ANGLE
     if ends_held:
         return _ENDS_HELD
     if not instruments.rows:

@@ -1,0 +1,622 @@
+r"""Loss of a transmission by direction and load, where no motor angle is known.
+
+A dynamometer shows the torque at both ends while the joint turns. Once the whole cable
+slides in the direction s = +1 or -1 of the joint,
+
+    tau_joint = g x exp(-s sign(x) k) + o - s c - b omega - J alpha
+
+x is the motor's torque times the ratio of the radii: the torque at the joint without
+any loss. k = mu theta is the exponent of the capstan (Euler 1769), c the loss that does
+not depend on the load, b and J what grows with speed and acceleration; g and o are the
+gain and the zero of the instruments. A load that drives the motor back has the other
+sign of the exponent, so both directions of flow are needed to distinguish k from g, and
+both directions of motion to distinguish c from o.
+
+Samples before the cable slides as a whole do not count: a stretch of travel after each
+reversal, found from the data. There the loss may exceed that of sliding (break-away).
+The errors of the current make slopes too small; they are taken off the normal equations
+(Fuller, Measurement Error Models, 1987). Intervals are of a bootstrap of blocks, which
+end at every reversal, by direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.datasets._smoothing import velocity
+from cc_mujoco.estimation._least_squares import Estimate
+
+MIN_BLOCKS = 6
+"""Blocks of sliding that either direction must have."""
+MIN_BLOCK_TIME = 0.25
+"""Shortest block that a long stroke is divided into [s]."""
+_WANTED_BLOCKS = 12
+_DRAWS = 400
+_MOVING_SHARE = 0.05
+"""Speed from which the joint moves, as a share of its usual top speed."""
+_MIN_LOAD_SPREAD = 0.1
+"""Standard deviation of the load over its mean, below which it is constant."""
+_MIN_SPEED_RANGE = 2.0
+"""Ratio of fast to slow from which a drag can be distinguished."""
+_MIN_OWN_SHARE = 0.1
+"""Share of a column's variance that no other column has, from which it is fitted."""
+_TRAVEL_BINS = 24
+_SETTLED = 0.03
+"""Excess of the loss over that of sliding at which the cable slides, relative."""
+_SETTLING_MARGIN = 1.5
+"""Travel that does not count, over that from which the excess is so small."""
+_MAX_SETTLING_SHARE = 0.6
+"""Largest share of the usual stroke that may pass before the cable slides."""
+_MIN_REVERSALS = 8
+"""Reversals from which a break-away loss is estimated."""
+
+DRIVING, DRIVEN, POSITIVE, NEGATIVE, DRAG, INERTIA = range(6)
+"""Columns of the fit: slopes while the motor drives the load or the load the motor,
+losses in either direction of motion, drag and inertia."""
+
+
+class Stroke(NamedTuple):
+    """Motion of the joint in one direction, between two reversals.
+
+    Attributes:
+        trial: index of its trial.
+        sign: direction, 1 or -1.
+        reversed: whether a reversal came before, in the same recording.
+        ideal: torque of the joint without loss (samples,) [N m].
+        torque: measured torque of the joint (samples,) [N m].
+        speed: of the joint (samples,) [rad/s].
+        acceleration: of the joint (samples,) [rad/s^2].
+        travel: since the reversal (samples,) [rad].
+        step: time between samples [s].
+    """
+
+    trial: int
+    sign: float
+    reversed: bool
+    ideal: FloatArray
+    torque: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    travel: FloatArray
+    step: float
+
+
+@dataclass(frozen=True)
+class LossFit:
+    """Loss of a transmission.
+
+    Attributes:
+        values: estimates by name, of what the data determine.
+        settling: travel after a reversal until the cable slides [rad]; NaN if unknown.
+        breakaway_at: travel at which the break-away loss is largest [rad].
+        error: RMS of the joint torque beyond this law while sliding [N m].
+        scene_error: the same beyond the law of the scene [N m].
+        scene: values that the law of the scene would have shown, by name.
+        load: RMS of the joint's torque while sliding [N m].
+        speed: RMS of its speed then [rad/s].
+        undetermined: clauses on what these data do not determine.
+        refused: clause on why there are no numbers, or empty.
+    """
+
+    values: dict[str, Estimate]
+    settling: float = math.nan
+    breakaway_at: float = math.nan
+    error: float = math.nan
+    scene_error: float = math.nan
+    scene: Mapping[str, float] = field(default_factory=dict)
+    load: float = math.nan
+    speed: float = math.nan
+    undetermined: tuple[str, ...] = ()
+    refused: str = ""
+
+
+class SceneLaw(NamedTuple):
+    """Friction that a scene states, of one cable or of a pull-pull pair.
+
+    Attributes:
+        exponent: mu theta of a cable.
+        pretension: torque at the joint of the pretension of one cable [N m]; 0 of one
+            cable.
+    """
+
+    exponent: float
+    pretension: float
+
+    def torque(self, ideal: FloatArray, sign: float) -> FloatArray:
+        """Return the joint torque while all cables slide (samples,) [N m]."""
+        less, more = math.exp(-sign * self.exponent), math.exp(sign * self.exponent)
+        if self.pretension == 0.0:
+            return np.where(ideal >= 0.0, less, more) * ideal
+        # The sum of both tensions stays, until one cable is slack.
+        half = np.clip(0.5 * ideal, -self.pretension, self.pretension)
+        slack = ideal - 2.0 * half
+        pulling = self.pretension + half + np.maximum(slack, 0.0)
+        other = self.pretension - half - np.minimum(slack, 0.0)
+        found: FloatArray = pulling * less - other * more
+        return found
+
+
+def strokes_of(
+    trial: int,
+    angle: FloatArray,
+    ideal: FloatArray,
+    torque: FloatArray,
+    step: float,
+    speed_noise: float,
+) -> list[Stroke]:
+    """Return the strokes of a stretch without gaps, rests left out.
+
+    Args:
+        trial: index of its trial.
+        angle: of the joint (samples,) [rad].
+        ideal: its torque without loss (samples,) [N m].
+        torque: its measured torque (samples,) [N m].
+        step: time between samples [s].
+        speed_noise: standard deviation of the speed [rad/s].
+    """
+    speed = velocity(angle, step)
+    top = float(np.percentile(np.abs(speed), 95))
+    moves = np.abs(speed) > max(_MOVING_SHARE * top, 5.0 * speed_noise)
+    acceleration = velocity(speed, step)
+    sign = np.where(moves, np.sign(speed), 0.0)
+    moving = np.flatnonzero(moves)
+    turns = moving[1:][np.diff(sign[moving]) != 0.0]
+    found = []
+    for place, (first, last) in enumerate(
+        zip([*moving[:1], *turns], [*turns, angle.size], strict=True)
+    ):
+        rows = moving[(moving >= first) & (moving < last)]
+        begin = 0 if place == 0 else moving[np.searchsorted(moving, first) - 1]
+        way = float(sign[first])
+        # The reversal is where the joint was furthest the other way.
+        start = float(np.min(way * angle[begin : first + 1]))
+        found.append(
+            Stroke(
+                trial,
+                way,
+                place > 0,
+                ideal[rows],
+                torque[rows],
+                speed[rows],
+                acceleration[rows],
+                way * angle[rows] - start,
+                step,
+            )
+        )
+    return found
+
+
+class _Block(NamedTuple):
+    """Part of a stroke in which the whole cable slides.
+
+    Attributes:
+        sign: direction of the motion.
+        columns: of the fit (samples, 6).
+        torque: of the joint (samples,) [N m].
+        ideal: torque of the joint without loss (samples,) [N m].
+    """
+
+    sign: float
+    columns: FloatArray
+    torque: FloatArray
+    ideal: FloatArray
+
+
+class _Law(NamedTuple):
+    """Linear law of the joint torque, fitted by normal equations of blocks.
+
+    Attributes:
+        blocks: of the data.
+        active: columns that the data distinguish, of six.
+        squares: normal matrices (blocks, active, active), errors of the load taken off.
+        products: with the joint torque (blocks, active).
+    """
+
+    blocks: Sequence[_Block]
+    active: NDArray[np.int_]
+    squares: FloatArray
+    products: FloatArray
+
+    @classmethod
+    def of(cls, blocks: Sequence[_Block], load_noise: float) -> _Law:
+        """Return the law of blocks, with the columns that they distinguish."""
+        active = _distinguished(np.concatenate([each.columns for each in blocks]))
+        squares, products = [], []
+        for each in blocks:
+            columns = each.columns[:, active]
+            square = columns.T @ columns
+            for place, column in enumerate(active):
+                if column in (DRIVING, DRIVEN):
+                    used = np.count_nonzero(each.columns[:, column])
+                    square[place, place] -= used * load_noise**2
+            squares.append(square)
+            products.append(columns.T @ each.torque)
+        return cls(blocks, active, np.array(squares), np.array(products))
+
+    def solve(self, weights: FloatArray) -> FloatArray:
+        """Return coefficients (draws, 6) for weights of the blocks (draws, blocks).
+
+        Those of columns that are not fitted are 0, or NaN of the first four.
+        """
+        squares = np.tensordot(weights, self.squares, 1)
+        products = weights @ self.products
+        found = np.full((len(weights), 6), np.nan)
+        found[:, [DRAG, INERTIA]] = 0.0
+        found[:, self.active] = np.linalg.solve(squares, products[..., None])[..., 0]
+        return found
+
+
+def _distinguished(columns: FloatArray) -> NDArray[np.int_]:
+    """Return the columns of the fit that the data distinguish from all others."""
+    active = [POSITIVE, NEGATIVE]
+    for column in (DRIVING, DRIVEN):
+        if _own_share(columns, column, active) > _MIN_LOAD_SPREAD**2:
+            active.append(column)
+    speeds = np.percentile(np.abs(columns[:, DRAG]), [10, 90])
+    if speeds[1] < _MIN_SPEED_RANGE * speeds[0]:
+        columns = columns * (np.arange(6) != DRAG)
+    for column in (DRAG, INERTIA):
+        if _own_share(columns, column, active) > _MIN_OWN_SHARE:
+            active.append(column)
+    return np.array(sorted(active))
+
+
+def _own_share(columns: FloatArray, column: int, others: Sequence[int]) -> float:
+    """Return the share of a column's square that the others do not explain."""
+    own = columns[:, column]
+    used = own != 0.0
+    power = float(own @ own)
+    if np.count_nonzero(used) < MIN_BLOCKS or power == 0.0:
+        return 0.0
+    rest = columns[used][:, others]
+    left = own[used] - rest @ np.linalg.lstsq(rest, own[used], 1e-9)[0]
+    return float(left @ left) / power
+
+
+def fit_loss(
+    strokes: Sequence[Stroke],
+    load_noise: float,
+    scene: SceneLaw,
+    gain_uncertainty: float = math.inf,
+    seed: int = 0,
+) -> LossFit:
+    """Fit the loss of a transmission.
+
+    Args:
+        strokes: of all trials.
+        load_noise: standard deviation of the torque without loss [N m].
+        scene: friction that the scene states.
+        gain_uncertainty: standard deviation of the ratio of both gains; infinite if it
+            is not known.
+        seed: of the bootstrap.
+    """
+    if len({each.sign for each in strokes}) < 2:
+        return LossFit(
+            {},
+            refused="the joint turns in one direction only, where friction, an error "
+            "of the torque constant and the zeros of both torques change the ratio of "
+            "the torques in the same way; record both directions",
+        )
+    usual = _usual_travel(strokes)
+    settling, before = 0.3 * usual, math.nan
+    for _ in range(4):
+        blocks = _blocks(strokes, settling)
+        few = min(sum(1 for b in blocks if b.sign == way) for way in (1.0, -1.0))
+        if few < MIN_BLOCKS or settling > _MAX_SETTLING_SHARE * usual:
+            return LossFit(
+                {},
+                refused=f"strokes of {usual:.2g} rad are too short or too few for the "
+                "loss to become steady after a reversal, so sliding cannot be "
+                "distinguished from stretch and play; record longer strokes",
+            )
+        law = _Law.of(blocks, load_noise)
+        best = law.solve(np.ones((1, len(blocks))))[0]
+        if settling == before:
+            break
+        before = settling
+        settling = _settling(_Profile.of(strokes, best, usual), usual)
+    random = np.random.default_rng(seed)
+    signs = np.array([each.sign for each in blocks])
+    weights = np.zeros((_DRAWS, len(blocks)))
+    for way in (1.0, -1.0):
+        own = np.flatnonzero(signs == way)
+        weights[:, own] = random.multinomial(
+            own.size, np.full(own.size, 1.0 / own.size), _DRAWS
+        )
+    derived = _derived(best[None], law)
+    spread = {
+        name: float(np.nanstd(values)) * math.sqrt(few / (few - 1.0))
+        for name, values in _derived(law.solve(weights), law, weights).items()
+    }
+    values = {
+        name: _estimate(float(value[0]), _UNITS[name], spread[name], few - 2)
+        for name, value in derived.items()
+    }
+    for name in ("drag", "rotor_inertia"):
+        if name in values and values[name].ci95[0] <= 0.0:
+            del values[name]
+    ones = np.ones((1, len(blocks)))
+    by_scene = [b._replace(torque=scene.torque(b.ideal, b.sign)) for b in blocks]
+    expected = _Law.of(by_scene, 0.0)
+    stated = _derived(expected.solve(ones), expected)
+    breakaway_at = math.nan
+    slides = values.get("load_independent_loss"), values.get("friction_exponent")
+    if all(slides) and any(each.ci95[0] > 0.0 for each in slides if each):
+        profile = _Profile.of(strokes, best, usual)
+        excess, breakaway_at = _breakaway(profile, random)
+        if excess is not None:
+            values["breakaway_excess"] = excess
+    return LossFit(
+        values,
+        settling,
+        breakaway_at,
+        _rms([b.torque - b.columns @ np.nan_to_num(best) for b in blocks])
+        if derived.get("friction_exponent") is not None
+        else math.nan,
+        _rms(
+            [b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]
+        ),
+        {name: float(value[0]) for name, value in stated.items()},
+        _rms([b.torque for b in blocks]),
+        _rms([b.columns[:, DRAG] for b in blocks]),
+        _undetermined(law, values, gain_uncertainty, breakaway_at),
+    )
+
+
+_UNITS = {
+    "friction_exponent": "1",
+    "exponent_driving": "1",
+    "exponent_driven": "1",
+    "load_independent_loss": "N m",
+    "load_independent_positive": "N m",
+    "load_independent_negative": "N m",
+    "gain": "1",
+    "zero": "N m",
+    "total_loss": "N m",
+    "drag": "N m s/rad",
+    "rotor_inertia": "kg m^2",
+    "breakaway_excess": "1",
+}
+"""Unit of every estimate."""
+
+
+def _derived(
+    found: FloatArray, law: _Law, weights: FloatArray | None = None
+) -> dict[str, FloatArray]:
+    """Return what follows from coefficients (draws, 6), by name (draws,)."""
+    values: dict[str, FloatArray] = {}
+    known = set(law.active.tolist())
+    if {DRIVING, DRIVEN} <= known:
+        slopes = np.log(np.maximum(found[:, [DRIVING, DRIVEN]], 1e-9))
+        driving, driven = slopes[:, 0], slopes[:, 1]
+        values["friction_exponent"] = 0.5 * (driven - driving)
+        values["exponent_driving"], values["exponent_driven"] = -driving, driven
+        values["gain"] = np.exp(0.5 * (driven + driving))
+    if known & {DRIVING, DRIVEN} and not _constant_load(law):
+        positive, negative = found[:, POSITIVE], found[:, NEGATIVE]
+        values["load_independent_loss"] = 0.5 * (positive + negative)
+        values["load_independent_positive"] = positive
+        values["load_independent_negative"] = negative
+        values["zero"] = 0.5 * (negative - positive)
+    else:
+        each = np.array([[b.ideal.mean() - b.torque.mean()] for b in law.blocks])[:, 0]
+        signs = np.array([b.sign for b in law.blocks])
+        used = np.ones((1, signs.size)) if weights is None else weights
+        means = [used[:, signs == w] @ each[signs == w] for w in (1.0, -1.0)]
+        count = [used[:, signs == w].sum(axis=1) for w in (1.0, -1.0)]
+        values["total_loss"] = 0.5 * (means[0] / count[0] - means[1] / count[1])
+    for name, column in (("drag", DRAG), ("rotor_inertia", INERTIA)):
+        if column in known:
+            values[name] = found[:, column]
+    return values
+
+
+def _constant_load(law: _Law) -> bool:
+    """Return whether a slope that the data have is not distinguished from a loss."""
+    present = {
+        column
+        for column in (DRIVING, DRIVEN)
+        if any(np.any(b.columns[:, column]) for b in law.blocks)
+    }
+    return not present <= set(law.active.tolist())
+
+
+def _estimate(value: float, unit: str, deviation: float, freedom: int) -> Estimate:
+    """Return a value with the 95 % interval of Student's t."""
+    from scipy.special import stdtrit
+
+    reach = float(stdtrit(freedom, 0.975)) * deviation
+    return Estimate(value, unit, (value - reach, value + reach))
+
+
+def _columns(stroke: Stroke) -> FloatArray:
+    """Return the columns of the fit (samples, 6)."""
+    columns = np.zeros((stroke.ideal.size, 6))
+    drives = stroke.sign * stroke.ideal >= 0.0
+    columns[drives, DRIVING] = stroke.ideal[drives]
+    columns[~drives, DRIVEN] = stroke.ideal[~drives]
+    columns[:, POSITIVE if stroke.sign > 0.0 else NEGATIVE] = -stroke.sign
+    columns[:, DRAG], columns[:, INERTIA] = -stroke.speed, -stroke.acceleration
+    return columns
+
+
+def _usual_travel(strokes: Sequence[Stroke]) -> float:
+    """Return the travel of strokes that half of the way is covered in [rad]."""
+    travels = np.sort([float(each.travel[-1]) for each in strokes])
+    covered = np.cumsum(travels)
+    return float(travels[np.searchsorted(covered, 0.5 * covered[-1])])
+
+
+def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
+    """Return the blocks of strokes beyond a travel, long ones divided."""
+    found: list[_Block] = []
+    for way in (1.0, -1.0):
+        own = [s for s in strokes if s.sign == way and s.travel[-1] > settling]
+        time = sum(float(np.sum(s.travel > settling)) * s.step for s in own)
+        longest = max(MIN_BLOCK_TIME, time / _WANTED_BLOCKS)
+        for stroke in own:
+            rows = np.flatnonzero(stroke.travel > settling)
+            columns = _columns(stroke)
+            parts = max(1, math.floor(rows.size * stroke.step / longest))
+            for part in np.array_split(rows, parts):
+                found.append(
+                    _Block(way, columns[part], stroke.torque[part], stroke.ideal[part])
+                )
+    return found
+
+
+class _Profile(NamedTuple):
+    """Excess of the loss over that of sliding, by the travel since a reversal.
+
+    Attributes:
+        edges: of the bins of travel (bins + 1,) [rad].
+        excess: sum of the excess by reversal and bin (reversals, bins) [N m].
+        sliding: sum of the loss of sliding without drag (reversals, bins) [N m].
+    """
+
+    edges: FloatArray
+    excess: FloatArray
+    sliding: FloatArray
+
+    @classmethod
+    def of(cls, strokes: Sequence[Stroke], found: FloatArray, usual: float) -> _Profile:
+        """Return the profile of strokes of about the usual length."""
+        edges = np.append(0.0, np.geomspace(0.01 * usual, usual, _TRAVEL_BINS))
+        excess: list[FloatArray] = []
+        sliding: list[FloatArray] = []
+        law = np.nan_to_num(found)
+        gain = math.sqrt(law[DRIVING] * law[DRIVEN])
+        zero = 0.5 * (law[NEGATIVE] - law[POSITIVE])
+        for each in strokes:
+            if not each.reversed or each.travel[-1] < 0.5 * usual:
+                continue
+            columns = _columns(each)
+            more = each.sign * (columns @ law - each.torque)
+            other = columns[:, [DRAG, INERTIA]] @ law[[DRAG, INERTIA]]
+            lossless = gain * each.ideal + zero + other
+            loss = each.sign * (lossless - columns @ law)
+            bins = np.searchsorted(edges, each.travel, side="right") - 1
+            inside = (bins >= 0) & (bins < _TRAVEL_BINS)
+            for values, sums in ((more, excess), (loss, sliding)):
+                found_sums = np.bincount(bins[inside], values[inside], _TRAVEL_BINS)
+                sums.append(found_sums.astype(np.float64))
+        more_by_bin, loss_by_bin = (
+            np.array(sums).reshape(-1, _TRAVEL_BINS) for sums in (excess, sliding)
+        )
+        return cls(edges, more_by_bin, loss_by_bin)
+
+    def ratio(self) -> tuple[FloatArray, FloatArray]:
+        """Return the relative excess by bin, NaN if empty, and its standard error."""
+        whole = np.abs(self.sliding.sum(axis=0))
+        used = np.count_nonzero(self.sliding, axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = self.excess.sum(axis=0) / whole
+            left = self.excess - ratio * self.sliding
+            error = np.sqrt(np.sum(left**2, axis=0) * used / (used - 1.0)) / whole
+        ratio[used < 3] = np.nan
+        return ratio, error
+
+
+def _settling(profile: _Profile, usual: float) -> float:
+    """Return the travel from which three bins in a row show the loss of sliding."""
+    if not len(profile.excess):
+        return 0.3 * usual
+    ratio, error = profile.ratio()
+    settled = np.abs(ratio) < np.maximum(_SETTLED, 2.0 * error)
+    for place in range(_TRAVEL_BINS - 2):
+        if settled[place : place + 3].all():
+            return _SETTLING_MARGIN * float(profile.edges[place])
+    return usual
+
+
+def _breakaway(
+    profile: _Profile, random: np.random.Generator
+) -> tuple[Estimate | None, float]:
+    """Return the largest relative excess of the loss, and the travel where it is.
+
+    The bin is chosen by one half of the reversals and evaluated by the other, both ways
+    round: the largest of several means would be too large.
+    """
+    count = len(profile.excess)
+    if count < _MIN_REVERSALS:
+        return None, math.nan
+    halves = [np.arange(count)[k::2] for k in range(2)]
+
+    def largest(rows: Sequence[NDArray[np.int_]]) -> tuple[float, int]:
+        parts = [
+            profile._replace(excess=profile.excess[r], sliding=profile.sliding[r])
+            for r in rows
+        ]
+        sums = np.zeros(2)
+        for chosen, other in (parts, parts[::-1]):
+            ratio = chosen.ratio()[0]
+            if np.isnan(ratio).all():
+                return math.nan, 0
+            best = int(np.nanargmax(ratio))
+            sums += other.excess[:, best].sum(), abs(other.sliding[:, best].sum())
+        return float(sums[0] / sums[1]) if sums[1] > 0.0 else math.nan, best
+
+    value, place = largest(halves)
+    draws = [
+        largest([random.choice(half, half.size) for half in halves])[0]
+        for _ in range(_DRAWS)
+    ]
+    if not math.isfinite(value):
+        return None, math.nan
+    spread = float(np.nanstd(draws)) * math.sqrt(count / (count - 2.0))
+    at = 0.5 * float(profile.edges[place] + profile.edges[place + 1])
+    return _estimate(value, "1", spread, count - 2), at
+
+
+def _undetermined(
+    law: _Law,
+    values: dict[str, Estimate],
+    gain_uncertainty: float,
+    breakaway_at: float,
+) -> tuple[str, ...]:
+    """Return clauses on what the data do not determine."""
+    found = ["stretch, play and pretension, which need the motor's angle"]
+    known = set(law.active.tolist())
+    if _constant_load(law):
+        found.append(
+            "which part of the loss grows with the load, as the load hardly varies "
+            "in one direction; record at two or more loads"
+        )
+    elif not {DRIVING, DRIVEN} <= known:
+        found.append(
+            "the loss that grows with the load, which an error of the torque constant "
+            "resembles as long as the load never drives the motor back; record a load "
+            "that does"
+        )
+    elif not math.isfinite(gain_uncertainty):
+        found.append(
+            "a difference of friction between the directions, which an error of a "
+            "gain or of a zero resembles; declare `gain_uncertainty` and `zeroed`"
+        )
+    if DRAG not in known:
+        found.append(
+            "a loss that grows with speed, which counts as independent of the load "
+            "here; record at two speeds"
+        )
+    if INERTIA not in known:
+        found.append(
+            "the inertia of the rotor, whose torque varies like the load; declare "
+            "`rotor_inertia`"
+        )
+    if not math.isfinite(breakaway_at):
+        found.append(
+            f"a break-away loss, which takes {_MIN_REVERSALS} reversals in the "
+            "recordings"
+        )
+    return tuple(found)
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))

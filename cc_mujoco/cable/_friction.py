@@ -30,6 +30,7 @@ _VISCOUS = INDEX["viscous_friction"]
 _STRIBECK = INDEX["stribeck_friction"]
 _STRIBECK_SPEED = INDEX["stribeck_speed"]
 _STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
+_STRIBECK_TAIL = INDEX["stribeck_tail"]
 _LOAD_INDEPENDENT = INDEX["load_independent_friction"]
 _SEAL_PROXIMAL = INDEX["seal_proximal"]
 _SEAL_DISTAL = INDEX["seal_distal"]
@@ -186,7 +187,9 @@ def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
         coefficient += excess * math.exp(-slip / values[_CRITICAL_SLIP])
     if values[_STRIBECK] > 0.0:
         decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
-        coefficient += values[_STRIBECK] * math.exp(-decay)
+        tail = values[_STRIBECK_TAIL]
+        share = (1.0 - tail) * math.exp(-decay) + tail / (1.0 + decay)
+        coefficient += values[_STRIBECK] * share
     return coefficient
 
 

@@ -176,7 +176,7 @@ class Cable:
         default=0.0,
         meaning="extra friction coefficient at vanishing slip speed; 0 is off",
         term=Term(
-            equation="mu += mu_b exp(-(|v|/v_b)^p)",
+            equation="mu += mu_b ((1 - q) exp(-d) + q/(1 + d)), d = (|v|/v_b)^p",
             source=("Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"),
             acts_on="coefficient",
             depends_on=("rate",),
@@ -194,7 +194,13 @@ class Cable:
         bounds=(0.0, 10.0),
         default=1.0,
         low_open=True,
-        meaning="exponent of that decay",
+        meaning="exponent p of that decay; 2 is Gaussian",
+    )
+    stribeck_tail: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="share q of a slow tail in it; 1 with p = 2 is Lorentzian",
     )
     load_independent_friction: float = parameter(
         unit="N/m",

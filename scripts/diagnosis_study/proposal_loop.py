@@ -22,6 +22,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -55,6 +56,8 @@ CELLS = {
     for end in ("proximal", "distal")
 }
 """Channels of the rig by those of load cells in the scene `bench`."""
+ODDS_BANDS = (0.0, 0.5, 0.7, 0.85, 0.92, 1.01)
+"""Limits of the bands of stated probability in which verdicts are counted."""
 RIGS = "rigs.csv"
 COLUMNS = (
     "make", "protocol", "hidden", "strength", "seed", "amounts", "verdicts", "named",
@@ -310,7 +313,41 @@ def summary(rows: Sequence[Mapping[str, str]]) -> str:
         if row["alone"] != "1"
     ]
     more = ("recorded", "make", "hidden", "R", "seed", "verdicts", "named", "ties")
-    return "\n\n".join([table(head, rates), table((*more, "proposed", "end"), failed)])
+    bands = ("odds", "verdicts", "mean", "right")
+    return "\n\n".join(
+        [
+            table(head, rates),
+            table(bands, calibration(rows)),
+            table((*more, "proposed", "end"), failed),
+        ]
+    )
+
+
+def calibration(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
+    """Return how often verdicts were right, in bands of the odds that they stated.
+
+    The last verdict of every rig counts, and the first where a trial followed it.
+    """
+    stated, right = [], []
+    for row in rows:
+        odds, correct = row["odds"].split("; "), row["correct"].split("; ")
+        for place in {0, len(odds) - 1}:
+            if odds[place]:
+                stated.append(float(odds[place]))
+                right.append(int(correct[place]))
+    found = []
+    for low, high in pairwise(ODDS_BANDS):
+        here = [k for k, odds in enumerate(stated) if low <= odds < high]
+        if here:
+            count = sum(right[k] for k in here)
+            mean = sum(stated[k] for k in here) / len(here)
+            found.append(
+                [
+                    f"{low:.2f} to {min(high, 1.0):.2f}", str(len(here)), f"{mean:.3f}",
+                    f"{count / len(here):.3f} ({exact(count, len(here))} %)",
+                ]
+            )  # fmt: skip
+    return found
 
 
 def _repeats(row: Mapping[str, str]) -> bool:

@@ -30,6 +30,8 @@ CABLES = {
     "stribeck": lambda r: {
         "stribeck_friction": r.uniform(0.01, 0.15),
         "stribeck_speed": 10 ** r.uniform(-3, -1),
+        "stribeck_exponent": r.choice((1.0, 2.0)),
+        "stribeck_tail": r.uniform(0.0, 1.0) * (r.random() < 0.5),
         "critical_slip_distance": 10 ** r.uniform(-4, -2) * (r.random() < 0.5),
     },
     "asymmetric": lambda r: {"friction_asymmetry": r.uniform(-0.5, 0.5)},

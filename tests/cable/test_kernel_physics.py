@@ -224,12 +224,25 @@ def test_viscous_friction_in_steady_sliding():
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.1])
-def test_stribeck_friction_in_steady_sliding(speed):
+@pytest.mark.parametrize(
+    ("exponent", "tail", "share"),
+    [
+        (1.0, 0.0, lambda x: math.exp(-x)),
+        (2.0, 0.0, lambda x: math.exp(-(x**2))),
+        (2.0, 1.0, lambda x: 1.0 / (1.0 + x**2)),
+    ],
+    ids=("exponential", "Gaussian", "Lorentzian"),
+)
+def test_stribeck_friction_in_steady_sliding(exponent, tail, share, speed):
     cable = BENT.replace(
-        stribeck_friction=0.15, stribeck_speed=0.02, critical_slip_distance=1e-3
+        stribeck_friction=0.15,
+        stribeck_speed=0.02,
+        stribeck_exponent=exponent,
+        stribeck_tail=tail,
+        critical_slip_distance=1e-3,
     )
     low, high = sliding(cable, speed)
-    coefficient = 0.21 + 0.15 * math.exp(-speed / 0.02)
+    coefficient = 0.21 + 0.15 * share(speed / 0.02)
     assert math.log(high / low) == pytest.approx(coefficient * BENT.wrap, rel=1e-3)
 
 

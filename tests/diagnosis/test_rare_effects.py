@@ -106,16 +106,19 @@ def test_rare_effects_are_not_among_the_usual_ones() -> None:
 @pytest.mark.parametrize(
     ("effect", "form", "values"),
     [
-        pytest.param(
-            "stribeck_friction",
-            "Gaussian",
-            {
-                "stribeck_friction": 0.08,
-                "stribeck_speed": 0.02,
-                "stribeck_slip": 2e-4,
-                "stribeck_friction_form": 1.0,
-            },
-            marks=pytest.mark.study,
+        *(
+            pytest.param(
+                "stribeck_friction",
+                form,
+                {
+                    "stribeck_friction": 0.08,
+                    "stribeck_speed": 0.02,
+                    "stribeck_slip": 2e-4,
+                    "stribeck_friction_form": number,
+                },
+                marks=pytest.mark.study,
+            )
+            for form, number in (("Gaussian", 1.0), ("Lorentzian", 2.0))
         ),
         ("backlash", "soft", {"backlash": 0.02, "backlash_form": 1.0}),
         ("backlash", "hard", {"backlash": 0.02}),

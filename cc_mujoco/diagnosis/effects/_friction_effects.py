@@ -18,8 +18,12 @@ from cc_mujoco.diagnosis.effects._effect import (
 
 _ASYMMETRY_BOUNDS = (-0.5, 0.5)
 """Difference of friction between two directions, over its mean."""
-_STRIBECK_EXPONENTS = (1.0, 2.0)
-"""Exponents of the forms of Stribeck friction."""
+_STRIBECK_FORMS = {
+    "exponential": (1.0, 0.0),
+    "Gaussian": (2.0, 0.0),
+    "Lorentzian": (2.0, 1.0),
+}
+"""Exponent and tail of the forms of Stribeck friction."""
 _END_FRICTION_SHARE = 0.015
 """Friction of uneven bends and ends over the pretension."""
 
@@ -29,11 +33,13 @@ def _stribeck(
 ) -> tuple[Cable, ...]:
     # A contact has one slip that renews it: where it ages, that which ageing tells.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
+    exponent, tail = tuple(_STRIBECK_FORMS.values())[form]
     return tuple(
         cable.replace(
             stribeck_friction=values["stribeck_friction"],
             stribeck_speed=values["stribeck_speed"],
-            stribeck_exponent=_STRIBECK_EXPONENTS[form],
+            stribeck_exponent=exponent,
+            stribeck_tail=tail,
             critical_slip_distance=cable.critical_slip_distance
             if cable.ageing_friction > 0.0
             else values["stribeck_slip"],
@@ -112,7 +118,7 @@ FRICTION_EFFECTS = (
     Effect(
         id="stribeck_friction",
         title="Stribeck friction: more friction at low speed",
-        equation="mu += mu_b exp(-(|v|/v_b)^p), p 1 or 2",
+        equation="mu += mu_b exp(-x), exp(-x^2) or 1/(1 + x^2), x = |v|/v_b",
         where="conduit",
         parameters=(
             EffectParameter(of_cable("stribeck_friction", 0.0, 2.0), 0.05),
@@ -146,7 +152,7 @@ FRICTION_EFFECTS = (
         mujoco=PLUGIN_KEYS,
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         cables=_stribeck,
-        forms=("exponential", "Gaussian"),
+        forms=tuple(_STRIBECK_FORMS),
     ),
     Effect(
         id="presliding",

@@ -83,7 +83,7 @@ class Film:
         return self._picture
 
 
-class Screen:
+class SceneRenderer:
     """Pictures of the devices of an environment, by one renderer that opens on demand.
 
     They are drawn 30 times per simulated second; in between they are the last ones.

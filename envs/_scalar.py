@@ -26,7 +26,7 @@ from cc_mujoco.simulation._worn_device import (
     refuse_unknown,
 )
 
-from ._render import RENDER_METADATA, Screen, check_mode
+from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 
 class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
@@ -185,7 +185,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self._script: Script | None = None
         self.plant: Plant = self.exo.plants.nominal
         """Plant that this episode is played on."""
-        self._screen = Screen(self.model, render_mode, self.exo.sampling)
+        self._screen = SceneRenderer(self.model, render_mode, self.exo.sampling)
 
     @property
     def drive(self) -> Drive:

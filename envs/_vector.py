@@ -30,7 +30,7 @@ from cc_mujoco.simulation._worn_device import (
 )
 
 from . import BACKENDS
-from ._render import RENDER_METADATA, Screen, check_mode
+from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 Singles = NDArray[np.float32]
 
@@ -165,7 +165,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._actions = np.zeros((num_envs, len(exo.drives)))
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._was_reset = False
-        self._screen = Screen(self.model, render_mode, exo.sampling, num_envs)
+        self._screen = SceneRenderer(self.model, render_mode, exo.sampling, num_envs)
 
     @property
     def drive(self) -> Drive:

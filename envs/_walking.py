@@ -20,7 +20,7 @@ from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE, PUSH_OFF
 from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.plugin import settle
 
-from ._render import RENDER_METADATA, Screen, check_mode
+from ._render import RENDER_METADATA, SceneRenderer, check_mode
 from ._strides import Stride, StrideMeter
 from ._walking_ropes import TRANSMISSIONS, Ropes, walking_model
 
@@ -135,7 +135,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         high = np.float32(10.0)
         self.observation_space = gymnasium.spaces.Box(-high, high, (16,))
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
-        self._screen = Screen(self.model, render_mode, MUSCLE_PERIOD)
+        self._screen = SceneRenderer(self.model, render_mode, MUSCLE_PERIOD)
         self._begin(0.25)
 
     def _begin(self, step: float) -> None:

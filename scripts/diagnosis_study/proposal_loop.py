@@ -1,7 +1,7 @@
 """Loop of diagnosis and proposed trials, on rigs in which an effect is hidden.
 
-    python scripts/diagnosis_study/proposal_loop.py --effects static --strength 4 2 \
-        --makes bristles guides elements --first 18000 --out ../../runs/loop
+    python scripts/diagnosis_study/proposal_loop.py --effects named --strength 4 2 \
+        --makes bristles guides elements --first 21000 --out runs/loop
 
 A rig is recorded and diagnosed. If the verdict proposes a trial, its folder
 (`next_trial_NN`) is written, the rig plays the motion of that folder under the facts of
@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from diagnose_benchmark import PAIRS
 from diagnose_table import exact, is_right, judged
 
 from cc_mujoco.assets import scene_path
@@ -369,7 +370,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--effects", nargs="+", default=["static"],
-        help='ids, pairs "a+b", none, or the groups static, named, unknown',
+        help='ids, pairs "a+b", none, or the groups static, named, unknown, pairs',
     )  # fmt: skip
     parser.add_argument("--makes", nargs="+", choices=MAKES, default=list(MAKES))
     parser.add_argument("--strength", nargs="+", type=float, default=[4.0, 2.0])
@@ -385,6 +386,7 @@ def main() -> None:
         "static": STATIC,
         "named": tuple(dict.fromkeys(n for m in options.makes for n in MAKES[m].named)),
         "unknown": tuple(n for m in options.makes for n in MAKES[m].unknown),
+        "pairs": tuple(map("+".join, PAIRS)),
     }
     hidden = [n for name in options.effects for n in groups.get(name, (name,))]
     options.out.mkdir(parents=True, exist_ok=True)

@@ -42,9 +42,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=12.0, help="of each trial")
     parser.add_argument("--out", type=Path, default=Path("trials"))
     options = parser.parse_args()
-    hidden = {
-        name: float(value) for name, value in (h.split("=") for h in options.hide)
-    }
+    hidden = {key: float(size) for key, size in (h.split("=") for h in options.hide)}
     plant = Plant(options.scene, hidden)
     cable, radius = plant.device.radii.popitem()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -72,14 +70,8 @@ def main() -> None:
                 0.0, deviation, len(read["time_s"])
             )
         table = np.column_stack(list(read.values()))[::every]
-        np.savetxt(
-            options.out / f"{name}.csv",
-            table,
-            fmt="%.6f",
-            delimiter=",",
-            header=",".join(read),
-            comments="",
-        )
+        file, head = options.out / f"{name}.csv", ",".join(read)
+        np.savetxt(file, table, "%.6f", delimiter=",", header=head, comments="")
     print(f"wrote {len(TRIALS)} trials to {options.out}")
 
 

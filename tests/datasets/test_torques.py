@@ -186,7 +186,6 @@ def test_what_is_no_torque_is_told_in_a_sentence(
 @pytest.mark.parametrize(
     ("toml", "told"),
     [
-        ("[columns.motor_angle_rad]\nmeasured = false\n", "must be recorded"),
         ("[columns.joint_angle_rad]\nmeasured = false\n", "must be recorded"),
         ("[columns.motor_current_a]\nmeasured = false\n", "needs no table"),
         ("[columns.motor_torque_nm]\nmeasured = 0\n", "must be true or false, not 0"),

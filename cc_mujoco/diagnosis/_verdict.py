@@ -299,7 +299,7 @@ class VerdictOdds:
     """Probability that the verdict is right, scaled by rates of verdicts on study rigs.
 
     Attributes:
-        probability: 0 to 1; no independent sample shows yet how often it holds.
+        probability: 0 to 1; `validation.md` shows how often it held on new rigs.
         statement: one sentence, with odds.
         alternatives: what else may be true, the likeliest first.
     """

@@ -57,7 +57,7 @@ CELLS = {
     for end in ("proximal", "distal")
 }
 """Channels of the rig by those of load cells in the scene `bench`."""
-ODDS_BANDS = (0.0, 0.5, 0.7, 0.85, 0.92, 1.01)
+ODDS_BANDS = (0.0, 0.7, 0.85, 0.92, 1.01)
 """Limits of the bands of stated probability in which verdicts are counted."""
 RIGS = "rigs.csv"
 COLUMNS = (

@@ -184,11 +184,11 @@ def observe(
     if tune[BRISTLES] > 0.0:
         _explain_rotor(cables, state, device, 0, seen[0], tables)
         bristled = _choose_model(memory, tune)
-    if bristled:
-        _set_bristles(cables, tune[BRISTLES])
-        load = stepper.torque(cables, device.other, False, seen[0])[0]
+        load = memory[MODEL_LOAD + (1 if bristled else 0)]
     else:
         load = stepper.torque(cables, state, False, seen[0])[0]
+    if bristled:
+        _set_bristles(cables, tune[BRISTLES])
     mean_load = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
     _observe_rotor(device, seen[0], mean_load, tables)

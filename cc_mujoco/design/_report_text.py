@@ -507,7 +507,7 @@ def deciding_variables(
     words = (
         "The share of the differences between designs that goes when a variable is "
         "held (Sobol's total index; shares overlap where variables act together). "
-        "Means are over all values of the other variables; a share below its error is "
+        "Means are over all values of the other variables; a share below its error "
         "may be 0."
     )
     return join_pieces([paragraph(words), *parts])

@@ -4,7 +4,7 @@ Sobol's indices split the variance of a metric among variables and pairs of them
 the designs are a full grid and all have the number, the split is exact over that grid.
 Otherwise a surface is fitted (`surface`) and the indices are those of the surface over
 the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
-What the surface does not foretell of the variance belongs to no variable. The error
+What the surface does not predict of the variance belongs to no variable. The error
 of an index is how far those of surfaces through random halves of the designs lie off,
 which is the sampling error and what more designs would still change, together with that
 part that is not predicted. An index below its error is 0.

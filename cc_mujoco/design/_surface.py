@@ -69,7 +69,7 @@ class DesignAxis:
 class Surface:
     """A thin-plate spline through the designs, smoothed as cross-validation wants it.
 
-    It has only the variables without which it would foretell designs left out worse:
+    It has only the variables without which it would predict designs left out worse:
     each other one would add ripples, which look like effects of all.
 
     Attributes:
@@ -77,7 +77,7 @@ class Surface:
         y: the metric there (n,).
         active: columns of the variables that it has.
         smoothing: of the spline.
-        r_squared: part of the variance that it foretells at designs left out.
+        r_squared: part of the variance that it predicts at designs left out.
     """
 
     x: Array
@@ -116,7 +116,7 @@ def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAx
 
 
 def fit(x: Array, y: Array) -> Surface | None:
-    """Fit a surface, or None where there are too few designs or nothing foretells them.
+    """Fit a surface, or None where there are too few designs or nothing predicts them.
 
     Args:
         x: variables on their scales, (designs, variables).

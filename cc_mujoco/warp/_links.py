@@ -61,9 +61,8 @@ def links_of(
         own = range(start, start + int(model.tendon_num[tendon]))
         lines = [_ancestors(model, int(bodies[place])) for place in own]
         common = max(set(lines[0]).intersection(*lines))
+        # A body has a lower number than what it carries.
         found = sorted({body for line in lines for body in line if body > common})
-        # Ancestors have lower numbers, but not all lower numbers are below `common`.
-        found = [body for body in found if common in _ancestors(model, body)]
         starts[tendon], numbers[tendon] = len(linked), len(found)
         carriers[tendon] = common
         index = {body: k for k, body in enumerate(found)}

@@ -392,6 +392,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / RIGS
     rows = read(path)
+    if rows and tuple(rows[0]) != COLUMNS:
+        parser.error(f"{path} has other columns than this program; name another --out")
     keys = ("make", "protocol", "hidden", "strength", "seed")
     done = {tuple(row[name] for name in keys) for row in rows}
     for case in cases(

@@ -73,7 +73,7 @@ def trial_errors(
 
 
 class Odd(NamedTuple):
-    """A trial that the rest does not foretell, or all that are declared turned.
+    """A trial that the rest does not predict, or all that are declared turned.
 
     Attributes:
         trials: names.

@@ -1,4 +1,4 @@
-"""Torques that the scene, as it is given, does not foretell by far: units and signs.
+"""Torques that the scene, as it is given, does not predict by far: units and signs.
 
 A rig whose readings are in another unit can still be fitted, with another pretension,
 friction and stiffness, and what is named then is worth nothing.
@@ -75,7 +75,7 @@ def unit_or_sign_error(
         return ""
     guess = f"; readings in {list_words(sorted(units), 'or')} would be" if units else ""
     return capitalise(
-        f"{list_words(contradictions)} what the scene foretells before anything is "
+        f"{list_words(contradictions)} what the scene predicts before anything is "
         f"tuned{guess}. Declare unit or sign of the columns in dataset.toml, or put "
         "pretension, friction and pulleys of the scene right."
     )

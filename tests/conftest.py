@@ -65,7 +65,7 @@ LONG = (
     "test_log_file.py",
     "test_records.py",
     "test_page_benchmark.py",
-    "test_foretold.py",
+    "test_unit_check.py",
     "test_names.py",
     "test_any_device.py",
     "test_generate.py",

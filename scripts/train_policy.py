@@ -22,9 +22,11 @@ import argparse
 import csv
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -197,8 +199,18 @@ def first_actions(scene: str) -> tuple[float, list[float]]:
     return min(deviations), means
 
 
-def make(options: argparse.Namespace) -> list[DeviceVectorEnv]:
-    """Return the vector environments of the training."""
+def make(
+    options: argparse.Namespace,
+    ranges: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    observed: Mapping[str, Any] = OBSERVED,
+) -> list[DeviceVectorEnv]:
+    """Return the vector environments of the training.
+
+    Args:
+        options: Of the command line.
+        ranges: In place of those of `randomised`, by name.
+        observed: Arguments of the environments that say what is observed.
+    """
     scene, device = options.scene, device_of(options.scene)
     played = PLAYED.get(scene, ((None, None, 1),))
     fixed: dict[str, Any] = FIXED if scene == BENCH else FIXED | ORDINARY
@@ -214,8 +226,8 @@ def make(options: argparse.Namespace) -> list[DeviceVectorEnv]:
             backend=options.backend,
             autoreset_mode="SameStep",
             smoothness=options.smoothness,
-            randomise=fixed if options.fixed else randomised(device),
-            **OBSERVED,
+            randomise=fixed if options.fixed else {**randomised(device), **ranges},
+            **observed,
         )
         for trajectory, task, part in played
     ]

@@ -321,10 +321,9 @@ class PredictiveCompensation(Controller):
             self._devices.memory[where] = 0.0
             self._devices.applied[where] = 0.0
 
-    def given(self, torque: float) -> None:
+    def given(self, torque: Any) -> None:
         """Accept the torque that the motor got, if finite; see `Controller.given`."""
-        if math.isfinite(torque):
-            self._devices.applied[:, -1] = torque
+        np.copyto(self._devices.applied[:, -1], torque, where=np.isfinite(torque))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Take the path from sensors of bend; see `CableModel.rebend`."""

@@ -356,3 +356,25 @@ def scores_of_belief(friction: float, duration: float) -> float:
 def test_sensors_tell_a_drive_how_late_and_noisy_they_are() -> None:
     told = Sensing(torque_noise=0.2, tension_noise=1.0, delay=7).equip(pull_pull())
     assert (told.delay, told.torque_noise) == (7, 0.2)
+
+
+def test_each_environment_may_get_another_torque_than_was_planned() -> None:
+    drive = dataclasses.replace(pull_pull(), inertia=1e-3)
+    time = np.arange(60) * drive.period
+    names = ("motor_angle_rad", "joint_angle_rad", "joint_torque_nm")
+    seen = dict.fromkeys(names, 0.02 * np.sin(20.0 * time))
+    seen["desired_torque_nm"] = np.sin(30.0 * time)
+
+    def planned(got: list[float]) -> Any:
+        law = PredictiveCompensation(drive)
+        law.reset()
+        ones = np.ones(len(got))
+        for step in range(time.size):
+            torque = law.torque({name: v[step] * ones for name, v in seen.items()})
+            law.given(np.array(got))
+        return torque
+
+    both = planned([0.3, np.nan])
+    assert both[0] == planned([0.3])[0]
+    assert both[1] == planned([np.nan])[0]
+    assert both[0] != both[1]

@@ -1,0 +1,320 @@
+"""Train policies by imitation of a controller that knows every plant.
+
+    pip install 'cc_mujoco[policy]'
+    python scripts/imitate.py --scene ankle --out runs/ankle
+    cc-mujoco benchmark --scene ankle --controllers pi_tuned runs/ankle/0.safetensors
+
+The teacher is `predictive`, with the true parameters and exact, prompt measurements of
+each plant. The policy sees the sensors of the device, late and noisy, over the last
+22 ms. It plays more and more itself while the teacher says at every step what it would
+do, and is fitted to all that was said so far: S. Ross, G. Gordon, D. Bagnell, "A
+reduction of imitation learning and structured prediction to no-regret online learning",
+AISTATS 2011. A torque depends on more than the sensors show; the policy learns a mean
+of what is possible.
+
+Plants are sampled as by `train_policy.py`. After every round the policy is written to
+`--out`, and its RMS torque errors are printed, one for each axis.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import train_policy
+from numpy.typing import NDArray
+
+from cc_mujoco.control import (
+    Controller,
+    Network,
+    PredictiveCompensation,
+    axes_controller,
+    write_policy,
+)
+from cc_mujoco.device import CableDrive
+from cc_mujoco.device._observation import ObservationHistory
+from cc_mujoco.device._sensors import BIAS, AxesMeasuring
+from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
+from cc_mujoco.errors import CableError
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+OBSERVED: dict[str, Any] = {"hold": 2, "history": 10, "memory": True}
+RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
+"""Ranges in place of those of `train_policy.py`: who imitates is not punished for
+trembling, and sensors like none here would only teach caution."""
+BANDWIDTH = 150.0
+"""Bandwidth of the teacher's plans [rad/s]. A faster one errs no less where it knows
+the plant, and what it does is harder to see from late measurements."""
+WIDTHS = 128, 128
+"""Units of the hidden layers."""
+BATCH, RATE, LAST_RATE = 1024, 1e-3, 3e-4
+"""Samples in a step of the optimiser; its rate in the first round and in the last."""
+FINAL = 4
+"""Steps of the optimiser in the last round, over those in another."""
+OUTLIER = 0.3
+"""Error from which on the loss grows linearly, in standard deviations of the teacher's
+torques."""
+
+
+def teacher(env: DeviceVectorEnv) -> Controller:
+    """Return a controller that knows the plants that an environment has now."""
+    exo = env.exo
+    drives = [
+        dataclasses.replace(
+            drive,
+            period=OBSERVED["hold"] * drive.period,
+            torque_noise=exo.description.sensing.torque_noise,
+            cable_drives=tuple(
+                tuple(
+                    CableDrive(plant.cables[name], one.proximal, one.distal)
+                    for name, one in zip(names, drive.cables, strict=True)
+                )
+                for plant in env.plants
+            ),
+        )
+        for drive, names in zip(exo.drives, exo.device.driven, strict=True)
+    ]
+    law = functools.partial(PredictiveCompensation, bandwidth=BANDWIDTH)
+    made = axes_controller(law, drives, exo.device.prefixes)
+    made.reset()
+    return made
+
+
+class Classroom:
+    """A vector environment in which the teacher and the student act."""
+
+    def __init__(self, env: DeviceVectorEnv, seed: int) -> None:
+        """Reset the environment.
+
+        Args:
+            env: That holds no action and begins episodes by itself (`SameStep`).
+            seed: Of plants, motions and noise.
+        """
+        self.env = env
+        self.observed = [
+            dataclasses.replace(own, **OBSERVED) for own in env.exo.observed
+        ]
+        """Observation of the student."""
+        self._random = np.random.default_rng(seed)
+        _, self._info = env.reset(seed=seed)
+
+    def play(
+        self, student: Callable[[Singles], Singles] | None
+    ) -> tuple[Singles, Singles, Array]:
+        """Play an episode.
+
+        The student plays half of the environments alone. In the others its share of
+        the action is between none and all. Without a student the teacher plays.
+
+        Returns:
+            Observations of the student (samples, size), actions of the teacher
+            (samples, axes), and RMS torque errors by axis where one of them plays
+            alone, of the second half of the episode [N m].
+        """
+        env, exo = self.env, self.env.exo
+        count, limits = env.num_envs, exo.device.torque_limits
+        law, sensors = teacher(env), self._sensors()
+        sights = [ObservationHistory(own, count) for own in self.observed]
+        share = np.minimum(2.0 * self._random.permutation(count) / count, 1.0)
+        alone, going = share == 1.0, np.ones(count, dtype=np.bool_)
+        played: Singles = np.zeros((count, len(limits)), np.float32)
+        seen, taught, errors = [], [], []
+        for step in range(exo.steps):
+            columns = sensors.measure(self._info)
+            for axis, sight in enumerate(sights):
+                measured = sight.observed.of(exo.axis_columns(columns, axis))
+                (sight.look if step else sight.begin)(measured)
+            if step % OBSERVED["hold"] == 0:
+                right = env.action(law.torque(self._info))
+                rows = np.concatenate([one.observation() for one in sights], axis=1)
+                played = right
+                if student:
+                    own = np.clip(student(rows), -1.0, 1.0)
+                    played = (right + share[:, None] * (own - right)).astype(np.float32)
+                for axis, sight in enumerate(sights):
+                    sight.act(played[:, axis])
+                sound = going & np.isfinite(right).all(axis=1)
+                seen.append(rows[sound])
+                taught.append(right[sound])
+                given = played * limits
+                law.given(given.T if len(limits) > 1 else given[:, 0])
+            _, _, terminated, _, self._info = env.step(played)
+            going &= ~terminated
+            if 2 * step >= exo.steps:
+                errors.append(self._errors()[:, alone & going])
+        rms = np.sqrt(np.mean(np.square(np.concatenate(errors, axis=1)), axis=1))
+        return np.concatenate(seen), np.concatenate(taught), rms
+
+    def _sensors(self) -> AxesMeasuring:
+        """Return the device's sensors with new noise, biases and delays."""
+        env, exo = self.env, self.env.exo
+        noise = np.array([plant.noise for plant in env.plants])
+        return exo.controller_sensors(
+            exo.description.sensing,
+            exo.drives,
+            self._random.integers(2**31, size=env.num_envs).tolist(),
+            [
+                BIAS * noise[:, None] * self._random.normal(size=(env.num_envs, 1))
+                for _ in exo.drives
+            ],
+            delay=[plant.delay for plant in env.plants],
+            noise=noise,
+        )
+
+    def _errors(self) -> Array:
+        """Return the torque errors of now (axes, environments) [N m]."""
+        columns = [
+            self.env.exo.axis_columns(self._info, axis)
+            for axis in range(len(self.observed))
+        ]
+        return np.array(
+            [own["joint_torque_nm"] - own["desired_torque_nm"] for own in columns]
+        )
+
+
+class Student:
+    """A network that is fitted to what a teacher did."""
+
+    def __init__(self, seen: Singles, taught: Singles, seed: int) -> None:
+        """Make a network for numbers of the size of these samples."""
+        import torch
+
+        # Sums of a thread each depend on how many there are; one gives one policy.
+        torch.set_num_threads(1)
+        torch.manual_seed(seed)
+        self._torch = torch
+        self._mean, self._deviation = seen.mean(axis=0), seen.std(axis=0) + 1e-3
+        self._middle, self._unit = taught.mean(axis=0), taught.std(axis=0) + 1e-6
+        widths = seen.shape[1], *WIDTHS, taught.shape[1]
+        layers: list[Any] = []
+        for own, following in itertools.pairwise(widths):
+            layers += [torch.nn.Linear(own, following), torch.nn.Tanh()]
+        self._layers = torch.nn.Sequential(*layers[:-1])
+        self._optimiser = torch.optim.Adam(self._layers.parameters())
+
+    def __call__(self, seen: Singles) -> Singles:
+        """Return the actions after observations (n, size)."""
+        with self._torch.no_grad():
+            found = self._layers(self._scaled(seen)).numpy()
+        action: Singles = found * self._unit + self._middle
+        return action
+
+    def _scaled(self, seen: Singles) -> Any:
+        return self._torch.from_numpy((seen - self._mean) / self._deviation)
+
+    def fit(
+        self, seen: Singles, taught: Singles, steps: int, rates: tuple[float, float]
+    ) -> float:
+        """Fit the network to samples.
+
+        Args:
+            seen: Observations (samples, size).
+            taught: Actions (samples, axes).
+            steps: Of the optimiser.
+            rates: Of the optimiser at the first step and at the last.
+
+        Returns:
+            The mean loss.
+        """
+        torch = self._torch
+        right = torch.from_numpy((taught - self._middle) / self._unit)
+        given, losses = self._scaled(seen), 0.0
+        for rate in np.linspace(*rates, steps):
+            self._optimiser.param_groups[0]["lr"] = rate
+            rows = torch.randint(len(given), (BATCH,))
+            loss = torch.nn.functional.smooth_l1_loss(
+                self._layers(given[rows]), right[rows], beta=OUTLIER
+            )
+            self._optimiser.zero_grad()
+            loss.backward()
+            self._optimiser.step()
+            losses += loss.item()
+        return losses / steps
+
+    def network(self) -> Network:
+        """Return the network as a policy's file has it."""
+        linear = [one for one in self._layers if hasattr(one, "weight")]
+        weights = [one.weight.detach().numpy().astype(float) for one in linear]
+        biases = [one.bias.detach().numpy().astype(float) for one in linear]
+        weights[-1] = self._unit[:, None] * weights[-1]
+        biases[-1] = self._unit * biases[-1] + self._middle
+        return Network(
+            tuple(weights),
+            tuple(biases),
+            "tanh",
+            False,
+            self._mean.astype(float),
+            self._deviation.astype(float),
+        )
+
+
+def train(options: argparse.Namespace) -> None:
+    """Train one policy and save it."""
+    rooms = [
+        Classroom(env, 1000 * options.seed + place)
+        for place, env in enumerate(train_policy.make(options, RANGES, {}))
+    ]
+    seen, taught = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
+    student: Student | None = None
+    rates = np.linspace(RATE, LAST_RATE, options.rounds)
+    for place, rate in enumerate(rates):
+        parts = [room.play(student) for room in rooms]
+        fresh = [
+            np.concatenate(column) for column in list(zip(*parts, strict=True))[:2]
+        ]
+        errors = ", ".join(f"{rms:.3g}" for *_, own in parts for rms in own)
+        print(f"{'student' if student else 'teacher'}: {errors} N m", flush=True)
+        if student is None:
+            seen, taught = fresh
+            student = Student(seen, taught, options.seed)
+        else:
+            seen, taught = map(np.concatenate, zip((seen, taught), fresh, strict=True))
+        last = place == options.rounds - 1
+        steps = options.updates * (FINAL if last else 1)
+        student.fit(seen, taught, steps, (rate, 0.0 if last else rate))
+        write_policy(
+            options.out / f"{options.seed}.safetensors",
+            student.network(),
+            rooms[0].observed,
+        )
+
+
+def main() -> None:
+    """Train and save."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scene", default="wrist", help="name or file of a device")
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--updates", type=int, default=2000, help="of a round")
+    parser.add_argument("--envs", type=int, default=32)
+    parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("runs", "imitation"))
+    options = parser.parse_args()
+    # What `train_policy.make` reads besides.
+    options.fixed, options.smoothness, options.backend = False, 0.0, BACKENDS[0]
+    try:
+        train_policy.device_of(options.scene)
+    except CableError as error:
+        parser.error(str(error))
+    if (there := options.out / f"{options.seed}.safetensors").exists():
+        parser.error(f"{there} is there already; name another --out or --seed.")
+    try:
+        import torch  # noqa: F401
+    except ModuleNotFoundError:
+        raise SystemExit(
+            "training needs PyTorch: pip install 'cc_mujoco[policy]'"
+        ) from None
+    options.out.mkdir(parents=True, exist_ok=True)
+    train(options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Imitation of a controller that knows the plants, `scripts/imitate.py`."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import imitate
+import numpy as np
+import pytest
+import train_policy
+
+from cc_mujoco.control import Network, read_policy
+
+
+def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:
+    """Return a few short environments of the script."""
+    options = argparse.Namespace(
+        scene=scene,
+        envs=4,
+        seconds=seconds,
+        fixed=False,
+        smoothness=0.0,
+        backend="mujoco",
+    )
+    env = train_policy.make(options, imitate.RANGES, {})[0]
+    return imitate.Classroom(env, 0)
+
+
+def test_the_teacher_knows_the_plant_of_every_environment() -> None:
+    env = classroom("exosuit").env
+    law = imitate.teacher(env)
+    for own, names in zip(law.laws, env.exo.device.driven, strict=True):
+        for row, plant in zip(own.drive.cable_drives, env.plants, strict=True):
+            assert [one.cable for one in row] == [plant.cables[n] for n in names]
+
+
+@pytest.mark.parametrize("scene", ["finger", "exosuit"])
+def test_samples_are_what_the_student_sees_and_what_the_teacher_does(
+    scene: str,
+) -> None:
+    room = classroom(scene)
+    seen, taught, errors = room.play(None)
+    axes = len(room.observed)
+    size = sum(own.space.shape[0] for own in room.observed)
+    steps = round(0.02 / 1e-3) // imitate.OBSERVED["hold"]
+    assert seen.shape == (room.env.num_envs * steps, size)
+    assert taught.shape == (len(seen), axes)
+    assert errors.shape == (axes,) and np.isfinite(errors).all()
+    # Every frame of the history ends with the action that followed it.
+    last = seen[-room.env.num_envs :, : room.observed[0].space.shape[0]]
+    frame = room.observed[0].frame
+    past = last[:, -(frame + 1) * imitate.OBSERVED["history"] :]
+    earlier = taught[-2 * room.env.num_envs : -room.env.num_envs, 0]
+    assert past[:, frame] == pytest.approx(earlier)
+
+
+def test_a_student_plays_some_environments_alone() -> None:
+    room = classroom("finger")
+    played: list[np.ndarray] = []
+    step = room.env.step
+
+    def watched(actions: np.ndarray) -> object:
+        played.append(actions.copy())
+        return step(actions)
+
+    room.env.step = watched  # type: ignore[method-assign]
+    room.play(lambda seen: np.full((len(seen), 1), 0.25, np.float32))
+    alone = np.all(np.array(played) == 0.25, axis=(0, 2))
+    assert alone.sum() == room.env.num_envs // 2
+
+
+def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("torch")
+    script = Path(imitate.__file__)
+    words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
+    more = ["--rounds", "2", "--updates", "5", "--envs", "4", "--seconds", "0.6"]
+    told = subprocess.run(
+        [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
+    )
+    assert [line.split()[0] for line in told.stdout.splitlines()] == [
+        b"teacher:",
+        b"student:",
+    ]
+    network, observed = read_policy(tmp_path / "0.safetensors")
+    room = classroom("finger")
+    assert list(observed) == room.observed
+    assert network.motors == 1
+    again = subprocess.run(words, capture_output=True, cwd=script.parents[1])
+    assert b"is there already" in again.stderr
+
+
+def test_a_network_of_the_file_acts_like_the_student() -> None:
+    pytest.importorskip("torch")
+    random = np.random.default_rng(0)
+    seen = random.normal(2.0, 3.0, (200, 5)).astype(np.float32)
+    taught = (0.02 * seen[:, :2] + 0.1).astype(np.float32)
+    student = imitate.Student(seen, taught, 0)
+    before = student.fit(seen, taught, 5, (1e-3, 1e-3))
+    assert student.fit(seen, taught, 50, (1e-2, 0.0)) < before
+    network: Network = student.network()
+    for row, own in zip(seen[:20], student(seen[:20]), strict=True):
+        assert network(row.astype(float)) == pytest.approx(own, abs=1e-6)

@@ -181,6 +181,7 @@ def _tension_to_move(
     tension = at.tensions(state, n)
     if (
         prm[_STRESS_RELAXATION] > 0.0
+        or before.clamps_slide(prm)
         or prm[at.PATH_LENGTHENS] != 0.0
         or prm[at.YIELD_PROXIMAL] > 0.0
         or prm[at.YIELD_DISTAL] > 0.0
@@ -226,6 +227,8 @@ def begin_step(
     tension = at.tensions(state, n)
     if prm[_STRESS_RELAXATION] > 0.0:
         tension = before.relax_stress(prm, n, state, dt, new_state, work)
+    if before.clamps_slide(prm):
+        tension = before.slide_in_clamps(prm, n, tension, dt, new_state, work)
     if lengthens:
         tension = before.stretch_by_path(
             prm, n, tension, proximal_moved, distal_moved, work

@@ -62,6 +62,10 @@ GUIDES_ALLOWED = (
     "each the name without blanks of a site or geom of the route behind "
     "`mouth` and between its ends, e.g. `palm:0.01 tip:roller`"
 )
+OF_A_CONDUIT = (
+    "seal_proximal", "seal_distal", "clamp_creep_proximal", "clamp_creep_distal",
+)  # fmt: skip
+"""Parameters of what only a conduit has; they are off where the whole path is open."""
 ENDS = ("auto", "explicit")
 """Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
 ENDS_ALLOWED = (
@@ -431,6 +435,39 @@ class Cable:
         low_open=True,
         meaning="time scale of that loss",
     )
+    clamp_creep_proximal: float = parameter(
+        unit="m/(N s)",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "c: speed at which the conduit slides for good in its clamp at the "
+            "proximal end, per tension above `clamp_force`; 0 is off"
+        ),
+        term=Term(
+            equation="ds/dt = c max(T_proximal - F, 0), the path shorter by s",
+            source="plastic flow above a yield force, Bingham 1922",
+            acts_on="elasticity",
+            depends_on=("history", "time"),
+        ),
+    )
+    clamp_creep_distal: float = parameter(
+        unit="m/(N s)",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="the same at the distal end",
+        term=Term(
+            equation="ds/dt = c max(T_distal - F, 0), the path shorter by s",
+            source="plastic flow above a yield force, Bingham 1922",
+            acts_on="elasticity",
+            depends_on=("history", "time"),
+        ),
+    )
+    clamp_force: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e6),
+        default=50.0,
+        meaning="F: force up to which a clamp holds the end of the conduit",
+    )
     eccentricity: float = parameter(
         unit="m",
         bounds=(0.0, 0.1),
@@ -577,11 +614,12 @@ class Cable:
                 f"{self.path!r}; it must be {MOUTH_ALLOWED}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
-        if self.path == "open" and (self.seal_proximal or self.seal_distal):
-            raise CableError(
-                "cable parameters `seal_proximal` and `seal_distal` are those of a "
-                "conduit; they must be 0 (off) where `path` is 'open'"
-            )
+        for name in OF_A_CONDUIT if self.path == "open" else ():
+            if getattr(self, name) != 0.0:
+                raise CableError(
+                    f"cable parameter `{name}` is that of a conduit; it must be 0 "
+                    "(off) where `path` is 'open'"
+                )
 
     @property
     def length(self) -> float:

@@ -1,6 +1,7 @@
 """Changes of a cable's tensions before its ends move in a step, compiled.
 
-The cable relaxes, its path lengthens, and what holds its ends gives way.
+The cable relaxes, its conduit slides in its clamps, its path lengthens, and what holds
+its ends gives way.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from cc_mujoco.cable import _pack as pack
 _PRETENSION = law.INDEX["pretension"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]
 _RELAXATION_TIME = law.INDEX["relaxation_time"]
+_CLAMP_CREEP_PROXIMAL = law.INDEX["clamp_creep_proximal"]
+_CLAMP_CREEP_DISTAL = law.INDEX["clamp_creep_distal"]
+_CLAMP_FORCE = law.INDEX["clamp_force"]
 TENSION_ROW = 0
 """Row of scratch for the node tensions that these changes leave."""
 
@@ -48,6 +52,46 @@ def relax_stress(
     lost = nodes.elastic_energy(prm, n, old) - nodes.elastic_energy(prm, n, tension)
     new_state[2] += max(lost, 0.0)
     new_state[3] -= grown
+    return tension
+
+
+@internal
+def clamps_slide(prm: FloatArray) -> bool:
+    """Return whether a clamp lets go of the conduit above its holding force."""
+    proximal, distal = prm[_CLAMP_CREEP_PROXIMAL], prm[_CLAMP_CREEP_DISTAL]
+    return float(proximal) > 0.0 or float(distal) > 0.0
+
+
+@internal
+def slide_in_clamps(
+    prm: FloatArray,
+    n: int,
+    old: FloatArray,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> FloatArray:
+    """Shorten the path at both ends by the creep of the clamps; return node tensions.
+
+    The rate is that of the tension which is left at the end of the step with the
+    stiffness of the end's node before it, so no step takes it below `clamp_force`. The
+    elastic energy that goes is dissipated.
+    """
+    tension, stiffness = at.node_row(work, n, TENSION_ROW), at.node_stiffness(prm, n)
+    for i in range(n + 1):
+        tension[i] = old[i]
+    before = nodes.elastic_energy(prm, n, tension)
+    for end in range(2):
+        i = n * end
+        creep = prm[_CLAMP_CREEP_DISTAL if end == 1 else _CLAMP_CREEP_PROXIMAL]
+        over = tension[i] - prm[_CLAMP_FORCE]
+        if creep > 0.0 and over > 0.0:
+            # A curved cable is no stiffer than when it is taut.
+            slid = creep * dt * over / (1.0 + stiffness[i] * creep * dt)
+            tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -slid)
+            if prm[at.PATH_LENGTHENS] == 0.0:
+                new_state[3] -= slid
+    new_state[2] += max(before - nodes.elastic_energy(prm, n, tension), 0.0)
     return tension
 
 

@@ -28,6 +28,7 @@ from cc_mujoco.cable._parameters import (
     MAX_SEGMENTS,
     MAX_WRAP,
     MOUTH_ALLOWED,
+    OF_A_CONDUIT,
     PARAMETERS,
     PATH_ALLOWED,
     PATHS,
@@ -51,7 +52,7 @@ PATH = KEYS.index("path")
 MOUTH = KEYS.index("mouth")
 ENDS_KEY = KEYS.index("ends")
 GUIDES = KEYS.index("guides")
-_SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
+_OF_A_CONDUIT = tuple(KEYS.index(name) for name in OF_A_CONDUIT)
 FRICTION = KEYS.index("friction")
 VISCOUS = KEYS.index("viscous_friction")
 LOAD_INDEPENDENT = KEYS.index("load_independent_friction")
@@ -77,7 +78,7 @@ def constant(content: str) -> Bytes:
     return np.frombuffer(content.encode(), np.uint8)
 
 
-_NO_SEAL = ", and 0 (off) where `path` is `open`"
+_NO_CONDUIT = ", and 0 (off) where `path` is `open`"
 
 
 def _allowed(key: str) -> str:
@@ -98,8 +99,7 @@ def _allowed(key: str) -> str:
         "mouth": MOUTH_ALLOWED,
         "ends": ENDS_ALLOWED,
         "guides": GUIDES_ALLOWED,
-        "seal_proximal": PARAMETERS[_SEALS[0]].allowed + _NO_SEAL,
-        "seal_distal": PARAMETERS[_SEALS[1]].allowed + _NO_SEAL,
+        **{KEYS[i]: PARAMETERS[i].allowed + _NO_CONDUIT for i in _OF_A_CONDUIT},
     }
     return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
 
@@ -355,8 +355,8 @@ def read(
     guides = strip(key_text(block, GUIDES))
     if guides.size > 0 and not (free and _are_guides(guides)):
         return GUIDES, 0
-    for seal in _SEALS:
-        if values[seal] != 0.0 and equal_text(path, _OPEN):
-            return seal, 0
+    for key in _OF_A_CONDUIT:
+        if values[key] != 0.0 and equal_text(path, _OPEN):
+            return key, 0
     count = _sections(key_text(block, CONDUIT), sections)
     return (VALID_CONFIGURATION if count > 0 else CONDUIT), count

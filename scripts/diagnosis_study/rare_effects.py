@@ -36,15 +36,17 @@ TRIALS = "rich"
 RARE = tuple(name for name, effect in EFFECTS.items() if effect.rare)
 
 
-def _simulated(rig: Rig, change: Callable[[int], tuple[Rig, float]]) -> Session:
-    """Return a session whose trials have a rig and a drum of their own."""
+def _simulated(
+    rig: Rig, change: Callable[[int], tuple[Rig, dict[str, float]]]
+) -> Session:
+    """Return a session whose trials have a rig and a changed plant of their own."""
     make = MAKES[rig.make]
     session = []
     for k, trial in enumerate(make_trials(TRIALS, rig.seed)):
-        own, growth = change(k)
+        own, values = change(k)
         truth = truth_of(own, {}, rig.seed)
-        if growth != 0.0:
-            truth = truth._replace(plant=truth.plant._replace(drum_growth=growth))
+        if values:
+            truth = truth._replace(plant=truth.plant._replace(**values))
         signals = make.logger.sampled(run(truth, own, trial), own, truth.chain, BASIC)
         session.append(make.logger.logged(signals, own, BASIC, [rig.seed, rig.seed, k]))
     return session
@@ -65,19 +67,24 @@ def _changed(rig: Rig, change: Callable[[dict[str, Array], int], None]) -> Sessi
 
 
 def _drum(rig: Rig, amount: float) -> Session:
-    return _simulated(rig, lambda k: (rig, amount))
+    return _simulated(rig, lambda k: (rig, {"drum_growth": amount}))
+
+
+def _clamp(rig: Rig, amount: float) -> Session:
+    values = {"clamp_creep": amount, "clamp_force": 1.5 * rig.pretension}
+    return _simulated(rig, lambda k: (rig, values))
 
 
 def _order(rig: Rig, amount: float) -> Session:
     middle = 0.5 * (len(make_trials(TRIALS, rig.seed)) - 1)
-    return _simulated(rig, lambda k: (_rubbing(rig, 1.0 + amount * (k - middle)), 0.0))
+    return _simulated(rig, lambda k: (_rubbing(rig, 1.0 + amount * (k - middle)), {}))
 
 
 def _temperature(rig: Rig, amount: float) -> Session:
     count = len(make_trials(TRIALS, rig.seed))
     celsius = 22.0 + np.random.default_rng(rig.seed).uniform(-5.0, 5.0, count)
     factors = 1.0 + amount * (celsius - celsius.mean())
-    session = _simulated(rig, lambda k: (_rubbing(rig, float(factors[k])), 0.0))
+    session = _simulated(rig, lambda k: (_rubbing(rig, float(factors[k])), {}))
     for columns, value in zip(session, celsius, strict=True):
         columns["temperature_c"] = np.full(columns["time_s"].size, value)
     return session
@@ -148,6 +155,7 @@ def _clean(rig: Rig, amount: float) -> Session:
 
 
 HIDDEN: dict[str, tuple[Callable[[Rig, float], Session], float, str]] = {
+    "clamp_creep": (_clamp, 2e-5, "clamp_creep_distal"),
     "drum_winding": (_drum, 0.03, "drum_growth"),
     "upper_joint_stop": (_stop(1.0), 3.0, "upper_stop_stiffness"),
     "lower_joint_stop": (_stop(-1.0), 3.0, "lower_stop_stiffness"),

@@ -55,6 +55,11 @@ CABLES = {
         "stress_relaxation": r.uniform(0.0, 0.5),
         "relaxation_time": r.uniform(0.1, 3),
     },
+    "clamps": lambda r: {
+        "clamp_creep_proximal": 10 ** r.uniform(-6, -2) * (r.random() < 0.7),
+        "clamp_creep_distal": 10 ** r.uniform(-6, -2) * (r.random() < 0.7),
+        "clamp_force": r.uniform(0.0, 30.0),
+    },
     "end_compliance": lambda r: {
         "end_compliance": 10 ** r.uniform(-6, -4),
         "proximal_compliance": 10 ** r.uniform(-6, -4),
@@ -134,5 +139,7 @@ def turned_around(cable: Cable) -> Cable:
         seal_distal=cable.seal_proximal,
         proximal_compliance=cable.end_compliance,
         end_compliance=cable.proximal_compliance,
+        clamp_creep_proximal=cable.clamp_creep_distal,
+        clamp_creep_distal=cable.clamp_creep_proximal,
         friction_asymmetry=-cable.friction_asymmetry,
     )

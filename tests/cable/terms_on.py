@@ -29,6 +29,8 @@ TERMS_ON: dict[str, dict[str, float]] = {
     "heating": {"friction_heating": 2.0, "cooling_time": 2.0},
     "bedding_strain": {"bedding_strain": 5e-3},
     "stress_relaxation": {"stress_relaxation": 0.5, "relaxation_time": 1.0},
+    "proximal clamp": {"clamp_creep_proximal": 1e-4, "clamp_force": 12.0},
+    "distal clamp": {"clamp_creep_distal": 3e-4, "clamp_force": 12.0},
     "all": {
         "static_friction": 0.4,
         "critical_slip_distance": 2e-3,
@@ -50,6 +52,9 @@ TERMS_ON: dict[str, dict[str, float]] = {
         "bedding_strain": 2e-3,
         "stress_relaxation": 0.2,
         "relaxation_time": 5.0,
+        "clamp_creep_proximal": 1e-5,
+        "clamp_creep_distal": 2e-5,
+        "clamp_force": 20.0,
         "grease_drag": 2.0,
         "grease_exponent": 0.3,
     },

@@ -428,6 +428,47 @@ def test_creep_takes_the_pretension_of_the_rest_pose(other, steps):
     assert conduit.dissipated == pytest.approx(lost, rel=1e-9)
 
 
+@pytest.mark.parametrize("end", ["proximal", "distal"])
+@pytest.mark.parametrize("other", [{}, {"end_compliance": 3e-4}], ids=str)
+def test_a_clamp_that_slides_lets_the_tension_fall_to_what_it_holds(other, end):
+    """Without friction the cable is one spring: T - F decays with the rate k c."""
+    creep, force = 5e-5, 4.0
+    cable = STRAIGHT.replace(friction=0.0, segments=9, clamp_force=force, **other)
+    slides = cable.replace(**{f"clamp_creep_{end}": creep})
+    conduit = Conduit(slides)
+    springs = cable.end_compliance + cable.length / cable.axial_stiffness
+    decays = (conduit.tension_distal - force) * math.exp(-0.5 * creep / springs)
+    off = []
+    for steps in (200, 400):
+        conduit = resting(slides, 0.5, steps)
+        off.append(conduit.tension / (force + decays) - 1.0)
+        lost = Conduit(cable).stored - conduit.stored
+        assert conduit.dissipated == pytest.approx(lost, rel=1e-9)
+    assert off[0] == pytest.approx(2.0 * off[1], rel=0.05)  # first order in the step
+    assert np.abs(off[1]).max() < 1e-3
+    assert resting(slides, 1e4, 2000).tension == pytest.approx(force, rel=1e-4)
+
+
+@pytest.mark.parametrize("other", [{}, {"bedding_strain": 5e-3}], ids=str)
+def test_a_soft_clamp_caps_the_tension_at_its_end_and_stays_where_it_slid(other):
+    cable = BENT.replace(segments=15, clamp_creep_distal=1.0, clamp_force=30.0, **other)
+    pulled = np.concatenate(
+        [np.linspace(0.0, 0.02, 4000), np.linspace(0.02, 0.0, 4000)]
+    )
+    conduit = Conduit(cable)
+    highest = 0.0
+    for u in pulled:
+        conduit.step(1e-3, u_proximal=0.0, u_distal=u)
+        highest = max(highest, conduit.tension_distal)
+    assert 30.0 < highest < 30.5
+    assert np.all(conduit.tension == 0.0)  # all pretension and more is lost
+    again = []
+    for u in pulled:
+        conduit.step(1e-3, u_proximal=0.0, u_distal=u)
+        again.append(conduit.tension_distal)
+    assert max(again[:2000]) < 0.5 * highest
+
+
 def test_creep_under_friction_slackens_and_keeps_the_books():
     cable = BENT.replace(segments=15, stress_relaxation=1.0, relaxation_time=5.0)
     conduit = Conduit(cable)

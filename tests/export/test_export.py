@@ -401,6 +401,8 @@ TERMS_ON = {
     "friction_heating": 0.05,
     "bedding_strain": 2e-3,
     "stress_relaxation": 0.3,
+    "clamp_creep_proximal": 1e-5,
+    "clamp_creep_distal": 1e-5,
     "eccentricity": 2e-3,
     "ovality": 1e-3,
     "grease_drag": 3.0,

@@ -23,6 +23,11 @@ EFFECTS = {
     "heating": {"friction_heating": "5", "cooling_time": "0.2"},
     "bedding_strain": {"bedding_strain": "0.005"},
     "stress_relaxation": {"stress_relaxation": "0.5", "relaxation_time": "0.1"},
+    "clamps": {
+        "clamp_creep_proximal": "1e-4",
+        "clamp_creep_distal": "2e-4",
+        "clamp_force": "12",
+    },
     "grease": {"grease_drag": "4", "grease_exponent": "0.4"},
     "seals": {"seal_proximal": "1", "seal_distal": "0.5"},
     "wrap near the joint": {"wrap_growth": "-8", "wrap_reach": "0.3"},

@@ -193,6 +193,7 @@ def test_without_friction_an_open_tendon_pulls_with_mujocos_moment_arms() -> Non
         (("mouth", "a"), "key `mouth` is 'a'; it must be with `path` = `mixed`, and"),
         (("path", "free"), "key `path` is 'free'; it must be `guided`"),
         (("seal_distal", "1"), "key `seal_distal` is '1'; it must be"),
+        (("clamp_creep_distal", "1"), "key `clamp_creep_distal` is '1'; it must be"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(

@@ -44,6 +44,8 @@ def test_terms_that_are_off_leave_nothing(terms):
     assert ("_presliding.preslide" in library.names) == ("bristle_length" in on)
     assert ("_elasticity.tension_of" in library.names) == ("bedding_strain" in on)
     assert ("_pre_step.relax_stress" in library.names) == ("stress_relaxation" in on)
+    clamps = {"clamp_creep_proximal", "clamp_creep_distal"}
+    assert ("_pre_step.slide_in_clamps" in library.names) == bool(clamps & on)
     assert "_moving_path.apply_material_law" not in library.names
     assert "_pre_step.add_end_springs" not in library.names
 

@@ -16,6 +16,8 @@ _MAX_SLOPE_RATIO = 15.0
 """Derivative near 0 over the mean one to the typical size beyond which there is none;
 it is 24 for a square root and 1e-3 for a square."""
 _MIN_SLOPE_RATIO = 0.01
+_ROUNDING = 1e-9
+"""Change of the torques over their size that another way of solving makes, too."""
 MAX_CHECKED_RECORDS = 3
 """Records on which effects are checked."""
 
@@ -61,6 +63,9 @@ def _check(
 ) -> bool:
     """Check one effect; return whether a typical size changes a torque."""
     shows = False
+    least = _ROUNDING * float(
+        np.linalg.norm(np.concatenate([p.ravel() for p in plain]))
+    )
     for start in effect.starts:
         sizes = [p for p in effect.parameters if p.linear]
         off = {**values, **start, **{p.name: 0.0 for p in sizes}}
@@ -82,9 +87,9 @@ def _check(
                 for share in (_SMALL_SHARE, 2.0 * _SMALL_SHARE, 1.0)
             )
             small = float(np.linalg.norm(second - first)) / _SMALL_SHARE
-            large = float(np.linalg.norm(whole))
-            shows |= large > 0.0 and parameter.size
-            if parameter.size and large > 0.0:
+            large = float(np.linalg.norm(whole - first))
+            shows |= large > least and parameter.size
+            if parameter.size and large > least:
                 _require_slope(effect, parameter.name, small / large)
     return shows
 

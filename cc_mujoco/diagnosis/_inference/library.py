@@ -179,6 +179,8 @@ def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
     if led and (effect.joint_arm is not None or effect.motor_arm is not None):
         return "a path that the joint moves is played with the arms of the scene"
+    if led == "open" and effect.id == "clamp_creep":
+        return "an open cable has no conduit that a clamp could hold"
     if led and effect.id == "backlash":
         if tied:
             return "the cable ends on the body that it turns, where nothing has play"

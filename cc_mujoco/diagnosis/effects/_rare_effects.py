@@ -9,6 +9,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis.effects._effect import (
+    ANTAGONIST,
     Effect,
     RigGeometry,
     Signals,
@@ -19,6 +20,47 @@ from cc_mujoco.diagnosis.effects._effect_class import Shape, Size, effect_of_cla
 
 _MAX_FRICTION_FACTOR = 10.0
 """Largest factor of friction that conditions of a trial make."""
+
+
+class ClampCreep:
+    """Conduit that slides in its clamps under large tension, and stays there."""
+
+    equation = (
+        "ds/dt = c max(T - F, 0), the path shorter by s; s = 0 at a trial's start"
+    )
+    source = "plastic flow above a yield force, Bingham 1922"
+    where = "conduit"
+    needs = (
+        "trials that begin without load, with loads that grow, and smaller ones later"
+    )
+    confused_with = ("pretension_loss", "cable_stiffening", "end_compliance")
+
+    def parameters(self) -> list[Size | Shape]:
+        """See `_effect_class`."""
+        sizes: list[Size | Shape] = [
+            Size(f"{name}{one}", "m/(N s)", 1e-5, f"{meaning}{of}", 0.0, 1e-2)
+            for name, meaning in (
+                ("clamp_creep_distal", "creep of the clamp at the joint"),
+                ("clamp_creep_proximal", "creep of the clamp at the motor"),
+            )
+            for one, of in (("", ""), (f"_{ANTAGONIST}", ", antagonist"))
+        ]
+        forces = [round(10.0 * 1.35**k, 1) for k in range(12)]
+        held = "force up to which a clamp holds"
+        return [*sizes, Shape("clamp_force", "N", forces, 1.0, 1e4, held)]
+
+    def cables(
+        self, cables: tuple[Cable, ...], values: Values, rig: RigGeometry
+    ) -> tuple[Cable, ...]:
+        """See `_effect_class`."""
+        return tuple(
+            cable.replace(
+                clamp_creep_distal=values.get(f"clamp_creep_distal{one}", 0.0),
+                clamp_creep_proximal=values.get(f"clamp_creep_proximal{one}", 0.0),
+                clamp_force=values["clamp_force"],
+            )
+            for cable, one in zip(cables, ("", f"_{ANTAGONIST}"), strict=False)
+        )
 
 
 class DrumWinding:
@@ -260,6 +302,7 @@ class LeverGeometry:
 RARE_EFFECTS: tuple[Effect, ...] = tuple(
     effect_of_class(kind, rare=True)
     for kind in (
+        ClampCreep,
         DrumWinding,
         UpperJointStop,
         LowerJointStop,

@@ -108,6 +108,7 @@ def integrate(
     cables = start(p, pretension, arc_a, arc_b)
     work_in = work_out = 0.0
     rest = pretension
+    slid_a = slid_b = 0.0  # conduits in their clamps, towards the motor
     step = 0
     for record in range(count):
         row = out[record]
@@ -133,11 +134,13 @@ def integrate(
                 joint, speed = shafts[JOINT], shafts[JOINT_SPEED]
                 hold = _tie(environment, target, at, part, joint, speed)
                 near_a, far_a = step_cable(
-                    p, cables, 0, rest, arc_a, speed_a, far, far_speed, dt
+                    p, cables, 0, rest, arc_a, speed_a, far + slid_a, far_speed, dt
                 )
                 near_b, far_b = step_cable(
-                    p, cables, 1, rest, -arc_b, -speed_b, -far, -far_speed, dt
+                    p, cables, 1, rest, -arc_b, -speed_b, slid_b - far, -far_speed, dt
                 )
+                slid_a += p.clamp_creep * max(far_a - p.clamp_force, 0.0) * dt
+                slid_b += p.clamp_creep * max(far_b - p.clamp_force, 0.0) * dt
                 load = slope_a * near_a - slope_b * near_b
                 given = p.joint_radius * (far_a - far_b)
                 work_in += load * shafts[MOTOR_SPEED] * dt
@@ -161,5 +164,6 @@ def integrate(
         arc_a, _ = wound(p, gripped, 1.0)
         arc_b, _ = wound(p, gripped, -1.0)
         far = p.joint_radius * shafts[HUB]
-        row[13] = stored(p, cables, rest, (arc_a, -arc_b), (far, -far))
+        ends = far + slid_a, slid_b - far
+        row[13] = stored(p, cables, rest, (arc_a, -arc_b), ends)
     return out

@@ -78,6 +78,10 @@ class Plant(NamedTuple):
     stiffening_tension: float = 40.0
     end_compliance: float = 0.0
     """Series compliance of the anchorage of one cable [m/N], most of it distal."""
+    clamp_creep: float = 0.0
+    """Speed at which a conduit slides in its clamp at the joint, per tension above
+    `clamp_force` [m/(N s)]."""
+    clamp_force: float = 0.0
     eccentricity: float = 0.0
     """First harmonic of the motor pulley's radius, relative; the second a quarter."""
     eccentric_phase: float = 0.0

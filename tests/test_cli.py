@@ -189,6 +189,21 @@ def test_a_bar_in_a_pipe_is_a_line_for_each_state(
     assert all(re.fullmatch(r"episode: .*\| \d\.0 of 2\.0 s", line) for line in lines)
 
 
+def test_a_diagnosis_says_what_it_does_however_little_of_the_whole_that_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def diagnose(*_: Any, progress: Any, **__: Any) -> None:
+        for share, doing in ((0.2, "one"), (0.21, "two"), (0.21, "three")):
+            progress(share, doing)
+        raise cc_mujoco.errors.CableError("enough")
+
+    monkeypatch.setattr(_options, "PROGRESS_INTERVAL", 0.0)
+    monkeypatch.setattr("cc_mujoco.diagnosis._diagnose.diagnose", diagnose)
+    cli.main(["diagnose", str(tmp_path), "--scene", "bench", "--out", "there"])
+    shown = capsys.readouterr().err
+    assert all(f"  {doing}\n" in shown for doing in ("one", "two", "three"))
+
+
 PLAYING = """
 # A test run started in the background hands down an ignored SIGINT.
 import signal; signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -89,6 +89,7 @@ class Diagnose:
 
         with tqdm(
             total=1.0,
+            miniters=0,  # also what takes long for a small share of the whole
             bar_format="{bar}| {percentage:3.0f} %  {elapsed}  {desc}",
             **progress_options(),
         ) as bar:

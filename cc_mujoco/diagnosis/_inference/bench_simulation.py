@@ -318,11 +318,10 @@ class SimulatedRig:
             only: indices of the records to simulate; default all.
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
-        by_trial = any(EFFECTS[name].by_trial for name in effects)
         here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
 
         def circumstances(record: Record) -> tuple[float | None, TrialConditions, str]:
-            own = record.conditions if by_trial else USUAL_CONDITIONS
+            own = self.conditions_of(record, effects)
             return record.pretension, own, record.occasion
 
         settings = {
@@ -337,6 +336,12 @@ class SimulatedRig:
             ),
             chosen,
         )
+
+    @staticmethod
+    def conditions_of(record: Record, effects: Sequence[str]) -> TrialConditions:
+        """Return the conditions of a record's trial that matter to these effects."""
+        by_trial = any(EFFECTS[name].by_trial for name in effects)
+        return record.conditions if by_trial else USUAL_CONDITIONS
 
     def setting(
         self,

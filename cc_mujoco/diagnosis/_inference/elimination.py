@@ -12,9 +12,11 @@ def gap_shares(
     baseline: CrossValidation,
     now: CrossValidation,
     division: Sequence[Fold],
-    known: Sequence[CrossValidation] = (),
+    known: list[CrossValidation],
 ) -> dict[str, float]:
     """Return the share of the gap that reopens without each effect, by id.
+
+    What is fitted for that joins `known`.
 
     Args:
         baseline: the model without any.
@@ -25,7 +27,11 @@ def gap_shares(
     inflation = baseline.problem.inflation
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
-    slim = _reduced_models(now, division, known)
+    slim = {
+        name: _without_effect(now, name, division, known)
+        for name in now.problem.effects
+    }
+    known += slim.values()
     return {
         name: (crossed.misfit_by(inflation) ** 2 - left) / beyond
         for name, crossed in slim.items()
@@ -42,27 +48,14 @@ def eliminate(
     What is fitted for that joins `known`, models that have been fitted already.
     """
     while True:
-        slim = _reduced_models(now, division, known)
-        known += slim.values()
+        # The effect that was added last is needed: it was accepted on top of the rest.
+        earlier = now.problem.effects[:-1]
+        slim = [_without_effect(now, name, division, known) for name in earlier]
+        known += slim
         useless = (1.0 + FORM_ERROR_SHARE) * now.held_out_mse
-        idle = [
-            name
-            for name in now.problem.effects[:-1]
-            if slim[name].held_out_mse <= useless
-        ]
-        if not idle:
+        now, before = next((m for m in slim if m.held_out_mse <= useless), now), now
+        if now is before:
             return now
-        now = slim[idle[0]]
-
-
-def _reduced_models(
-    now: CrossValidation, division: Sequence[Fold], known: Sequence[CrossValidation]
-) -> dict[str, CrossValidation]:
-    """Return the model cross-validated without each of its effects, by id."""
-    return {
-        name: _without_effect(now, name, division, known)
-        for name in now.problem.effects
-    }
 
 
 def _without_effect(

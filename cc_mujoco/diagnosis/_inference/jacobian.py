@@ -249,7 +249,10 @@ def _need_replays(
 ) -> list[bool]:
     """Return whether a change of each parameter takes a replay, or only its readout."""
     plant = problem.plant
-    seen = {(record.conditions, record.occasion) for record in plant.records}
+    seen = {
+        (plant.conditions_of(record, problem.effects), record.occasion)
+        for record in plant.records
+    }
 
     def settings(place: FloatArray) -> list[Setting]:
         values = problem.values(place)

@@ -415,7 +415,7 @@ def final_search(
         return found._replace(after=found.before, shares={})
     division = interleaved_folds(problem.plant.records)
     now = cross_validate(problem, division, [x] * len(division))
-    shares = gap_shares(baseline_fit.crossed, now, division, found.known)
+    shares = gap_shares(baseline_fit.crossed, now, division, [*found.known])
     return found._replace(after=now, shares=shares)
 
 

@@ -99,13 +99,17 @@ class _Course(NamedTuple):
         If it was or is interrupted, all effects stay.
         """
         now, known, interrupted = self.after, self.known, self.interrupted
+        shares: Mapping[str, float] | None = None
         if not interrupted:
             try:
-                now = eliminate(now, division, known)
+                left = eliminate(now, division, known)
+                shares = gap_shares(baseline, left, division, known)
+                now = left
             except KeyboardInterrupt:
                 interrupted = True
                 _forget_derivatives(known)
-        shares = gap_shares(baseline, now, division, known)
+        if shares is None:
+            shares = gap_shares(baseline, now, division, known)
         steps = _split_rivals(self.rounds)
         return Search(
             baseline,

@@ -3,6 +3,7 @@
     python scripts/benchmarks/bench_diagnosis.py --out runs/diagnosis_speed
     python scripts/benchmarks/bench_diagnosis.py --cases davinci --davinci DIR \
         --against runs/before
+    python scripts/benchmarks/bench_diagnosis.py --cases own --data DIR --dataset TOML
 
 Rigs that hide something are made by `diagnosis_study/rig` and kept in `--out`; DIR are
 the trials that `diagnosis_study/davinci.toml` describes. Every case is diagnosed in a
@@ -35,9 +36,13 @@ HIDDEN: dict[str, dict[str, float]] = {
     "play_strong": {"backlash": 0.03},
     "compliance": {"end_compliance": 1.1e-5},
     "compliance_strong": {"end_compliance": 1e-4},
+    "stribeck": {"stribeck_friction": 0.6985},
     "long": {"viscous_friction": 14.0},
 }
-"""Amounts by case; `long` is 20 trials of 8 s, the others are 8."""
+"""Amounts by case; `long` is 20 trials of 8 s, the others are 8.
+
+`stribeck` has strength 30, see `diagnosis_study/rig`; it takes 4 steps per sample.
+"""
 DAVINCI = {
     "davinci_short": (("4_load0", "4_load8", "4_load2", "2_load6"), 2000),
     "davinci": (
@@ -150,14 +155,13 @@ def data_of(case: str, out: Path, davinci: Path | None) -> Path:
     return folder
 
 
-def run(case: str, data: Path, into: Path) -> None:
+def run(case: str, data: Path, toml: Path | None, into: Path) -> None:
     """Diagnose one case and note times and what was said."""
     clock, begin = Clock(), time.perf_counter()
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis import diagnose
 
     clock.watch()
-    toml = STUDY / "davinci.toml" if case in DAVINCI else None
     out = into / case / "diagnosis"
     found = diagnose([data], scene_path("bench"), out, dataset_toml=toml)
     note = {
@@ -203,21 +207,30 @@ def differing(now: dict[str, Any], then: dict[str, Any]) -> list[str]:
 def main() -> None:
     """Run the cases and print their times."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    every = [*HIDDEN, *DAVINCI]
+    every = [*HIDDEN, *DAVINCI, "own"]
     parser.add_argument("--cases", nargs="+", choices=every, default=list(HIDDEN))
     parser.add_argument("--davinci", type=Path, help="folder of measured trials")
+    parser.add_argument("--data", type=Path, help="folder of trials of `own`")
+    parser.add_argument("--dataset", type=Path, help="their dataset.toml")
     parser.add_argument("--out", type=Path, default=Path("runs", "bench_diagnosis"))
     parser.add_argument("--against", type=Path, help="what another version left")
     parser.add_argument("--alone", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.alone:
         (case,) = options.cases
-        run(case, data_of(case, options.out, options.davinci), options.out)
+        run(case, options.data, options.dataset, options.out)
         return
     for case in options.cases:
-        data_of(case, options.out, options.davinci)
+        toml = STUDY / "davinci.toml" if case in DAVINCI else None
+        if case == "own":
+            if options.data is None:
+                parser.error("the case `own` needs --data")
+            data, toml = options.data, options.dataset
+        else:
+            data = data_of(case, options.out, options.davinci)
         (options.out / case).mkdir(parents=True, exist_ok=True)
         command = [sys.executable, __file__, "--alone", "--cases", case]
+        command += ["--data", str(data), *(["--dataset", str(toml)] if toml else [])]
         subprocess.run([*command, "--out", str(options.out)], check=True)
         now = json.loads((options.out / case / "note.json").read_text())
         stages = "; ".join(

@@ -6,7 +6,7 @@
 
 The teacher is `predictive`, with the true parameters and exact, prompt measurements of
 each plant. The policy sees the sensors of the device, late and noisy, over the last
-22 ms. It plays more and more itself while the teacher says at every step what it would
+20 ms. It plays more and more itself while the teacher says at every step what it would
 do, and is fitted to all that was said so far: S. Ross, G. Gordon, D. Bagnell, "A
 reduction of imitation learning and structured prediction to no-regret online learning",
 AISTATS 2011. A torque depends on more than the sensors show; the policy learns a mean
@@ -46,13 +46,14 @@ from cc_mujoco.errors import CableError
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-OBSERVED: dict[str, Any] = {"hold": 2, "history": 10, "memory": True}
+HOLD, HISTORY = 2, 10
+"""Samples for which an action is held; earlier frames that the policy sees."""
 RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
-"""Ranges in place of those of `train_policy.py`: who imitates is not punished for
-trembling, and sensors like none here would only teach caution."""
+"""Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
+show less of what the teacher knows, and its mean becomes a cautious one."""
 BANDWIDTH = 150.0
-"""Bandwidth of the teacher's plans [rad/s]. A faster one errs no less where it knows
-the plant, and what it does is harder to see from late measurements."""
+"""Bandwidth of the teacher's plans [rad/s]. What follows a faster one is harder to tell
+from late measurements."""
 WIDTHS = 128, 128
 """Units of the hidden layers."""
 BATCH, RATE, LAST_RATE = 1024, 1e-3, 3e-4
@@ -70,7 +71,7 @@ def teacher(env: DeviceVectorEnv) -> Controller:
     drives = [
         dataclasses.replace(
             drive,
-            period=OBSERVED["hold"] * drive.period,
+            period=HOLD * drive.period,
             torque_noise=exo.description.sensing.torque_noise,
             cable_drives=tuple(
                 tuple(
@@ -91,16 +92,18 @@ def teacher(env: DeviceVectorEnv) -> Controller:
 class Classroom:
     """A vector environment in which the teacher and the student act."""
 
-    def __init__(self, env: DeviceVectorEnv, seed: int) -> None:
+    def __init__(self, env: DeviceVectorEnv, seed: int, history: int = HISTORY) -> None:
         """Reset the environment.
 
         Args:
             env: That holds no action and begins episodes by itself (`SameStep`).
             seed: Of plants, motions and noise.
+            history: Earlier frames that the student sees.
         """
         self.env = env
         self.observed = [
-            dataclasses.replace(own, **OBSERVED) for own in env.exo.observed
+            dataclasses.replace(own, hold=HOLD, history=history, memory=True)
+            for own in env.exo.observed
         ]
         """Observation of the student."""
         self._random = np.random.default_rng(seed)
@@ -132,7 +135,7 @@ class Classroom:
             for axis, sight in enumerate(sights):
                 measured = sight.observed.of(exo.axis_columns(columns, axis))
                 (sight.look if step else sight.begin)(measured)
-            if step % OBSERVED["hold"] == 0:
+            if step % HOLD == 0:
                 right = env.action(law.torque(self._info))
                 rows = np.concatenate([one.observation() for one in sights], axis=1)
                 played = right
@@ -259,7 +262,7 @@ class Student:
 def train(options: argparse.Namespace) -> None:
     """Train one policy and save it."""
     rooms = [
-        Classroom(env, 1000 * options.seed + place)
+        Classroom(env, 1000 * options.seed + place, options.history)
         for place, env in enumerate(train_policy.make(options, RANGES, {}))
     ]
     seen, taught = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
@@ -293,6 +296,9 @@ def main() -> None:
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--updates", type=int, default=2000, help="of a round")
+    parser.add_argument(
+        "--history", type=int, default=HISTORY, help="earlier frames that it sees"
+    )
     parser.add_argument("--envs", type=int, default=32)
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
     parser.add_argument("--seed", type=int, default=0)

@@ -17,6 +17,7 @@ import dataclasses
 import numpy as np
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
+from cc_mujoco.errors import look_up
 
 BASELINES = "pi_tuned", "pi_feed_forward", "inverse", "lqg"
 
@@ -40,6 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--suite", choices=("v2", "v2-known"), default="v2")
     parser.add_argument("--scenes", nargs="+", default=["wrist", "ankle", "finger"])
+    parser.add_argument("--conditions", nargs="+", help="all by default")
     parser.add_argument("--controllers", nargs="+", default=["predictive", *BASELINES])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
@@ -53,7 +55,9 @@ def main() -> None:
         print(f"\n| {scene} | {' | '.join(laws)} | of the best |")
         print("|---" * (len(laws) + 2) + "|", flush=True)
         shares = []
-        for condition in SUITES[options.suite].conditions(scene):
+        found = {one.name: one for one in SUITES[options.suite].conditions(scene)}
+        for name in options.conditions or found:
+            condition = look_up("condition", name, found)
             short = dataclasses.replace(condition, duration=options.duration)
             errors = row(short, laws, seeds)
             shares.append(errors[0] / min(errors[1:]))

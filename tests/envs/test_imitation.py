@@ -45,14 +45,14 @@ def test_samples_are_what_the_student_sees_and_what_the_teacher_does(
     seen, taught, errors = room.play(None)
     axes = len(room.observed)
     size = sum(own.space.shape[0] for own in room.observed)
-    steps = round(0.02 / 1e-3) // imitate.OBSERVED["hold"]
+    steps = round(0.02 / 1e-3) // imitate.HOLD
     assert seen.shape == (room.env.num_envs * steps, size)
     assert taught.shape == (len(seen), axes)
     assert errors.shape == (axes,) and np.isfinite(errors).all()
     # Every frame of the history ends with the action that followed it.
     last = seen[-room.env.num_envs :, : room.observed[0].space.shape[0]]
     frame = room.observed[0].frame
-    past = last[:, -(frame + 1) * imitate.OBSERVED["history"] :]
+    past = last[:, -(frame + 1) * imitate.HISTORY :]
     earlier = taught[-2 * room.env.num_envs : -room.env.num_envs, 0]
     assert past[:, frame] == pytest.approx(earlier)
 

@@ -72,9 +72,9 @@ _TORQUE_SMOOTHING = 0.25
 _OBSERVER_SWITCH_RATIO = 0.7
 """Mean squared error of an observer, over that of the one that is believed, below which
 it is believed instead."""
-_MODEL_SWITCH_RATIO = 0.25
-"""Product of the mean squared errors of a model at joint and rotor, over that of the
-one that is planned with, below which it is planned with instead."""
+_ENTER_RATIO, _LEAVE_RATIO = 0.1, 4.0
+"""Product of the mean squared errors at joint and rotor of the model with bristles,
+over that of the other, below which a plan begins to use it, and above which it ends."""
 _MODEL_ERROR_FLOOR = 0.01
 """Mean squared error from which nothing is concluded, over the squared torque that is
 one for sure."""
@@ -152,8 +152,8 @@ def observe(
     """Bring cables, rotor and motion to when `seen` was measured.
 
     Returns:
-        Angle of the joint in the model that is planned with [rad]. Until the next step
-        the cables have the bristles of that model.
+        Angle of the joint in the model that is planned with [rad]. The cables have the
+        bristles of that model.
     """
     memory, tune = device.memory, tables.tune
     if memory[STARTED] == 0.0:
@@ -169,26 +169,28 @@ def observe(
     memory[ENERGY] += (torque - memory[DESIRED_TORQUE]) * memory[JOINT + 1]
     memory[ENERGY] -= tune[LEAK] * memory[ENERGY]
     memory[FILTERED_TORQUE] += _TORQUE_SMOOTHING * (torque - memory[FILTERED_TORQUE])
-    if tune[BRISTLES] > 0.0:
-        _set_bristles(cables, tune[BRISTLES])
+    has_second = tune[BRISTLES] > 0.0 and not _has_bristles(cables)
+    if has_second:
+        set_bristles(cables, tune[BRISTLES])
         memory[OTHER_JOINT] = _follow(
             cables, device.other, memory[OTHER_JOINT] + turned, memory, 1, seen[0],
             torque, tune, scratch,
         )  # fmt: skip
         _explain_rotor(cables, device.other, device, 1, seen[0], tables)
-        _set_bristles(cables, 0.0)
+        set_bristles(cables, 0.0)
     joint[0] = _follow(
         cables, state, joint[0] + turned, memory, 0, seen[0], torque, tune, scratch
     )
     bristled = False
-    if tune[BRISTLES] > 0.0:
+    if has_second:
         _explain_rotor(cables, state, device, 0, seen[0], tables)
         bristled = _choose_model(memory, tune)
         load = memory[MODEL_LOAD + (1 if bristled else 0)]
     else:
+        memory[BRISTLED] = 0.0
         load = stepper.torque(cables, state, False, seen[0])[0]
     if bristled:
-        _set_bristles(cables, tune[BRISTLES])
+        set_bristles(cables, tune[BRISTLES])
     mean_load = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
     _observe_rotor(device, seen[0], mean_load, tables)
@@ -196,7 +198,16 @@ def observe(
 
 
 @internal
-def _set_bristles(cables: stepper.Cables, bristles: float) -> None:
+def _has_bristles(cables: stepper.Cables) -> bool:
+    """Return whether a cable has bristles."""
+    for k in range(cables.n.size):
+        if cables.prm[k, _BRISTLE] != 0.0:
+            return True
+    return False
+
+
+@compiled
+def set_bristles(cables: stepper.Cables, bristles: float) -> None:
     """Give all cables bristles of a length, as a motion of the joint [rad]."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
@@ -252,9 +263,9 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     plain = (memory[MODEL_ERROR] + floor) * (memory[ROTOR_ERROR] + at_rotor)
     other = (memory[MODEL_ERROR + 1] + floor) * (memory[ROTOR_ERROR + 1] + at_rotor)
     if memory[BRISTLED] != 0.0:
-        bristled = plain >= _MODEL_SWITCH_RATIO * other
+        bristled = other <= _LEAVE_RATIO * plain
     else:
-        bristled = other < _MODEL_SWITCH_RATIO * plain
+        bristled = other < _ENTER_RATIO * plain
     memory[BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 

@@ -132,7 +132,7 @@ class Tuning:
     )  # fmt: skip
 
     bristles: float = parameter(
-        unit="rad", bounds=(0.0, 10.0), default=0.0,
+        unit="rad", bounds=(0.0, 10.0), default=0.2,
         meaning="motion of the joint over which friction may build up; 0 is at once",
     )  # fmt: skip
     caution: float = parameter(

@@ -45,6 +45,7 @@ from cc_mujoco.control._planner_memory import (
 from cc_mujoco.control._planner_observer import (
     observe,
     replace_by_mean_torque,
+    set_bristles,
 )
 from cc_mujoco.control._planner_parameters import (
     CAUTION_SHARE,
@@ -330,6 +331,8 @@ def motor_torque(
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque
+    if own[BRISTLED] != 0.0:
+        set_bristles(cables, 0.0)
     return float(torque)
 
 

@@ -98,14 +98,15 @@ class PredictiveCompensation(Controller):
     interfaces", IEEE Trans. Robotics and Automation 18, 2002). The account is only as
     good as the torque sensor.
 
-    With `bristles` a second model, whose friction builds up over a small motion,
-    follows the same measurements. A model errs at the joint, by the torque of the next
-    step, and at the rotor, by the torque that it does not explain. Where the product of
-    both mean squares is a quarter of the other model's, 1 to 6 plan with bristles: with
-    friction at once a plan would cross a backlash that is not there, and swing. The
-    joint alone does not decide, for every step corrects both models there. The choice
-    between models by their errors is that of D. Magill, "Optimal adaptive estimation of
-    sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965.
+    A second model, whose friction builds up over a small motion on `bristles`, follows
+    the same measurements. A model errs at the joint, by the torque of the next step,
+    and at the rotor, by the torque that it does not explain. Where the product of both
+    mean squares is a tenth of the other model's, 1 to 6 plan with bristles, until it is
+    four times as large: with friction at once a plan would cross a backlash that is not
+    there, and swing. The joint alone does not decide, for every step corrects both
+    models there. The choice between models by their errors is that of D. Magill,
+    "Optimal adaptive estimation of sampled stochastic processes", IEEE Trans. Automatic
+    Control 10, 1965.
 
     The friction coefficient of every cable follows what remains unexplained while all
     of the cables slip, and so does the bias of the torque sensor, which other than
@@ -130,7 +131,7 @@ class PredictiveCompensation(Controller):
         damper: float | None = None,
         yielding: float = 2e-3,
         tolerance: float | None = None,
-        bristles: float = 0.0,
+        bristles: float = 0.2,
         caution: float | None = None,
     ) -> None:
         """Prepare for the first episode.
@@ -191,9 +192,6 @@ class PredictiveCompensation(Controller):
             )
         self.model = CableModel(drive)
         pair = len(drive.cables) > 1
-        plain = all(
-            one.cable.bristle_length == 0.0 for row in drive.cable_drives for one in row
-        )
         if bandwidth is None:
             bandwidth = 300.0 if pair else 200.0
         if rotor is None:
@@ -271,7 +269,7 @@ class PredictiveCompensation(Controller):
             late=drive.delay,
             lag=drive.motor_lag,
             rate=drive.torque_rate,
-            bristles=bristles if plain else 0.0,
+            bristles=bristles,
             caution=caution,
             slack=DRAG_SLACK * noise,
             creep=min(period / CREEP_TIME, 1.0),

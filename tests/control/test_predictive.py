@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import Any
 
 import gymnasium
@@ -116,27 +115,14 @@ def test_passive_wearers_who_hold_still_are_left_still() -> None:
     assert np.max(found.velocity) < 0.2
 
 
-def plan_with_bristles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let controllers by name have the second model."""
-    made = PredictiveCompensation.__init__
-    with_bristles = functools.partialmethod(made, bristles=0.2)
-    monkeypatch.setattr(PredictiveCompensation, "__init__", with_bristles)
-
-
-def test_friction_that_builds_up_is_found_and_not_crossed_as_a_backlash(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_friction_that_builds_up_is_found_and_not_crossed_as_a_backlash() -> None:
     """It was: the motor turned 95 times in 2 s, with an error of 0.46 N m."""
-    plan_with_bristles(monkeypatch)
     found = scores("predictive", STRUCTURE["structure-presliding"], 1.3)
     assert found["rms_torque_error"] < 0.1
     assert found["chatter"] < 0.15
 
 
-def test_where_friction_is_at_once_no_bristles_are_believed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    plan_with_bristles(monkeypatch)
+def test_where_friction_is_at_once_no_bristles_are_believed() -> None:
     short = dataclasses.replace(STRUCTURE["ordinary-rough"], duration=1.1)
     made = prepare_episodes([Cell(short, "predictive", seeds=(0,))])
     law: Any = made.law

@@ -24,7 +24,12 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import TERMS
 from cc_mujoco.cli._export import Export
-from cc_mujoco.control import Controller, as_round_pulley, controller
+from cc_mujoco.control import (
+    Controller,
+    PredictiveCompensation,
+    as_round_pulley,
+    controller,
+)
 from cc_mujoco.device import TENSION_COLUMN, Drive
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -432,6 +437,28 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
     assert np.array_equal(
         found, python(controller("stiction", drive), readings[200:400])
     )
+
+
+@needs_compiler
+def test_bristles_that_cables_have_themselves_replace_those_of_the_second_model(
+    made: Made,
+) -> None:
+    """They came with the exchanged parameters, and were taken away in every step."""
+    readings, _ = episode("wrist", "predictive")
+    drive = drive_of("wrist", "predictive")
+    row = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(bristle_length=1e-3))
+        for one in drive.cables
+    )
+    drive = dataclasses.replace(drive, cable_drives=(row,))
+    exported = Library(*made("wrist", "predictive"))
+    plan = ExportPlan.of("predictive", drive, driven("wrist"))
+    assert exported.take(plan.values()) == 0
+    found = exported.torques(readings[200:400])
+    single = PredictiveCompensation(drive, bristles=0.0)
+    expected = python(single, readings[200:400], "predictive")
+    assert np.array_equal(found, expected)
+    assert np.ptp(found) > 0.1
 
 
 @needs_compiler

@@ -17,8 +17,6 @@ from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
 from play_rig import PERIOD, Worn, WornRig, ends_of
 
-from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings
 from cc_mujoco.hardware import _packet as packet
@@ -190,17 +188,12 @@ def test_the_example_of_the_page_does_its_task(law: str) -> None:
     assert 3.0 * found < other
 
 
-def test_bristles_that_the_rotor_contradicts_are_not_planned_with(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_bristles_that_the_rotor_contradicts_are_not_planned_with() -> None:
     """They predict the torque at the joint better, and the error was 1.3 N m."""
-
-    def law_of(name: str, drive: Drive) -> PredictiveCompensation:
-        return PredictiveCompensation(drive, bristles=0.2)
-
-    monkeypatch.setattr(bench_motor_lag, "law_of", law_of)
     settings = bench_motor_lag.page_settings()
-    assert bench_motor_lag.bench("", settings, seed=3, seconds=SECONDS)[0] < 0.15
+    assert (
+        bench_motor_lag.bench("predictive", settings, seed=3, seconds=SECONDS)[0] < 0.15
+    )
 
 
 def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:

@@ -22,13 +22,16 @@ class CableError(ValueError):
     """
 
     @classmethod
-    def unknown(cls, kind: str, name: str, allowed: Iterable[str]) -> CableError:
+    def unknown(
+        cls, kind: str, name: str, allowed: Iterable[str], where: str = ""
+    ) -> CableError:
         """Build the error for a name that is not in a registry.
 
         Args:
             kind: What the name should have been, for example `"trajectory"`.
             name: The name that was given.
             allowed: The names that exist.
+            where: The place that it was read from, if any.
 
         Returns:
             The error, with the nearest match if there is one, and all names allowed;
@@ -37,14 +40,15 @@ class CableError(ValueError):
         import difflib  # only a mistake needs it
 
         names = sorted(allowed)
+        found = f"unknown {kind} {name!r}{f' in {where}' if where else ''}"
         if not names:
-            return cls(f"unknown {kind} {name!r}: there is none here.")
+            return cls(f"{found}: there is none here.")
         near = difflib.get_close_matches(str(name), names)
         if near and len(names) > MANY:
             hint = " or ".join(map(repr, near))
-            return cls(f"unknown {kind} {name!r}: did you mean {hint}?")
+            return cls(f"{found}: did you mean {hint}?")
         hint = f": did you mean {near[0]!r}?" if near else "."
-        return cls(f"unknown {kind} {name!r}{hint} Available: {', '.join(names)}.")
+        return cls(f"{found}{hint} Available: {', '.join(names)}.")
 
 
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:

@@ -27,6 +27,7 @@ def test_the_notice_says_where_compiled_code_may_be_kept_if_it_is_not(
     assert compilation.compiled(lambda x: 2 * x)(3) == 6
     notice._tell()
     notice._tell()
-    (said,) = capsys.readouterr().err.splitlines()
+    said, goes_on = capsys.readouterr().err.splitlines()
     assert ("this happens once" in said) == kept
     assert ("at every start" in said and "NUMBA_CACHE_DIR" in said) != kept
+    assert "still compiling, after 36 s" in goes_on

@@ -34,14 +34,16 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 stamp_compiled_code(Path(__file__).parents[1])
 
-_NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min\n"
+_NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min, a few more if slow\n"
 _UNCACHED_NOTICE = (
-    "cc_mujoco: compiling, 1-2 min, at every start: Numba may keep what it compiles "
+    "cc_mujoco: compiling, minutes, at every start: Numba may keep what it compiles "
     "neither beside the sources in {root} nor in the cache folder of this user; set "
     "NUMBA_CACHE_DIR to a folder that may be written\n"
 )
 _NOTICE_DELAY = 6.0
 """Time that is compiled without a word [s]."""
+_NOTICE_INTERVAL = 30.0
+"""Time after which a line tells that it goes on [s]."""
 
 
 def internal(function: Function) -> Function:
@@ -91,14 +93,14 @@ def _widest_types(given: Any) -> Any:
 
 
 class _Notice(event.Listener):
-    """Notice that compiling takes long, shown once in a process.
+    """Notice that compiling takes long, and lines that tell that it goes on.
 
     What Numba finds in its cache it does not compile, however slow the machine is.
     """
 
     def __init__(self) -> None:
         self._depth, self._start_time, self._compile_time = 0, 0.0, 0.0
-        self._told = False
+        self._due = _NOTICE_DELAY
         self._timer: threading.Timer | None = None
         self.is_kept = True
         """True if Numba keeps what it compiles."""
@@ -108,9 +110,9 @@ class _Notice(event.Listener):
         if not _is_ours(event):
             return
         self._depth += 1
-        if self._depth == 1 and not self._told:
+        if self._depth == 1:
             self._start_time = time.monotonic()
-            left = max(_NOTICE_DELAY - self._compile_time, 0.0)
+            left = max(self._due - self._compile_time, 0.0)
             self._timer = threading.Timer(left, self._tell)
             self._timer.daemon = True
             self._timer.start()
@@ -126,10 +128,14 @@ class _Notice(event.Listener):
             self._compile_time += time.monotonic() - self._start_time
 
     def _tell(self) -> None:
-        if not self._told and sys.stderr is not None:
-            self._told = True
-            text = _NOTICE if self.is_kept else _UNCACHED_NOTICE
-            sys.stderr.write(text.format(root=Path(__file__).parents[1]))
+        """Write what is due, the notice first."""
+        if sys.stderr is None:
+            return
+        text = _NOTICE if self.is_kept else _UNCACHED_NOTICE
+        if self._due > _NOTICE_DELAY:
+            text = f"cc_mujoco: still compiling, after {self._due:.0f} s\n"
+        sys.stderr.write(text.format(root=Path(__file__).parents[1]))
+        self._due += _NOTICE_INTERVAL
 
 
 def _is_ours(event: Any) -> bool:

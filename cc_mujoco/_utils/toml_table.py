@@ -21,7 +21,7 @@ class Table:
         """Refuse other keys."""
         for key in self.content:
             if key not in allowed:
-                raise CableError.unknown(f"key in {self.where}", key, allowed)
+                raise CableError.unknown("key", key, allowed, self.where)
 
     def wrong(self, key: str, right: str) -> CableError:
         """Return the error for an impossible value."""
@@ -77,7 +77,7 @@ class Table:
         """Return one of the allowed words, or None if it is absent."""
         value = self.text(key)
         if value is not None and value not in tuple(allowed):
-            raise CableError.unknown(f"{key} in {self.where}", value, allowed)
+            raise CableError.unknown(key, value, allowed, self.where)
         return value
 
 

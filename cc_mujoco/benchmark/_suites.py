@@ -26,7 +26,7 @@ from cc_mujoco.benchmark._structure_conditions import (
 )
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, find_device
-from cc_mujoco.device._device import is_device_file
+from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
     TASKS,

@@ -78,6 +78,10 @@ class Benchmark:
             print(verify(self.verify, self.rows))
             return
 
+        from cc_mujoco.device._device_files import locate
+
+        for scene in self.scene:
+            locate(scene)
         from tqdm import tqdm
 
         from cc_mujoco.benchmark import BenchmarkPlan, run

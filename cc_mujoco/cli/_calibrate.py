@@ -35,8 +35,10 @@ class Calibrate:
 
     def run(self) -> None:
         """Play or read the trial, fit and write."""
+        from cc_mujoco.device._device_files import is_device_file, locate
+
+        locate(self.scene)
         from cc_mujoco.device import DeviceModel, Plant, find_device
-        from cc_mujoco.device._device import is_device_file
         from cc_mujoco.device._hysteresis_file import (
             HYSTERESIS_ENDING,
             write_hysteresis,

@@ -27,6 +27,9 @@ class ShowDevice:
 
     def run(self) -> None:
         """Print what is known and write the description."""
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.scene)
         from cc_mujoco.assets import SCENES
         from cc_mujoco.device import find_device
         from cc_mujoco.device._description import ENDING

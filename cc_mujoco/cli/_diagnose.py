@@ -76,6 +76,7 @@ class Diagnose:
             dataset = earlier.with_more(data) if dataset is None else dataset
             data = (*earlier.data, *data)
             effects = tuple(dict.fromkeys([*earlier.effects, *effects]))
+        scene = _require_scene(scene, data)
 
         from tqdm import tqdm
 
@@ -100,7 +101,7 @@ class Diagnose:
 
             found = diagnose(
                 data,
-                _require_scene(scene),
+                scene,
                 self.out,
                 axis=axis,
                 dataset_toml=dataset,
@@ -152,12 +153,13 @@ class Diagnose:
         scene, data = _scene_and_data(self.words)
         if data:
             raise CableError("--plan is for before there are data; give none with it.")
+        scene = _require_scene(scene, data)
 
         from cc_mujoco.diagnosis._inference.identifiability import MIN_CLARITY
         from cc_mujoco.diagnosis._next_experiment import DEFAULT_SPEED, PLAN_PAGE, plan
 
         found = plan(
-            _require_scene(scene),
+            scene,
             self.out,
             axis=self.axis,
             reach=self.reach,
@@ -175,7 +177,7 @@ class Diagnose:
 def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...]]:
     """Return the scene, which is the first word if there is any, and the data."""
     from cc_mujoco.assets import SCENES
-    from cc_mujoco.device._device import is_device_file
+    from cc_mujoco.device._device_files import is_device_file
 
     first, rest = (words[0], words[1:]) if words else (None, ())
     named = first is not None and not first.exists() and str(first) in SCENES
@@ -184,12 +186,18 @@ def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...
     return None, tuple(words)
 
 
-def _require_scene(scene: Path | None) -> Path:
+def _require_scene(scene: Path | None, data: Sequence[Path]) -> Path:
     """Return the scene.
 
     Raises:
-        CableError: none was given.
+        CableError: none was given, or there is none of that name.
     """
+    from cc_mujoco.device._device_files import locate
+
+    if scene is None and data and not data[0].exists() and not data[0].suffix:
+        locate(str(data[0]))  # no data either, but perhaps a misspelt name
+    if scene is not None:
+        locate(str(scene))
     if scene is None:
         raise CableError(
             "no scene given; name it first, an MJCF file such as knee.xml or a name."

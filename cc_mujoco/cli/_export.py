@@ -49,6 +49,9 @@ class Export:
             CableError: Something is wrong, or in simulation the controller puts energy
                 into a passive wearer.
         """
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.scene)
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
         from cc_mujoco.export import (

@@ -43,7 +43,7 @@ class Listing:
         """
         from cc_mujoco.assets import SCENES
         from cc_mujoco.device import find_device
-        from cc_mujoco.device._device import is_device_file
+        from cc_mujoco.device._device_files import is_device_file
 
         groups = _groups()
         if not self.word:

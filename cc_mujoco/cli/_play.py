@@ -155,12 +155,15 @@ class Play:
 
     def _names(self) -> dict[str, str]:
         """Return the names of trajectory, task and controller."""
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.scene)
+        if self.seed < 0:
+            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
         from cc_mujoco.device import find_device
         from cc_mujoco.simulation._simulate import task_label
 
         device = find_device(self.scene).description
-        if self.seed < 0:
-            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
         return {
             "trajectory": device.trajectory
             if self.trajectory is None

@@ -34,6 +34,13 @@ class WhatIf:
 
     def run(self) -> None:
         """Run what is not done yet; print the best designs and where the rest is."""
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.study.scene)
+        if self.execution.threads < 0:
+            raise CableError(
+                f"--threads must be 0 or greater, not {self.execution.threads}."
+            )
         from tqdm import tqdm
 
         from cc_mujoco._utils.atomic_io import require_unmodified
@@ -53,10 +60,6 @@ class WhatIf:
         from cc_mujoco.design._search import search
         from cc_mujoco.design._timestep_check import check_timestep
 
-        if self.execution.threads < 0:
-            raise CableError(
-                f"--threads must be 0 or greater, not {self.execution.threads}."
-            )
         name = Path(self.study.scene).name.partition(".")[0]
         folder = self.out or Path("runs", f"whatif-{name}")
         plan = make_plan(self.study)

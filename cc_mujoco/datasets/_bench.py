@@ -44,7 +44,7 @@ from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.device import Axis, load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise
-from cc_mujoco.device._device import locate
+from cc_mujoco.device._device_files import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN

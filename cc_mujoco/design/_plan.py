@@ -63,7 +63,7 @@ from cc_mujoco.design._study_metrics import (
 )
 from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
 from cc_mujoco.device import Axis, Device, load_device
-from cc_mujoco.device._device import is_device_file
+from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split
 from cc_mujoco.device._wearer_scaling import WALK, WALKER
 from cc_mujoco.errors import CableError, CableWarning, look_up

@@ -261,7 +261,7 @@ def _axes(
                 )
             (motor_name,) = motors
         if motor_name not in motors:
-            raise CableError.unknown(f"motor in {table.where}", motor_name, motors)
+            raise CableError.unknown("motor", motor_name, motors, table.where)
         if motor_name in given:
             raise CableError(
                 f"{table.where} describes motor {motor_name!r} a second time; an axis "
@@ -504,7 +504,7 @@ def _driven_joint(
     given = table.text("joint")
     if given is not None:
         if given not in names:
-            raise CableError.unknown(f"joint in {table.where}", given, names)
+            raise CableError.unknown("joint", given, names, table.where)
         read.note("axis.joint", GIVEN)
         return int(model.joint(given).id)
     read.note("axis.joint", SCENE if len(names) == 1 else ASSUMED)

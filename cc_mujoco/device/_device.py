@@ -24,7 +24,8 @@ from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.device._derivation import describe
-from cc_mujoco.device._description import ENDING, Description, read_table
+from cc_mujoco.device._description import Description, read_table
+from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
@@ -32,9 +33,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 
 _ONE = threading.Lock()
-
-FILE_ENDINGS = (".xml", ".toml")
-"""Endings of files that a device is given by."""
 
 QUOTED = r"""\s*=\s*["']([^"']*)["']"""
 """Value of an attribute in XML, as a regular expression."""
@@ -289,41 +287,6 @@ def _load(name: str, timestep: float | None, stamps: tuple[Any, ...]) -> Device:
 def _restored(name: str, timestep: float | None, given: dict[str, Any]) -> Device:
     """Return a device in another process."""
     return Device(name, timestep, **given) if given else load_device(name, timestep)
-
-
-def is_device_file(source: str | Path) -> bool:
-    """Return whether a device is given by a file, not by the name of a built-in one."""
-    return str(source) not in SCENES and Path(source).suffix in FILE_ENDINGS
-
-
-def locate(source: str | Path) -> tuple[str, Path, Path | None]:
-    """Return the name of a device, its scene and the file of its description."""
-    name = str(source)
-    if isinstance(source, str) and name in SCENES:
-        scene = scene_path(name)
-        table = scene.with_suffix(ENDING)
-        return name, scene, table if table.is_file() else None
-    path = Path(source)
-    if path.suffix not in FILE_ENDINGS and path.is_file():
-        raise CableError(f"{name} is no MJCF file of a device (.xml) or TOML file.")
-    if path.suffix not in FILE_ENDINGS:
-        raise CableError(
-            f"{CableError.unknown('device', name, SCENES)} A device of your own is "
-            "given by its MJCF file, for example knee.xml."
-        )
-    if not path.is_file():
-        raise CableError(f"there is no file {name}; give an MJCF file of a device.")
-    if path.suffix == ".toml":
-        stem = path.name.removesuffix(ENDING).removesuffix(".toml")
-        scene_name = read_table(path).text("scene") or f"{stem}.xml"
-        scene = path.parent / scene_name
-        if not scene.is_file():
-            raise CableError(
-                f"{path}: there is no scene {scene}; write its path as `scene`."
-            )
-        return name, scene, path
-    beside = path.with_suffix(ENDING)
-    return name, path, beside if beside.is_file() else None
 
 
 def hysteresis_path(scene: Path) -> Path | None:

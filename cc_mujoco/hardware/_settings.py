@@ -176,7 +176,7 @@ class Settings:
             )
         for name in self.named or (() if self.axis is None else (self.axis,)):
             if name not in names:
-                raise CableError.unknown(f"axis in {self.path}", name, names)
+                raise CableError.unknown("axis", name, names, str(self.path))
         if self.named and (missing := [n for n in names if n not in self.named]):
             raise CableError(
                 f"{self.path}, [axes] leaves out {', '.join(missing)}; give a table "

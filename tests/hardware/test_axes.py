@@ -234,7 +234,7 @@ def test_the_example_of_the_page_drives_two_axes(tmp_path: Path) -> None:
     [
         ("axes.elbow", "axes.elbw", "did you mean 'elbow'"),
         ("[axes.elbow]", "[axes.elbow]\ndriven = 1", "driven must be true or false"),
-        ("[axes.elbow]", "[axes.elbow]\nlag = 1", r"key in .*\[axes.elbow\] 'lag'"),
+        ("[axes.elbow]", "[axes.elbow]\nlag = 1", r"key 'lag' in .*\[axes.elbow\]"),
         ("5001", "5002", "shoulder and elbow have the same rig"),
         ("127.0.0.1:5001", "localhost:5002", "have the same address"),
         ("scene", 'axis = "elbow"\nscene', r"has `axis` and \[axes\]"),

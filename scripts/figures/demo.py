@@ -63,9 +63,14 @@ class Played(NamedTuple):
     @property
     def error(self) -> float:
         """RMS of the torque error over that of the desired torque."""
-        late = self.time >= BEGIN
-        off = np.mean((self.torque - self.desired)[late] ** 2)
-        return float(np.sqrt(off / np.mean(self.desired[late] ** 2)))
+        return relative_error(self.time, self.desired, self.torque)
+
+
+def relative_error(time: Array, desired: Array, reached: Array) -> float:
+    """Return the RMS error over the RMS of what is desired, from `BEGIN` on."""
+    late = time >= BEGIN
+    off = np.mean((reached - desired)[late] ** 2)
+    return float(np.sqrt(off / np.mean(desired[late] ** 2)))
 
 
 def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:

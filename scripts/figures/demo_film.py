@@ -1,9 +1,13 @@
-"""The demo as a film: one motion, three laws, cables coloured by the tension inside.
+"""A film of a device: one motion, three laws, cables coloured by the tension inside.
 
     python scripts/figures/demo_film.py cc_mujoco/control/controllers.webp
+    python scripts/figures/demo_film.py --scene ankle film-ankle.webp
+    python scripts/figures/demo_film.py --scene knee.xml --axis knee knee.webp
 
-Frames are drawn as `cc-mujoco play --video` draws them, and kept as an animated WebP,
-which pages show without a player. Needs OpenGL; see `cc_mujoco/viz`.
+Without --scene it is the demo. A device plays its own motion and task; the plots show
+its first axis, or that of --axis. Frames are drawn as `cc-mujoco play --video` draws
+them, and kept as an animated WebP, which pages show without a player. Needs OpenGL; see
+`cc_mujoco/viz`.
 """
 
 from __future__ import annotations
@@ -13,9 +17,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import gymnasium
 import mujoco
 import numpy as np
-from demo import LAWS, Played, episode, judged
+from demo import LAWS, episode, relative_error
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -24,8 +29,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import Base
 
+from cc_mujoco import simulate
 from cc_mujoco._utils.atomic_io import replacing, require_ours
-from cc_mujoco.errors import CableError
+from cc_mujoco.device import find_device
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.report import (
     BLUE,
     DASH_PATTERN,
@@ -37,11 +44,16 @@ from cc_mujoco.report import (
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
+Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 DURATION, RATE = 5.0, 15
-"""Duration of the motion [s], frames per second of it."""
-FRAMES = round(DURATION * RATE)
+"""Duration of the demo [s], frames per second of it."""
+OF_A_DEVICE = 3.0
+"""Duration of the motion of a device [s]."""
+OF_TORQUE = "none", "pi", "predictive"
+OF_POSITION = "none", "backlash_inverse", "cable_inverse"
+"""Controllers of a film, by the task of the axis."""
 REST = 1500
 """Time for which the last frame stands [ms]."""
 SIZE = (480, 800)
@@ -65,12 +77,31 @@ AIMED_AT = 40
 """Poses that the camera is aimed by."""
 
 
+class Course(NamedTuple):
+    """What is desired and what is reached, (samples,) each."""
+
+    quantity: str
+    time: Array
+    desired: Array
+    reached: Array
+
+    @classmethod
+    def of(cls, log: EpisodeLog, prefix: str = "", position: bool = False) -> Course:
+        """Return the torque of an axis, or its angle where that is the task."""
+        names = "desired_torque_nm", "joint_torque_nm"
+        if position:
+            names = "reference_angle_rad", "joint_angle_rad"
+        quantity = "joint angle [rad]" if position else "joint torque [N m]"
+        desired, reached = (log[prefix + name] for name in names)
+        return cls(quantity, log["time_s"], desired, reached)
+
+
 class Take(NamedTuple):
     """The motion with one controller."""
 
     log: EpisodeLog
     model: mujoco.MjModel
-    played: Played
+    course: Course
 
 
 def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Picture]:
@@ -91,8 +122,9 @@ def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Pictu
 def frames(takes: dict[str, Take]) -> Iterator[Picture]:
     """Yield all frames, (480, 800, 3) each."""
     highest = max(highest_tension(take.log) for take in takes.values())
-    time = next(iter(takes.values())).played.time
-    wanted = time[0] + (np.arange(FRAMES) + 1) / RATE
+    time = next(iter(takes.values())).course.time
+    count = round((time[-1] - time[0]) * RATE)
+    wanted = time[0] + (np.arange(count) + 1) / RATE
     samples = np.searchsorted(time, wanted).clip(max=len(time) - 1)
     shown = [devices(take, samples, highest) for take in takes.values()]
     with style():
@@ -100,7 +132,7 @@ def frames(takes: dict[str, Take]) -> Iterator[Picture]:
         canvas = FigureCanvasAgg(drawing)
         for number, sample in enumerate(samples.tolist()):
             for lines, take in zip(moving, takes.values(), strict=True):
-                advance(lines, take.played, sample)
+                advance(lines, take.course, sample)
             canvas.draw()
             frame = np.array(canvas.buffer_rgba())[..., :3]
             for left, pictures in zip(LEFTS, shown, strict=True):
@@ -117,25 +149,27 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
     moving = []
     first = None
     for (law, take), left in zip(takes.items(), LEFTS, strict=True):
-        one, place = take.played, (left / width, low / height)
+        one, place = take.course, (left / width, low / height)
         middle = 1.0 - 0.5 * TOP / height
-        said = f"{law}: error {one.error:.0%}"
+        error = relative_error(one.time, one.desired, one.reached)
+        said = f"{law}: error {error:.0%}"
         drawing.text(place[0], middle, said, fontsize=11, weight="bold", va="center")
         axes = drawing.add_axes(
             (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
         )
-        axes.plot(one.time, one.torque, color=BLUE, alpha=FADED)
+        axes.plot(one.time, one.reached, color=BLUE, alpha=FADED)
         axes.plot(
             one.time, one.desired, color=GREY, dashes=DASH_PATTERN, label="desired"
         )
-        (line,) = axes.plot([], [], color=BLUE, label="delivered")
+        (line,) = axes.plot([], [], color=BLUE, label="reached")
         moving.append((line, axes.axvline(0.0, color="black", linewidth=1.0)))
         axes.tick_params(labelleft=first is None, labelsize=8)
-        axes.set(xlim=(one.time[0], one.time[-1]), xticks=range(1, round(DURATION)))
+        axes.tick_params(axis="y", labelsize=7)
+        axes.set(xlim=(one.time[0], one.time[-1]), xticks=range(1, round(one.time[-1])))
         axes.set_xlabel("time [s]", fontsize=8, labelpad=0)
         if first is None:
             first = axes
-            axes.set_title("joint torque [N m]", fontsize=9, weight="normal")
+            axes.set_title(one.quantity, fontsize=9, weight="normal")
         elif len(moving) == len(takes):
             axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     bar = drawing.add_axes((0.5, SCALE / height, 0.36, 8 / height))
@@ -147,11 +181,11 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
     return drawing, moving
 
 
-def advance(lines: Any, played: Played, sample: int) -> None:
-    """Draw the torque up to this sample, and mark it."""
-    torque, moment = lines
-    torque.set_data(played.time[: sample + 1], played.torque[: sample + 1])
-    moment.set_xdata([played.time[sample]] * 2)
+def advance(lines: Any, course: Course, sample: int) -> None:
+    """Draw what is reached up to this sample, and mark it."""
+    reached, moment = lines
+    reached.set_data(course.time[: sample + 1], course.reached[: sample + 1])
+    moment.set_xdata([course.time[sample]] * 2)
 
 
 def save(path: Path, film: list[Picture]) -> None:
@@ -192,16 +226,46 @@ def film_path(text: str) -> Path:
     return path
 
 
+def takes_of(options: argparse.Namespace) -> dict[str, Take]:
+    """Play the device of `--scene` with each controller.
+
+    Raises:
+        CableError: There is no such device, controller or axis.
+    """
+    device = find_device(options.scene)
+    axes = {axis.name: axis for axis in device.description.axes}
+    axis = look_up("axis", options.axis or next(iter(axes)), axes)
+    prefix = f"{axis.name}." if len(axes) > 1 else ""
+    position = axis.task == "position"
+    laws = options.controllers or (OF_POSITION if position else OF_TORQUE)
+    env: Any = gymnasium.make("cc_mujoco/Device-v1", device=options.scene)
+    model, takes = env.unwrapped.model, {}
+    for law in laws:
+        log = simulate(options.scene, law, duration=options.duration)
+        takes[law] = Take(log, model, Course.of(log, prefix, position))
+    return takes
+
+
 def main() -> None:
     """Play, draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=film_path)
-    out = parser.parse_args().out
-    takes = {}
-    for law in LAWS:
-        log, model = episode(law, DURATION)
-        takes[law] = Take(log, model, judged(log))
-    save(out, list(frames(takes)))
+    parser.add_argument("--scene", help="name or file of a device")
+    parser.add_argument("--controllers", nargs=3, metavar="CONTROLLER")
+    parser.add_argument("--axis", help="name of the axis that the plots show")
+    parser.add_argument("--duration", type=float, default=OF_A_DEVICE, help="[s]")
+    options = parser.parse_args()
+    if options.scene:
+        try:
+            takes = takes_of(options)
+        except CableError as error:
+            parser.error(str(error))
+    else:
+        takes = {}
+        for law in LAWS:
+            log, model = episode(law, DURATION)
+            takes[law] = Take(log, model, Course.of(log))
+    save(options.out, list(frames(takes)))
 
 
 if __name__ == "__main__":

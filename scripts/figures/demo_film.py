@@ -78,7 +78,7 @@ AIMED_AT = 40
 
 
 class Course(NamedTuple):
-    """What is desired and what is reached, (samples,) each."""
+    """Course of an axis, desired and reached, (samples,) each."""
 
     quantity: str
     time: Array

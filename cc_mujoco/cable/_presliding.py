@@ -33,7 +33,9 @@ from cc_mujoco._utils.compilation import (
 )
 from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
 
-_MAX_ROUNDS = 60
+_MAX_ROUNDS = 20
+"""Rounds after which the step is left to `_graph.sweep`. No step of 160 random motions
+settles later; one that never does costs a controller's period."""
 _QUICK_ROUNDS = 12
 """Rounds after which the guess is made by `_find_choices`."""
 _ALTERNATIONS = 400

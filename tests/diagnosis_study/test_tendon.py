@@ -23,7 +23,7 @@ FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
 @pytest.mark.parametrize(
     ("rig", "name"),
     [
-        ("MuJoCo", "viscous_friction"),
+        pytest.param("MuJoCo", "viscous_friction", marks=pytest.mark.study),
         ("closed forms", "end_compliance"),
         pytest.param("MuJoCo", "none", marks=pytest.mark.study),
         ("closed forms", "none"),

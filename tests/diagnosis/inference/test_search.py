@@ -92,7 +92,9 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
     assert [effect.id for effect in found.missing] == [name]
 
 
-@pytest.mark.parametrize("rest", [0.0, -0.35, 0.8])
+@pytest.mark.parametrize(
+    "rest", [pytest.param(0.0, marks=pytest.mark.study), -0.35, 0.8]
+)
 def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
     data = dataset(duration=3.0, seed=2)
     pulled = tuple(

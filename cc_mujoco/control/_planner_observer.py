@@ -72,7 +72,7 @@ _TORQUE_SMOOTHING = 0.25
 _OBSERVER_SWITCH_RATIO = 0.7
 """Mean squared error of an observer, over that of the one that is believed, below which
 it is believed instead."""
-_ENTER_RATIO, _LEAVE_RATIO = 0.1, 4.0
+_ENTER_RATIO, _LEAVE_RATIO = 0.1, 1.0
 """Product of the mean squared errors at joint and rotor of the model with bristles,
 over that of the other, below which a plan begins to use it, and above which it ends."""
 _MODEL_ERROR_FLOOR = 0.01

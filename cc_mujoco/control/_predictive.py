@@ -102,7 +102,7 @@ class PredictiveCompensation(Controller):
     the same measurements. A model errs at the joint, by the torque of the next step,
     and at the rotor, by the torque that it does not explain. Where the product of both
     mean squares is a tenth of the other model's, 1 to 6 plan with bristles, until it is
-    four times as large: with friction at once a plan would cross a backlash that is not
+    the larger: with friction at once a plan would cross a backlash that is not
     there, and swing. The joint alone does not decide, for every step corrects both
     models there. The choice between models by their errors is that of D. Magill,
     "Optimal adaptive estimation of sampled stochastic processes", IEEE Trans. Automatic

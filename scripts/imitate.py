@@ -303,21 +303,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "imitation"))
+    # `train_policy.make` reads them, too.
+    parser.set_defaults(fixed=False, smoothness=0.0, backend=BACKENDS[0])
     options = parser.parse_args()
-    # What `train_policy.make` reads besides.
-    options.fixed, options.smoothness, options.backend = False, 0.0, BACKENDS[0]
     try:
         train_policy.device_of(options.scene)
     except CableError as error:
         parser.error(str(error))
     if (there := options.out / f"{options.seed}.safetensors").exists():
         parser.error(f"{there} is there already; name another --out or --seed.")
-    try:
-        import torch  # noqa: F401
-    except ModuleNotFoundError:
-        raise SystemExit(
-            "training needs PyTorch: pip install 'cc_mujoco[policy]'"
-        ) from None
+    train_policy.require("torch", "PyTorch")
     options.out.mkdir(parents=True, exist_ok=True)
     train(options)
 

@@ -25,6 +25,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -307,6 +308,12 @@ def train(seed: int, options: argparse.Namespace) -> None:
     )
 
 
+def require(module: str, name: str) -> None:
+    """Exit where a library that training needs is not installed."""
+    if find_spec(module) is None:
+        raise SystemExit(f"training needs {name}: pip install 'cc_mujoco[policy]'")
+
+
 def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -331,12 +338,7 @@ def main() -> None:
     for seed in seeds:
         if (there := arguments.out / f"{seed}.safetensors").exists():  # hours, perhaps
             parser.error(f"{there} is there already; name another --out or --first.")
-    try:
-        import stable_baselines3  # noqa: F401
-    except ModuleNotFoundError:
-        raise SystemExit(
-            "training needs Stable-Baselines3: pip install 'cc_mujoco[policy]'"
-        ) from None
+    require("stable_baselines3", "Stable-Baselines3")
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed in seeds:
         train(seed, arguments)

@@ -194,12 +194,11 @@ def _require_scene(scene: Path | None, data: Sequence[Path]) -> Path:
     """
     from cc_mujoco.device._device_files import locate
 
-    if scene is None and data and not data[0].exists() and not data[0].suffix:
-        locate(str(data[0]))  # no data either, but perhaps a misspelt name
     if scene is not None:
         locate(str(scene))
-    if scene is None:
-        raise CableError(
-            "no scene given; name it first, an MJCF file such as knee.xml or a name."
-        )
-    return scene
+        return scene
+    if data and not data[0].exists() and not data[0].suffix:
+        locate(str(data[0]))  # no data either, but perhaps a misspelt name
+    raise CableError(
+        "no scene given; name it first, an MJCF file such as knee.xml or a name."
+    )

@@ -32,6 +32,7 @@ TERMS: tuple[dict[str, float], ...] = (
     {"bedding_strain": 2e-3},
     {"bristle_length": 2e-4},
     {"friction_drift": 0.01},
+    {"clamp_creep_distal": 1e-5},
     {"friction_drift": 0.01, "bedding_strain": 2e-3},
     {"grease_drag": 5.0},
 )

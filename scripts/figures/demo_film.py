@@ -241,7 +241,7 @@ def takes_of(options: argparse.Namespace) -> dict[str, Take]:
     env: Any = gymnasium.make("cc_mujoco/Device-v1", device=options.scene)
     model, takes = env.unwrapped.model, {}
     for law in laws:
-        log = simulate(options.scene, law, duration=options.duration)
+        log = simulate(options.scene, law, duration=options.duration or OF_A_DEVICE)
         takes[law] = Take(log, model, Course.of(log, prefix, position))
     return takes
 
@@ -253,8 +253,11 @@ def main() -> None:
     parser.add_argument("--scene", help="name or file of a device")
     parser.add_argument("--controllers", nargs=3, metavar="CONTROLLER")
     parser.add_argument("--axis", help="name of the axis that the plots show")
-    parser.add_argument("--duration", type=float, default=OF_A_DEVICE, help="[s]")
+    parser.add_argument("--duration", type=float, help=f"[s], by default {OF_A_DEVICE}")
     options = parser.parse_args()
+    others = options.controllers, options.axis, options.duration
+    if options.scene is None and any(one is not None for one in others):
+        parser.error("--controllers, --axis and --duration are for a --scene")
     if options.scene:
         try:
             takes = takes_of(options)

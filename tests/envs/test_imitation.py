@@ -79,10 +79,10 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     script = Path(imitate.__file__)
     words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
     more = ["--rounds", "2", "--updates", "5", "--envs", "4", "--seconds", "0.6"]
-    told = subprocess.run(
+    done = subprocess.run(
         [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
     )
-    assert [line.split()[0] for line in told.stdout.splitlines()] == [
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [
         b"teacher:",
         b"student:",
     ]

@@ -53,9 +53,10 @@ def eliminate(
         slim = [_without_effect(now, name, division, known) for name in earlier]
         known += slim
         useless = (1.0 + FORM_ERROR_SHARE) * now.held_out_mse
-        now, before = next((m for m in slim if m.held_out_mse <= useless), now), now
-        if now is before:
+        redundant = [model for model in slim if model.held_out_mse <= useless]
+        if not redundant:
             return now
+        now = redundant[0]
 
 
 def _without_effect(

@@ -182,28 +182,22 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     return dataclasses.replace(SHORT, controllers=("mine:make",))
 
 
-def test_a_run_resumes_replays_other_code_and_is_the_same_in_two_processes(
-    mine: BenchmarkPlan,
-) -> None:
+def test_a_run_resumes_and_replays_other_code(mine: BenchmarkPlan) -> None:
     tables, kept, errors, said = [], [], [], []
-    for folder, workers, gain in (
-        ("a", 1, "0.0"), ("a", 1, "0.0"), ("a", 1, "0.2"), ("b", 2, "0.2"),
-    ):  # fmt: skip
+    for gain in ("0.0", "0.0", "0.2"):
         Path("gain.toml").write_text(gain)
         counts: list[float] = []
-        results = run(
-            mine, folder, workers=workers, progress=counts.append, say=said.append
-        )
+        results = run(mine, "a", workers=1, progress=counts.append, say=said.append)
         kept.append(counts[0])
         errors.append(float(results[-1][1].scores["rms_torque_error"][0]))
-        write(folder, mine, results, "none")
-        table = pq.read_table(Path(folder, "results.parquet"))
+        write("a", mine, results, "none")
+        table = pq.read_table(Path("a", "results.parquet"))
         times = [n for n in table.column_names if n.startswith("step_")]
         assert len(times) == 2
         tables.append(repr(table.drop_columns(times).to_pylist()))
-    assert kept == [0.0, 6.0, 5.0, 0.0]
+    assert kept == [0.0, 6.0, 5.0]
     assert errors[0] == errors[1] != errors[2]
-    assert tables[0] == tables[1] != tables[2] == tables[3]
+    assert tables[0] == tables[1] != tables[2]
     again = "cells kept; --again runs them anew."
     assert said == [
         f"6 of 6 {again}",

@@ -27,6 +27,7 @@ def test_predictive_does_not_turn_at_each_step_of_a_joint_that_follows_it(
     assert np.ptp(log["joint_angle_rad"]) > 0.3
 
 
+@pytest.mark.study
 def test_predictive_does_not_swing_where_friction_builds_up_otherwise_than_it_believes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,19 +18,11 @@ from cc_mujoco.diagnosis._report.output import (
 
 FINGER = Bench.of(scene_path("finger"))
 FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
+pytestmark = pytest.mark.study
 
 
-@pytest.mark.parametrize(
-    ("rig", "name"),
-    [
-        pytest.param("MuJoCo", "viscous_friction", marks=pytest.mark.study),
-        ("closed forms", "end_compliance"),
-        pytest.param("MuJoCo", "none", marks=pytest.mark.study),
-        ("closed forms", "none"),
-        pytest.param("closed forms", "viscous_friction", marks=pytest.mark.study),
-        pytest.param("MuJoCo", "end_compliance", marks=pytest.mark.study),
-    ],
-)
+@pytest.mark.parametrize("rig", ["closed forms", "MuJoCo"])
+@pytest.mark.parametrize("name", ["none", "viscous_friction", "end_compliance"])
 def test_an_effect_in_the_tendon_is_named_and_repaired(
     tmp_path: Path, rig: str, name: str
 ) -> None:

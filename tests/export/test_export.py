@@ -143,7 +143,7 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
         : len(plan.tension_readings)
     ]
     readings, torques = [], []
-    for _ in range(1_500):
+    for _ in range(900):
         columns = as_round_pulley(first_axis(scene, info), drive)
         readings.append([columns[key] for key in plan.law.seen])
         readings[-1] += [
@@ -491,9 +491,9 @@ def test_friction_that_a_plan_learned_is_kept_when_parameters_are_exchanged(
     assert np.all(np.abs(law.model.factor - 1.0) > 0.02)
     exported = Library(*made("wrist", "predictive"))
     exported.take(exported.parameters)
-    assert np.array_equal(exported.torques(readings[:900]), torques[:900])
+    assert np.array_equal(exported.torques(readings[:500]), torques[:500])
     assert exported.take(exported.parameters, "set_parameters") == 0
-    assert np.array_equal(exported.torques(readings[900:]), torques[900:])
+    assert np.array_equal(exported.torques(readings[500:]), torques[500:])
 
 
 @needs_compiler

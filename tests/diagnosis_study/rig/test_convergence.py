@@ -31,9 +31,9 @@ def rms(values: NDArray[np.float64]) -> NDArray[np.float64]:
     "effects",
     [
         {},
-        {"stribeck_friction": 0.15},
-        {"dwell_dependent_stiction": 0.2},
-        {"asymmetric_friction": 0.15},
+        pytest.param({"stribeck_friction": 0.15}, marks=pytest.mark.study),
+        pytest.param({"dwell_dependent_stiction": 0.2}, marks=pytest.mark.study),
+        pytest.param({"asymmetric_friction": 0.15}, marks=pytest.mark.study),
         {"backlash": 0.004},
     ],
 )

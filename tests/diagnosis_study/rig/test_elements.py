@@ -1,4 +1,7 @@
-"""The rig of finite elements obeys what is known of cables, by equations of its own."""
+"""The rig of finite elements obeys what is known of cables, by equations of its own.
+
+What simulates it is a study: its equations take half a minute to compile.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,7 @@ from rig.sensors import BASIC, CHANNELS
 from rig.trials import SETS, Trial
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
+simulates = pytest.mark.study
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +84,7 @@ class Bench:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
+@simulates
 def test_a_cable_that_slides_obeys_the_capstan_equation(rig: Rig, way: float) -> None:
     bench = Bench(plant_of(rig))
     for k in range(400):
@@ -89,6 +94,7 @@ def test_a_cable_that_slides_obeys_the_capstan_equation(rig: Rig, way: float) ->
     assert bench.p.bend.sum(axis=1) == pytest.approx(rig.wrap)
 
 
+@simulates
 def test_a_cable_that_is_let_go_is_slack_and_comes_back(rig: Rig) -> None:
     bench = Bench(plant_of(rig))
     for near in [*np.linspace(0.0, -0.05, 200), *np.linspace(-0.05, 0.0, 200)]:
@@ -122,6 +128,7 @@ def test_a_contact_never_holds_more_than_makes_it_slide(
      {"presliding": 1e-3}, {"asymmetric_friction": 0.4}],
     ids=str,
 )  # fmt: skip
+@simulates
 def test_work_is_dissipated_or_stored(
     rig: Rig, trial: Trial, effects: dict[str, float]
 ) -> None:
@@ -142,17 +149,20 @@ def test_work_is_dissipated_or_stored(
      {"end_compliance": 2e-5}, {"cable_stiffening": 0.5}],
     ids=str,
 )  # fmt: skip
+@simulates
 def test_half_the_step_changes_less_than_a_tenth_of_the_noise(
     rig: Rig, trial: Trial, effects: dict[str, float]
 ) -> None:
     assert rms(seen(rig, trial, effects) - seen(rig, trial, effects, 2)) < 0.1
 
 
+@simulates
 def test_half_the_step_changes_little_in_slow_creep(rig: Rig) -> None:
     creeping = cut("restful", 4, 3.0)
     assert rms(seen(rig, creeping, {}) - seen(rig, creeping, {}, 2)) < 0.1
 
 
+@simulates
 def test_more_elements_change_less_and_less(rig: Rig, trial: Trial) -> None:
     finest = seen(rig, trial, {}, elements=120)
     errors = [
@@ -163,6 +173,7 @@ def test_more_elements_change_less_and_less(rig: Rig, trial: Trial) -> None:
     assert errors[2] < 0.2
 
 
+@simulates
 def test_without_effects_it_is_the_rig_of_another_make_to_about_the_noise(
     trial: Trial,
 ) -> None:
@@ -180,6 +191,7 @@ def plain(rig: Rig, trial: Trial) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("name", list(EFFECTS))
+@simulates
 def test_an_effect_shows_and_is_nothing_at_amount_zero(
     rig: Rig, trial: Trial, plain: NDArray[np.float64], name: str
 ) -> None:
@@ -215,6 +227,7 @@ def test_every_rig_has_some_of_what_no_builder_gets_rid_of() -> None:
     assert np.all((shares > 0.25) & (shares < 0.75))
 
 
+@simulates
 def test_coarse_encoders_round_and_jitter_is_stamped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -243,6 +256,7 @@ def test_noise_does_not_know_what_is_hidden(rig: Rig) -> None:
         assert np.abs(apart).max() < 1.01 * channel.resolution
 
 
+@simulates
 def test_a_data_set_is_the_same_each_time(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

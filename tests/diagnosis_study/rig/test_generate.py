@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -133,9 +131,3 @@ def test_nothing_is_overwritten_or_left_half_written(
     with pytest.raises(KeyboardInterrupt):
         made(tmp_path / "x", "none")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_runs_as_a_script(scripts: Path) -> None:
-    command = [sys.executable, "-P", str(scripts / "rig" / "generate.py"), "-h"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "--strength" in done.stdout

@@ -94,7 +94,10 @@ def test_half_the_step_changes_less_than_a_tenth_of_the_noise(
 def test_without_effects_it_is_the_rig_of_the_other_make_to_about_the_noise(
     trial: Trial,
 ) -> None:
-    seen = [clean_dataset(make_rig(3, make=make), {}, [trial], 3)[0] for make in MAKES]
+    seen = [
+        clean_dataset(make_rig(3, make=make), {}, [trial], 3)[0]
+        for make in ("bristles", "guides")
+    ]
     floor = np.array([CHANNELS[name].floor for name in BASIC])
     assert np.all(np.sqrt(np.mean((seen[0] - seen[1]) ** 2, axis=0)) < 3.0 * floor)
 

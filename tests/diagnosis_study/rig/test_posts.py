@@ -13,6 +13,7 @@ from rig.posts import KNUCKLE_RADIUS, WINCH_RADIUS, Tendon, path, played
 
 DT = 1e-3
 FINGER = Bench.of(scene_path("finger"))
+pytestmark = pytest.mark.study  # a quarter of a minute to compile
 
 
 def test_while_it_slides_the_ratio_is_that_of_a_capstan() -> None:

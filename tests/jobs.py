@@ -1,0 +1,27 @@
+"""A job that other processes can import."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from cc_mujoco._workers.job import Tick
+
+
+class Doubling:
+    """Job that doubles numbers, and says which process did."""
+
+    def rehearse(self) -> None:
+        """Need nothing."""
+
+    def made_by(self) -> dict[str, Any]:
+        """Return no provenance."""
+        return {}
+
+    def size(self, piece: float) -> int:
+        """Count every piece as one."""
+        return 1
+
+    def do(self, piece: float, tick: Tick) -> tuple[float, int]:
+        """Return twice the number, and the process."""
+        return 2.0 * piece, os.getpid()

@@ -1,0 +1,22 @@
+"""Pieces of a job on processes: each is done once, by fresh interpreters."""
+
+from __future__ import annotations
+
+import os
+
+from cc_mujoco._workers import run_here
+from jobs import Doubling
+
+
+def test_processes_do_every_piece_once_and_tell_how_much_is_done() -> None:
+    pieces = {number: float(number) for number in range(5)}
+    done: list[float] = []
+    found = dict(run_here(Doubling(), pieces, done.append, count=2, processes=True))
+    assert {number: value for number, (value, _) in found.items()} == {
+        number: 2.0 * number for number in pieces
+    }
+    workers = {process for _, process in found.values()}
+    assert os.getpid() not in workers and len(workers) <= 2
+    assert done == sorted(done) and done[-1] == 5.0
+    (one,) = dict(run_here(Doubling(), {0: 1.0}, processes=True)).values()
+    assert one == (2.0, os.getpid())

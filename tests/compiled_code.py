@@ -24,7 +24,8 @@ def compile_all() -> int:
     """Compile every part, two at a time, and return the last one that failed, or 0."""
     # The rigs' equations are compiled apart from the package's.
     others = [_beside("rigs")]
-    _transmission()
+    _kernel()
+    # The plugin takes longest: what it has no use for is compiled beside it.
     others.append(_beside("laws"))
     _plugin()
     return max(abs(other.wait()) for other in others)
@@ -35,6 +36,11 @@ def _beside(part: str) -> subprocess.Popen[bytes]:
         [sys.executable, "-P", str(Path(__file__)), part],
         env=os.environ | {"PYTHONPATH": os.pathsep.join((str(STUDY), str(HERE)))},
     )
+
+
+def _kernel() -> None:
+    import cc_mujoco.cable._pack
+    import cc_mujoco.cable._stepper  # noqa: F401, compiles it
 
 
 def _transmission() -> None:
@@ -51,10 +57,12 @@ def _plugin() -> None:
 
 
 def _laws() -> None:
-    """Compile the controllers, their export and the predecessor models."""
-    from cc_mujoco.control import controller
+    """Compile transmissions, controllers, their export and the predecessor models."""
+    _transmission()
+    from cc_mujoco.control import CONTROLLERS, controller
     from cc_mujoco.device import TENSION_COLUMN, Sensing
     from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
+    from cc_mujoco.export import _files as files
     from cc_mujoco.thesis import BristleChain, Distributed, EndSpring
     from cc_mujoco.thesis.predecessors import (
         LuGreChain,
@@ -77,12 +85,16 @@ def _laws() -> None:
         0.0,
     )
     seen[TENSION_COLUMN] = np.full((2, 3), 10.0)
-    for name in EXPORTED:
-        controller(name, drive).torque(seen)
+    several = {name: np.tile(value, 2) for name, value in seen.items()}
+    several[TENSION_COLUMN] = np.full((2, 2, 3), 10.0)
+    for name in CONTROLLERS:
+        for columns in (seen, several):
+            controller(name, drive).torque(columns)
     for kind in (
         BristleChain, Distributed, LumpedMasses, LuGreChain, PassiveDistributed,
     ):  # fmt: skip
         kind(cable()).replay(1e-3, STILL, EndSpring(500.0))
+    files.emit = lambda *_: b""  # machine code, which nothing keeps
     with tempfile.TemporaryDirectory() as folder:
         for name in EXPORTED:
             write(

@@ -21,7 +21,7 @@ from shared_folder import ABSENT, SHARED
 # The same examples in every run, so more of them find nothing in the next one; and no
 # deadline: the first call of a compiled function includes its compilation.
 settings.register_profile(
-    "repeatable", derandomize=True, deadline=None, max_examples=40
+    "repeatable", derandomize=True, deadline=None, max_examples=25
 )
 settings.load_profile("repeatable")
 

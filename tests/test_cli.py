@@ -210,7 +210,9 @@ import signal; signal.signal(signal.SIGINT, signal.default_int_handler)
 import os, sys, threading
 import gymnasium, tqdm
 import cc_mujoco.plugin
-from cc_mujoco import cli, control, simulation
+from cc_mujoco import cli, simulation
+from cc_mujoco.control import axes_controller
+from cc_mujoco.viz import write_episode
 simulate = simulation.simulate
 def interrupted(*given, **named):
     threading.Timer(0.2, os.kill, (os.getpid(), NUMBER)).start()

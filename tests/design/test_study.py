@@ -511,14 +511,14 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
         )
 
 
-@pytest.mark.parametrize("name", sorted(CONTROLLERS))
 @pytest.mark.parametrize(
-    "vary",
+    ("name", "vary"),
     [
-        {"motor_radius": [0.02, 0.03]},  # no two designs have one controller
-        {"rotor_inertia": [0.005, 0.008]},  # all designs have one controller
+        # No two designs have one controller.
+        *((name, {"motor_radius": [0.02, 0.03]}) for name in sorted(CONTROLLERS)),
+        # All designs have one controller.
+        *((name, {"rotor_inertia": [0.005, 0.008]}) for name in ("pi", "predictive")),
     ],
-    ids=["own", "common"],
 )
 def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     name: str, vary: dict[str, Any]

@@ -483,7 +483,7 @@ def test_every_trajectory_and_every_task_plays(
     joint = find_device(IDS[name]).description.axis().joint
     if trajectory == "walk" and joint not in gait.GAIT_ANGLES:
         trajectory = "sweep"
-    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.15)
+    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.05)
     law = CONTROLLERS["pi"](env.unwrapped.drive)
     _, info = env.reset(seed=1)
     truncated = False
@@ -498,8 +498,8 @@ def test_every_trajectory_and_every_task_plays(
 def test_the_wearer_follows_the_reference_the_stiffer_the_closer() -> None:
     errors = []
     for wearer in (None, Wearer(500.0, 4.0), Wearer(5000.0, 10.0)):
-        env = gymnasium.make(WRIST, trajectory="sweep", duration=1.2, wearer=wearer)
-        rows = [row[-1] for row in roll(env, 1200)]
+        env = gymnasium.make(WRIST, trajectory="sweep", duration=0.8, wearer=wearer)
+        rows = [row[-1] for row in roll(env, 800)]
         errors.append(
             max(
                 abs(row["joint_angle_rad"] - row["reference_angle_rad"]) for row in rows

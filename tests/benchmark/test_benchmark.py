@@ -210,6 +210,15 @@ def test_a_run_resumes_and_replays_other_code(mine: BenchmarkPlan) -> None:
     assert "Spring(stiffness=2.5)" in about["conditions"]["wrist ordinary-rough"]
 
 
+@pytest.mark.study
+def test_a_run_is_the_same_in_two_processes(mine: BenchmarkPlan) -> None:
+    here, there = (run(mine, folder, workers=n) for folder, n in (("a", 1), ("b", 2)))
+    for (one, found), (other, same) in zip(here, there, strict=True):
+        assert one == other
+        for name, values in found.scores.items():
+            assert np.array_equal(values, same.scores[name], equal_nan=True)
+
+
 def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() -> None:
     short = Cell(USUAL, WRONG, (0, 1))
     assert play(short).scores["failed"].tolist() == [1.0, 1.0]

@@ -330,8 +330,9 @@ def test_a_weight_at_a_joint_acts_by_its_angle_not_by_its_encoder(
     assert apart < 2e-2 * size
 
 
-def test_a_scene_with_pulleys_has_springs_where_the_encoder_saw_them(
-    tmp_path: Path,
+@pytest.mark.parametrize("name", ["joint_gravity", "joint_stiffness"])
+def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
+    tmp_path: Path, name: str
 ) -> None:
     """The angle of the scene is the measured angle plus an offset."""
     data = dataset(duration=1.5, seed=3, chosen=(0, 2))
@@ -339,13 +340,13 @@ def test_a_scene_with_pulleys_has_springs_where_the_encoder_saw_them(
     for trial in data.trials:
         assert trial.joint_torque is not None
         read = trial.joint_angle - 0.5
-        taken = 2.0 * read
+        taken = 2.0 * (np.sin(read) if name == "joint_gravity" else read)
         trials.append(
             replace(trial, joint_angle=read, joint_torque=trial.joint_torque - taken)
         )
     turned = replace(data, trials=tuple(trials))
-    result = run_inference(turned, BENCH, Options(("joint_stiffness",)))
-    assert [found.id for found in result.diagnosis.effects] == ["joint_stiffness"]
+    result = run_inference(turned, BENCH, Options((name,)))
+    assert [found.id for found in result.diagnosis.effects] == [name]
     (_, apart), size = _written(result, tmp_path / "scene.xml")
     assert apart < 2e-2 * size
 

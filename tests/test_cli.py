@@ -223,7 +223,7 @@ SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 def test_signals_leave_nothing(tmp_path: Path) -> None:
-    play = "sys.exit(cli.main(['play', 'wrist', '--duration', '60']))"
+    play = "sys.exit(cli.main(['play', 'wrist', '--duration', '5']))"
     scripts = {
         signal.Signals(number).name: f"NUMBER = {int(number)}\n{play}"
         for number in SIGNALS

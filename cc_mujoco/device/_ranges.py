@@ -2,6 +2,7 @@
 
     ranges = Ranges({"friction": (0.05, 0.2), "delay": (0, 3)}, device)
     ranges.draw(rng, {"delay": 2})
+    Ranges({"bristle_length": (1e-3, 1e-2, 0.3)}, device)   # in 30 % of the episodes
 
 Controllers are not informed: `drive` stays that of the scene.
 """
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._validation import require_dictionary
+from cc_mujoco._validation import require_dictionary, require_number
 from cc_mujoco.device import IN_EPISODES, Nominal, Plant
 from cc_mujoco.device._variables import DELAY, OF_CABLES, find
 from cc_mujoco.errors import CableError
@@ -27,15 +28,17 @@ class Ranges:
     """Ranges from which plants are drawn.
 
     Every cable has draws of its own. What is above 0 is drawn with a uniform logarithm,
-    whole numbers and what may be 0 uniformly.
+    whole numbers and what may be 0 uniformly. What has a probability is drawn with it
+    for all cables, or is the scene's in all.
     """
 
     def __init__(self, given: Mapping[str, Any] | None, device: Nominal) -> None:
         """Check the ranges.
 
         Args:
-            given: (least, most) by name of `device.IN_EPISODES`: of all cables
-                (`friction`) or of one (`flexor.friction`).
+            given: (least, most), or (least, most, probability) of being drawn at all,
+                by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
+                (`flexor.friction`).
             device: The device that the scene has.
 
         Raises:
@@ -45,13 +48,17 @@ class Ranges:
         self.nominal = Plant(device)
         """The scene as it is."""
         self._ranges: dict[str, Range] = {}
+        self._probabilities: dict[str, float] = {}
         for name, ends in require_dictionary("randomise", given).items():
             try:
-                low, high = ends
+                low, high, *rest = ends
+                (probability,) = rest or (1.0,)
             except (TypeError, ValueError):
                 raise CableError(
-                    f"randomise[{name!r}] must be (least, most), not {ends!r}."
+                    f"randomise[{name!r}] must be (least, most), or (least, most, "
+                    f"probability), not {ends!r}."
                 ) from None
+            require_number(f"randomise[{name!r}][2]", probability, 0.0, 1.0, "")
             for end in (low, high):
                 self._check("randomise", name, end)
             if low > high:
@@ -61,6 +68,7 @@ class Ranges:
                 )
             for own in self._each(name):
                 self._ranges[own] = low, high
+                self._probabilities[own] = probability
         # Parameters may exclude each other: all corners of each cable must be possible.
         for cable in device.cables:
             mine = [n for n in self._ranges if n.startswith(f"{cable}.")]
@@ -89,7 +97,14 @@ class Ranges:
             CableError: If one of them is unknown or impossible.
         """
         values: dict[str, float] = {}
+        tosses: dict[str, float] = {}
         for name, (low, high) in self._ranges.items():
+            if (probability := self._probabilities[name]) < 1.0:
+                of_all = name.rpartition(".")[2]
+                if of_all not in tosses:
+                    tosses[of_all] = rng.uniform()
+                if tosses[of_all] >= probability:
+                    continue
             if name == DELAY.name:
                 values[name] = int(rng.integers(int(low), int(high), endpoint=True))
             elif low > 0.0:

@@ -237,9 +237,32 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
         assert np.ptp(told) > 1.0
 
 
+def test_a_probability_leaves_the_other_episodes_as_the_scene_has_them() -> None:
+    given = {"bristle_length": (1e-3, 1e-2, 0.3), "friction": (0.1, 0.2)}
+    env = DeviceEnv("wrist", duration=0.1, randomise=given)
+    lengths = []
+    for seed in range(300):
+        env.reset(seed=seed)
+        cables = env.plant.cables.values()
+        lengths.append([cable.bristle_length for cable in cables])
+        assert all(0.1 <= cable.friction <= 0.2 for cable in cables)
+    one, other = np.array(lengths).T
+    assert np.array_equal(one > 0.0, other > 0.0)  # of all cables or of none
+    assert (one != other)[one > 0.0].all()
+    assert 1e-3 <= one[one > 0.0].min() and one.max() <= 1e-2
+    assert np.mean(one > 0.0) == pytest.approx(0.3, abs=0.08)
+    whole = DeviceEnv("wrist", randomise={"friction": (0.1, 0.2, 1.0)})
+    plain = DeviceEnv("wrist", randomise={"friction": (0.1, 0.2)})
+    for each in (whole, plain):
+        each.reset(seed=3)
+    assert whole.plant == plain.plant
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"friction": (0.1, 0.2, 1.5)}, r"'friction'..2. must be a number in .0, 1."),
+        ({"friction": (0.1, 0.2, 0.5, 0.5)}, "or .least, most, probability."),
         ({"frictoin": (0.1, 0.2)}, "did you mean 'friction'"),
         ({"flexxor.friction": (0.1, 0.2)}, "unknown cable 'flexxor'"),
         ({"friction": 0.1}, "must be .least, most."),

@@ -64,6 +64,8 @@ def test_a_policy_in_c_acts_as_in_the_library(tmp_path: Path, drive: Drive) -> N
     for name, activation, squashed, past in (
         ("past", "tanh", True, {"hold": 3, "history": 2, "memory": True}),
         ("plain", "relu", False, {}),
+        # As `scripts/imitate.py` writes it.
+        ("taught", "tanh", False, {"hold": 2, "history": 10, "memory": True}),
     ):
         folder = tmp_path / name
         folder.mkdir()

@@ -102,7 +102,7 @@ def fit_baseline(
             problem, weight=independence_weight(problem.errors(x), counts)
         )
         whole = fit(problem, x, counts)
-        change, finer = refinement_change(problem, whole.x)
+        change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
         if change <= MAX_NUMERICAL_ERROR or finer is None:
             break
         plant, starts = finer, [whole.x]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.fitting import (
+    Masks,
     Problem,
     fit,
     huber_residual,
@@ -34,6 +35,12 @@ class Fold(NamedTuple):
 
     train: tuple[NDArray[np.bool_], ...]
     test: tuple[NDArray[np.bool_], ...]
+
+
+def divided_samples(division: Sequence[Fold]) -> Masks:
+    """Return the samples that a division holds, (samples,) of every record."""
+    parts = [part for fold in division for part in fold]
+    return tuple(np.any(own, axis=0) for own in zip(*parts, strict=True))
 
 
 def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:

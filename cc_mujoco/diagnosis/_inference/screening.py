@@ -8,7 +8,7 @@ could show it at all, and which effects are confounded.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis._inference.jacobian import (
     residual_changes,
     residual_slopes,
 )
+from cc_mujoco.diagnosis._inference.records import Record
 from cc_mujoco.diagnosis.effects import Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
@@ -31,8 +32,14 @@ from cc_mujoco.estimation._least_squares import in_threads
 _BOUND_MARGIN = 1e-3
 _MAX_MODEL_CHANGE = 0.1
 """Change of the torques, over them, up to which what an effect changes is the same."""
+_MAX_MODELS = 3
+"""Models of which the changes of a record are kept, those used last."""
 MIN_SQUARE_SHARE = 1e-9
 """Part of a signature's square below which nothing of it is left."""
+_MIN_DIRECTION = 1e-3
+"""Singular value, over the largest, of directions along which parameters are moved."""
+_Key = tuple[str, tuple[float, ...], str]
+"""Effect, its start and name of a parameter."""
 
 
 class Signature(NamedTuple):
@@ -47,6 +54,8 @@ class Signature(NamedTuple):
         visible: RMS of its plausible size over the floor, after retuning.
         basis: (residuals, k) orthonormal, of its signatures.
         changes: (residuals, amplitudes) that plausible sizes make, nothing retuned.
+        tuning: (parameters,) change of the model's parameters beside that start, to
+            first order.
     """
 
     id: str
@@ -56,37 +65,46 @@ class Signature(NamedTuple):
     visible: float
     basis: FloatArray
     changes: FloatArray
+    tuning: FloatArray
+
+
+class _KnownChanges(NamedTuple):
+    """Torque changes (1, 2, samples) of a record by effects, where a model had it.
+
+    Attributes:
+        torque: (2, samples) of that model [N m].
+        columns: changes by effect, start and parameter [N m].
+    """
+
+    torque: FloatArray
+    columns: dict[_Key, FloatArray]
 
 
 class Changes:
-    """Torque changes due to effects, kept from one round of a search to the next.
+    """Torque changes due to effects, kept by record for models that are alike.
 
-    They are simulated again where the model has changed by more than
-    `_MAX_MODEL_CHANGE`.
+    They hold while the model's torques change by at most `_MAX_MODEL_CHANGE`. Rounds of
+    a search, its repetition on parts of the data and the final checks share them.
     """
 
     def __init__(self) -> None:
         """Start without any."""
-        self._there: list[FloatArray] = []
-        self._kept: dict[tuple[str, int, str], list[FloatArray]] = {}
+        self._kept: dict[Record, list[_KnownChanges]] = {}
 
-    def begin(self, here: list[FloatArray]) -> None:
-        """Store the torques (2, samples) per record of the model that effects join."""
-        change = sum(
-            float(np.sum((a - b) ** 2)) for a, b in zip(here, self._there, strict=False)
-        )
-        size = sum(float(np.sum(a**2)) for a in here)
-        if not self._there or change > _MAX_MODEL_CHANGE**2 * size:
-            self._there = here
-            self._kept.clear()
+    def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
+        """Return the changes that hold where a model has this torque (2, samples).
 
-    def of(
-        self, key: tuple[str, int, str], simulate: Callable[[], list[FloatArray]]
-    ) -> list[FloatArray]:
-        """Return those of one parameter of an effect's start, (1, 2, samples) each."""
-        if key not in self._kept:
-            self._kept[key] = simulate()
-        return self._kept[key]
+        The caller adds what it simulates.
+        """
+        kept = self._kept.setdefault(record, [])
+        off = [float(np.sum((torque - known.torque) ** 2)) for known in kept]
+        least = int(np.argmin(off)) if off else -1
+        if off and off[least] <= _MAX_MODEL_CHANGE**2 * float(np.sum(torque**2)):
+            kept.append(kept.pop(least))  # the one used last goes last
+        else:
+            kept.append(_KnownChanges(torque, {}))
+            del kept[:-_MAX_MODELS]
+        return kept[-1].columns
 
 
 class _Place(NamedTuple):
@@ -99,7 +117,7 @@ class _Place(NamedTuple):
         seen: indices of the records of which samples count.
         here: torques (2, samples) of these, from the coarse simulation [N m].
         priors: number of residuals that are of priors.
-        changes: of effects, kept.
+        known: changes of these by effects, see `Changes.at`.
     """
 
     problem: Problem
@@ -108,7 +126,7 @@ class _Place(NamedTuple):
     seen: list[int]
     here: list[FloatArray]
     priors: int
-    changes: Changes
+    known: list[dict[_Key, FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -119,6 +137,7 @@ class _Screen:
         place: the model, and where it was fitted.
         error: residual (residuals,).
         tangent: (residuals, k) orthonormal, of what tuning can do.
+        untangled: (parameters, k) changes of the parameters along the tangent.
         rest: of the error once tuned.
         foresight: of held-out errors.
     """
@@ -126,6 +145,7 @@ class _Screen:
     place: _Place
     error: FloatArray
     tangent: FloatArray
+    untangled: FloatArray
     rest: FloatArray
     foresight: _Foresight
 
@@ -163,17 +183,19 @@ def screen(
     )
     free = inside & (size > 0.0)
     scaled = slopes[:, free] / size[free]
-    tangent, _ = np.linalg.qr(scaled)
+    tangent, mixed = np.linalg.qr(scaled)
+    untangled = np.zeros((x.size, tangent.shape[1]))
+    untangled[free] = np.linalg.pinv(mixed, rcond=_MIN_DIRECTION) / size[free, None]
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
-    changes = changes or Changes()
-    changes.begin(here)
+    known = _known_changes(problem, seen, here, changes or Changes())
     steep = residual_slopes(problem, here, masks)
     priors = error.size - sum(each.size for each, _ in steep)
     given = _Screen(
-        _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, changes),
+        _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, known),
         error,
         tangent,
+        untangled,
         error - tangent @ (tangent.T @ error),
         _Foresight(error, scaled, masks, division, len(here[0])),
     )
@@ -220,11 +242,11 @@ def changes_by_effects(
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
-    changes.begin(here)
+    known = _known_changes(problem, seen, here, changes)
     priors = sum(np.isfinite(parameter.prior) for parameter in problem.tuned)
     steep = plain_residual_slopes(problem, masks)
     base = _coarsely(problem, x, seen)
-    place = _Place(problem, x, steep, seen, base, int(priors), changes)
+    place = _Place(problem, x, steep, seen, base, int(priors), known)
     library = problem.plant.library.effects
 
     def made(name: str) -> FloatArray | None:
@@ -241,28 +263,60 @@ def changes_by_effects(
     return {name: columns for name, columns in found if columns is not None}
 
 
+def _known_changes(
+    problem: Problem, seen: list[int], here: list[FloatArray], changes: Changes
+) -> list[dict[_Key, FloatArray]]:
+    records = problem.plant.records
+    return [
+        changes.at(records[k], torque) for k, torque in zip(seen, here, strict=True)
+    ]
+
+
 def _coarsely(problem: Problem, x: FloatArray, seen: list[int]) -> list[FloatArray]:
     return problem.coarse.torques(x, seen)
+
+
+def _start(given: _Place, name: str, place: int) -> dict[str, float]:
+    """Return a start of an effect, with the shape that the model's cables have already.
+
+    Two effects may share a length of slip: with another one the added effect would
+    change the torques by that, however small it is.
+    """
+    plant, values = given.problem.plant, given.problem.values(given.x)
+    effect = plant.library.effects[name]
+    start = dict(effect.starts[place])
+    shapes = [p for p in effect.parameters if not p.linear and p.name in start]
+    if not shapes:
+        return start
+    here, bare = (
+        plant.cables(values, effects)[0] for effects in (given.problem.effects, ())
+    )
+    for shape in shapes:
+        own = getattr(here, shape.name, None)
+        if own is not None and own != getattr(bare, shape.name):
+            low, high = shape.parameter.low, shape.parameter.high
+            start[shape.name] = min(max(own, low), high)
+    return start
 
 
 def _effect_columns(given: _Place, name: str, place: int) -> FloatArray:
     """Return the residual changes by a start of an effect (residuals, amplitudes)."""
     effect = given.problem.plant.library.effects[name]
-    start = effect.starts[place]
-    wider = given.problem.coarse.with_effect(name, dict(start))
+    start = _start(given, name, place)
+    wider = given.problem.coarse.with_effect(name, start)
     columns = []
     for parameter in filter(lambda each: each.linear, effect.parameters):
         size = start[parameter.name] / parameter.typical
 
-        def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
-            places = [size if p.name == key else 0.0 for p in wider.tuned]
+        key = (name, tuple(start.values()), parameter.name)
+        new = [k for k, known in enumerate(given.known) if key not in known]
+        if new:
+            places = [size if p.name == parameter.name else 0.0 for p in wider.tuned]
             places[: given.x.size] = given.x.tolist()
-            moved = wider.torques(np.array(places), given.seen)
-            return [
-                (a - b)[None] / size for a, b in zip(moved, given.here, strict=True)
-            ]
-
-        torques = given.changes.of((name, place, parameter.name), simulate)
+            moved = wider.torques(np.array(places), [given.seen[k] for k in new])
+            for k, torque in zip(new, moved, strict=True):
+                given.known[k][key] = (torque - given.here[k])[None] / size
+        torques = [known[key] for known in given.known]
         (made,) = residual_changes(given.steep, torques)
         columns.append(np.append(made, np.zeros(given.priors)))
     return np.array(columns).T
@@ -278,7 +332,7 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
         return None
     problem = given.place.problem
     effect = problem.plant.library.effects[name]
-    start = dict(effect.starts[place])
+    start = _start(given.place, name, place)
     parameters = [parameter for parameter in effect.parameters if parameter.linear]
     error, rest = given.error, given.rest
     signature = changes - (given.tangent @ (given.tangent.T @ changes))
@@ -288,7 +342,8 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     visible = own / np.sqrt(error.size) / problem.weight
     if own <= MIN_SQUARE_SHARE:
         nothing = np.zeros((error.size, 0))
-        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
+        still = np.zeros(given.place.x.size)
+        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes], still)
     kept = lengths > MIN_SQUARE_SHARE
     solved = np.zeros(len(parameters))
     wider = problem.with_effect(name, start).tuned[given.place.x.size :]
@@ -314,7 +369,11 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
     foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
     seen = changes[:, sizes]
-    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
+    wanted = given.tangent.T @ (error + changes @ solved)
+    tuning = -given.untangled @ wanted
+    return Signature(
+        name, start, max(gained, 0.0), foreseen, visible, basis, seen, tuning
+    )
 
 
 def bounded_least_squares(

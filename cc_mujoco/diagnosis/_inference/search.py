@@ -21,12 +21,13 @@ from cc_mujoco.diagnosis._inference.acceptance import (
     rejection_reason,
 )
 from cc_mujoco.diagnosis._inference.elimination import eliminate, gap_shares
-from cc_mujoco.diagnosis._inference.fitting import Problem
+from cc_mujoco.diagnosis._inference.fitting import Problem, cost_at
 from cc_mujoco.diagnosis._inference.folds import (
     CrossValidation,
     Fold,
     blocks,
     cross_validate,
+    divided_samples,
 )
 from cc_mujoco.diagnosis._inference.numerics import refine_simulation
 from cc_mujoco.diagnosis._inference.progress import Progress, no_progress, part_of
@@ -40,6 +41,8 @@ MIN_LEADER_SHARE = 0.15
 """Share of the leader's explained error that a candidate needs to be refitted."""
 MIN_PREDICTED_SHARE = 0.3
 """Least predicted reduction of a candidate, relative to the acceptance threshold."""
+_MIN_SHARE = 1.0 / 16.0
+"""Least share of the step that screening predicts, see `_helpful_starts`."""
 MAX_EFFECTS = 4
 """Most effects that are added."""
 
@@ -155,7 +158,15 @@ def names_found(
         whole: search in all its data; a model of it tells the same model of a part
             floor, numerical resolution and parameters to begin with.
     """
-    course = _add_effects(baseline, division, ids, thresholds, no_progress, whole=whole)
+    course = _add_effects(
+        baseline,
+        division,
+        ids,
+        thresholds,
+        no_progress,
+        whole=whole,
+        changes=whole.changes if whole else None,
+    )
     if course.interrupted:
         raise KeyboardInterrupt
     now = eliminate(course.after, division, course.known)
@@ -171,6 +182,7 @@ def _add_effects(
     progress: Progress,
     earlier: Sequence[Round] = (),
     whole: Search | None = None,
+    changes: Changes | None = None,
 ) -> _Course:
     """Add effects while each is accepted.
 
@@ -183,8 +195,10 @@ def _add_effects(
         earlier: steps of a search for other effects; what was fitted in them is taken
             over as long as both add the same effects.
         whole: see `names_found`.
+        changes: of torques by effects that an earlier search has kept.
     """
-    now, rounds, changes = baseline, [], Changes()
+    now, rounds = baseline, []
+    changes = changes or Changes()
     known = [baseline]
     first: tuple[Signature, ...] = ()
     interrupted = False
@@ -293,7 +307,13 @@ def search_rare(
     tried = {c.id for step in found.rounds for c in step.candidates}
     ids = [*sorted(tried), *rare]
     course = _add_effects(
-        found.before, division, ids, thresholds, progress, found.rounds
+        found.before,
+        division,
+        ids,
+        thresholds,
+        progress,
+        found.rounds,
+        changes=found.changes,
     )
     if not set(rare) & {step.added for step in course.rounds}:
         return found._replace(interrupted=course.interrupted)
@@ -310,17 +330,20 @@ def with_own_noise_floor(
     crossed: CrossValidation, division: Sequence[Fold]
 ) -> CrossValidation:
     """Return the same by its own floor and weight, simulated finely enough for it."""
-    masks = [record.free for record in crossed.problem.plant.records]
+    masks = divided_samples(division)
     place = np.mean([fit.x for fit in crossed.fits], axis=0)
     problem = crossed.problem.with_updated_floor(place, masks)
+    # Trials that are reserved are predicted by the same simulation.
+    reserved = [record.reserved for record in problem.plant.records]
+    counts = [a | b for a, b in zip(masks, reserved, strict=True)]
     while True:
         # A refit at every step between would cost as much as all that follows.
-        while finer := refine_simulation(problem, place):
+        while finer := refine_simulation(problem, place, counts):
             problem = finer
         starts = [fit.x for fit in crossed.fits]
         crossed = cross_validate(problem, division, starts)
         place = np.mean([fit.x for fit in crossed.fits], axis=0)
-        finer = refine_simulation(problem, place)
+        finer = refine_simulation(problem, place, counts)
         if finer is None:
             return crossed
         problem = finer
@@ -355,8 +378,8 @@ def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
 def _screen_folds(
     now: CrossValidation, division: Sequence[Fold], ids: Sequence[str], changes: Changes
 ) -> list[Signature]:
-    """Return the signatures on the training data, at the mean of the folds' fits."""
-    masks = [record.free for record in now.problem.plant.records]
+    """Return the signatures on the divided data, at the mean of the folds' fits."""
+    masks = divided_samples(division)
     x = np.mean([fit.x for fit in now.fits], axis=0)
     return screen(now.problem, x, masks, ids, division, changes)
 
@@ -442,8 +465,35 @@ def _refit_signature(
     thresholds: Thresholds,
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
-    starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
+    starts = _helpful_starts(now, division[0], wider, signature)
     return _refit(now, division, wider, starts, thresholds)
+
+
+def _helpful_starts(
+    now: CrossValidation, fold: Fold, wider: Problem, signature: Signature
+) -> list[FloatArray]:
+    """Return the places that screening predicts for an effect, one for each fit.
+
+    Steps of first order may be far too long, say where an effect saturates, and the way
+    back from there costs a fit more than all that follows. They are halved until the
+    effect does no harm.
+    """
+    effect = wider.plant.library.effects[signature.id]
+    sizes = {parameter.name for parameter in effect.parameters if parameter.linear}
+    share, tried = 1.0, []
+    while share >= _MIN_SHARE:
+        start = {k: share * v if k in sizes else v for k, v in signature.start.items()}
+        tuning = share * signature.tuning
+        starts = [wider.placed(fit.x + tuning, start) for fit in now.fits]
+        try:
+            cost = cost_at(wider, wider.inside(starts[0]), fold.train)
+        except CableError:  # which the fit reports
+            return starts
+        tried.append((cost, starts))
+        if cost <= now.fits[0].cost:
+            break
+        share *= 0.5
+    return min(tried, key=lambda each: each[0])[1]
 
 
 def _refit_like(

@@ -12,8 +12,10 @@ reduction of imitation learning and structured prediction to no-regret online le
 AISTATS 2011. A torque depends on more than the sensors show; the policy learns a mean
 of what is possible.
 
-Plants are sampled as by `train_policy.py`. After every round the policy is written to
-`--out`, and its RMS torque errors are printed, one for each axis.
+Plants are sampled as by `train_policy.py`. With --structure each effect that cables
+have in suite `v2` is in some of them, the liner is an ordinary one, and the wearer
+moves as the device says, a third with a tremor. RMS torque errors are printed, one for
+each axis of each motion; the policy is written to `--out`.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ import numpy as np
 import train_policy
 from numpy.typing import NDArray
 
+from cc_mujoco.benchmark._generic import joint_trajectory
+from cc_mujoco.benchmark._structure import EFFECTS, TREMOR_SHARE, effect_values
 from cc_mujoco.control import (
     Controller,
     Network,
@@ -37,32 +41,64 @@ from cc_mujoco.control import (
     axes_controller,
     write_policy,
 )
-from cc_mujoco.device import CableDrive
+from cc_mujoco.device import IN_EPISODES, CableDrive, Device, DeviceModel, Plant
 from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
+from cc_mujoco.device._variables import split
 from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import Tremor
+from cc_mujoco.simulation._worn_device import axis_trajectories
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Lesson = tuple[Singles, Singles, Array]
+"""Observations, actions of the teacher, errors; see `Classroom.play`."""
 
 HOLD, HISTORY = 2, 10
 """Samples for which an action is held; earlier frames that the policy sees."""
 RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 """Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
 show less of what the teacher knows, and its mean becomes a cautious one."""
+LINER = {"friction": (0.07, 0.14), "break_away": (1.2, 1.9)}
+"""Ranges beside the effects of `--structure`: those of an ordinary liner."""
+AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
+"""Amounts of an effect over those of suite `v2`; probability that a plant has it. The
+teacher swings a finger with more of `viscous`."""
 BANDWIDTH = 150.0
 """Bandwidth of the teacher's plans [rad/s]. What follows a faster one is harder to tell
 from late measurements."""
 WIDTHS = 128, 128
 """Units of the hidden layers."""
-BATCH, RATE, LAST_RATE = 1024, 1e-3, 3e-4
-"""Samples in a step of the optimiser; its rate in the first round and in the last."""
-FINAL = 4
-"""Steps of the optimiser in the last round, over those in another."""
+RATE, LAST_RATE = 1e-3, 3e-4
+"""Rate of the optimiser in the first round and in the last."""
 OUTLIER = 0.3
 """Error from which on the loss grows linearly, in standard deviations of the teacher's
 torques."""
+
+
+def structure(device: Device) -> dict[str, tuple[float, float, float]]:
+    """Return the ranges of the effects that the cables of a plant may have."""
+    low, high = AMOUNTS
+    return {
+        name: (low * amount, high * amount, PROBABILITY)
+        for effect in EFFECTS
+        for name, amount in effect_values(device, effect).items()
+        if isinstance(amount, float) and split(name)[1] in IN_EPISODES
+    }
+
+
+def motions(device: Device) -> tuple[train_policy.Part, ...]:
+    """Return the device's own motion, and that with a tremor, as parts."""
+    model = DeviceModel(device.description, Plant(device).model())
+    trembling = [
+        Tremor(source, axis.limb, TREMOR_SHARE * axis.reach)
+        for axis, source in zip(
+            device.description.axes, axis_trajectories(model, None), strict=True
+        )
+    ]
+    tremor = joint_trajectory(device.description, trembling)
+    return (None, None, 2), (tremor, None, 1)
 
 
 def teacher(env: DeviceVectorEnv) -> Controller:
@@ -75,8 +111,8 @@ def teacher(env: DeviceVectorEnv) -> Controller:
             torque_noise=exo.description.sensing.torque_noise,
             cable_drives=tuple(
                 tuple(
-                    CableDrive(plant.cables[name], one.proximal, one.distal)
-                    for name, one in zip(names, drive.cables, strict=True)
+                    CableDrive(plant.cables[cable], one.proximal, one.distal)
+                    for cable, one in zip(names, drive.cables, strict=True)
                 )
                 for plant in env.plants
             ),
@@ -109,9 +145,7 @@ class Classroom:
         self._random = np.random.default_rng(seed)
         _, self._info = env.reset(seed=seed)
 
-    def play(
-        self, student: Callable[[Singles], Singles] | None
-    ) -> tuple[Singles, Singles, Array]:
+    def play(self, student: Callable[[Singles], Singles] | None = None) -> Lesson:
         """Play an episode.
 
         The student plays half of the environments alone. In the others its share of
@@ -214,7 +248,12 @@ class Student:
         return self._torch.from_numpy((seen - self._mean) / self._deviation)
 
     def fit(
-        self, seen: Singles, taught: Singles, steps: int, rates: tuple[float, float]
+        self,
+        seen: Singles,
+        taught: Singles,
+        steps: int,
+        rates: tuple[float, float],
+        batch: int = 1024,
     ) -> float:
         """Fit the network to samples.
 
@@ -223,6 +262,7 @@ class Student:
             taught: Actions (samples, axes).
             steps: Of the optimiser.
             rates: Of the optimiser at the first step and at the last.
+            batch: Samples in a step.
 
         Returns:
             The mean loss.
@@ -232,7 +272,7 @@ class Student:
         given, losses = self._scaled(seen), 0.0
         for rate in np.linspace(*rates, steps):
             self._optimiser.param_groups[0]["lr"] = rate
-            rows = torch.randint(len(given), (BATCH,))
+            rows = torch.randint(len(given), (batch,))
             loss = torch.nn.functional.smooth_l1_loss(
                 self._layers(given[rows]), right[rows], beta=OUTLIER
             )
@@ -261,33 +301,42 @@ class Student:
 
 def train(options: argparse.Namespace) -> None:
     """Train one policy and save it."""
+    device = train_policy.device_of(options.scene)
+    envs = (
+        train_policy.make(
+            options, {**RANGES, **LINER, **structure(device)}, {}, motions(device)
+        )
+        if options.structure
+        else train_policy.make(options, RANGES, {})
+    )
     rooms = [
         Classroom(env, 1000 * options.seed + place, options.history)
-        for place, env in enumerate(train_policy.make(options, RANGES, {}))
+        for place, env in enumerate(envs)
     ]
-    seen, taught = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
-    student: Student | None = None
+    lessons = told("teacher", [room.play() for room in rooms])
+    seen = np.concatenate([own[0] for own in lessons])
+    taught = np.concatenate([own[1] for own in lessons])
+    student = Student(seen, taught, options.seed)
     rates = np.linspace(RATE, LAST_RATE, options.rounds)
-    for place, rate in enumerate(rates):
-        parts = [room.play(student) for room in rooms]
-        fresh = [
-            np.concatenate(column) for column in list(zip(*parts, strict=True))[:2]
-        ]
-        errors = ", ".join(f"{rms:.3g}" for *_, own in parts for rms in own)
-        print(f"{'student' if student else 'teacher'}: {errors} N m", flush=True)
-        if student is None:
-            seen, taught = fresh
-            student = Student(seen, taught, options.seed)
-        else:
-            seen, taught = map(np.concatenate, zip((seen, taught), fresh, strict=True))
-        last = place == options.rounds - 1
-        steps = options.updates * (FINAL if last else 1)
-        student.fit(seen, taught, steps, (rate, 0.0 if last else rate))
-        write_policy(
-            options.out / f"{options.seed}.safetensors",
-            student.network(),
-            rooms[0].observed,
-        )
+    for rate in rates[:-1]:
+        student.fit(seen, taught, options.updates, (rate, rate), options.batch)
+        lessons = told("student", [room.play(student) for room in rooms])
+        seen = np.concatenate([seen, *(own[0] for own in lessons)])
+        taught = np.concatenate([taught, *(own[1] for own in lessons)])
+    steps = options.final * options.updates
+    student.fit(seen, taught, steps, (rates[-1], 0.0), options.batch)
+    write_policy(
+        options.out / f"{options.seed}.safetensors",
+        student.network(),
+        rooms[0].observed,
+    )
+
+
+def told(who: str, lessons: list[Lesson]) -> list[Lesson]:
+    """Print the errors of lessons; return the lessons."""
+    errors = ", ".join(f"{rms:.3g}" for *_, own in lessons for rms in own)
+    print(f"{who}: {errors} N m", flush=True)
+    return lessons
 
 
 def main() -> None:
@@ -296,6 +345,11 @@ def main() -> None:
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--updates", type=int, default=2000, help="of a round")
+    parser.add_argument("--batch", type=int, default=1024, help="of an update")
+    parser.add_argument(
+        "--final", type=int, default=4, help="updates of the last round over --updates"
+    )
+    parser.add_argument("--structure", action="store_true", help="effects and tremor")
     parser.add_argument(
         "--history", type=int, default=HISTORY, help="earlier frames that it sees"
     )

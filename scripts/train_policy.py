@@ -22,7 +22,7 @@ import argparse
 import csv
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -202,8 +202,9 @@ def first_actions(scene: str) -> tuple[float, list[float]]:
 
 def make(
     options: argparse.Namespace,
-    ranges: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    ranges: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
     observed: Mapping[str, Any] = OBSERVED,
+    played: Sequence[Part] = (),
 ) -> list[DeviceVectorEnv]:
     """Return the vector environments of the training.
 
@@ -211,9 +212,10 @@ def make(
         options: Of the command line.
         ranges: In place of those of `randomised`, by name.
         observed: Arguments of the environments that say what is observed.
+        played: Parts, those of `PLAYED` by default.
     """
     scene, device = options.scene, device_of(options.scene)
-    played = PLAYED.get(scene, ((None, None, 1),))
+    played = played or PLAYED.get(scene, ((None, None, 1),))
     fixed: dict[str, Any] = FIXED if scene == BENCH else FIXED | ORDINARY
     parts = sum(part for *_, part in played)
     return [

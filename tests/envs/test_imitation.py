@@ -13,6 +13,7 @@ import pytest
 import train_policy
 
 from cc_mujoco.control import Network, read_policy
+from cc_mujoco.device._ranges import Ranges
 
 
 def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:
@@ -37,12 +38,45 @@ def test_the_teacher_knows_the_plant_of_every_environment() -> None:
             assert [one.cable for one in row] == [plant.cables[n] for n in names]
 
 
+@pytest.mark.parametrize("scene", ["wrist", "exosuit"])
+def test_every_effect_is_in_some_plants_alone_and_in_all_cables(scene: str) -> None:
+    device = train_policy.device_of(scene)
+    ranges = imitate.structure(device)
+    assert {"viscous_friction", "bristle_length", "stribeck_friction"} <= {
+        name.partition(".")[2] for name in ranges
+    }
+    drawn = Ranges(ranges, device)
+    random = np.random.default_rng(0)
+    plants = [drawn.draw(random, {}) for _ in range(400)]
+    for name, (low, high, _) in ranges.items():
+        assert all(low <= p.values.get(name, low) <= high for p in plants)
+        share = np.mean([name in plant.values for plant in plants])
+        assert share == pytest.approx(imitate.PROBABILITY, abs=0.06)
+    slid = [n for n in ranges if n.endswith(".bristle_length")]
+    assert all(len(set(slid) & p.values.keys()) in (0, len(slid)) for p in plants)
+
+
+def test_a_third_of_the_motions_tremble_at_every_axis() -> None:
+    device = train_policy.device_of("exosuit")
+    (_, _, often), (tremor, _, seldom) = imitate.motions(device)
+    assert (often, seldom) == (2, 1)
+    moved = tremor.sample(2.0, 1e-3, np.random.default_rng(0)).companions
+    for axis, (joint, shaken) in zip(
+        device.description.axes, tremor.parts, strict=True
+    ):
+        motion = shaken.base.sample(2.0, 1e-3, np.random.default_rng(0))
+        still = motion.companions.get(joint, motion)
+        off = moved[joint].angle - still.angle
+        assert joint == axis.limb
+        assert np.ptp(off[1000:]) == pytest.approx(0.1 * axis.reach, rel=0.05)
+
+
 @pytest.mark.parametrize("scene", ["finger", "exosuit"])
 def test_samples_are_what_the_student_sees_and_what_the_teacher_does(
     scene: str,
 ) -> None:
     room = classroom(scene)
-    seen, taught, errors = room.play(None)
+    seen, taught, errors = room.play()
     axes = len(room.observed)
     size = sum(own.space.shape[0] for own in room.observed)
     steps = round(0.02 / 1e-3) // imitate.HOLD
@@ -78,7 +112,7 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     pytest.importorskip("torch")
     script = Path(imitate.__file__)
     words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
-    more = ["--rounds", "2", "--updates", "5", "--envs", "4", "--seconds", "0.6"]
+    more = ["--rounds", "2", "--updates", "5", "--envs", "6", "--seconds", "0.6"]
     done = subprocess.run(
         [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
     )

@@ -32,8 +32,9 @@ class Listing:
         tyro.conf.Positional,
         tyro.conf.arg(metavar="[WORD]", help_behavior_hint=""),
     ] = ""
-    """A group such as effects, a device, whose axes, cables and joints are shown, or a
-    part of a name or of its meaning."""
+    """A group such as effects, a device, whose axes, cables and joints are shown,
+    dataset.toml, of which an example with every key is shown, or a part of a name or of
+    its meaning."""
 
     def run(self) -> None:
         """Print names, or the chosen ones with their meanings.
@@ -45,6 +46,11 @@ class Listing:
         from cc_mujoco.device import find_device
         from cc_mujoco.device._device_files import is_device_file
 
+        if self.word == "dataset.toml":
+            from cc_mujoco.datasets import _dataset_file
+
+            print(inspect.getdoc(_dataset_file))
+            return
         groups = _groups()
         if not self.word:
             _print_names(groups)

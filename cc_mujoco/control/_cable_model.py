@@ -32,7 +32,14 @@ from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
 
-_FRICTION_COEFFICIENTS = INDEX["friction"], INDEX["static_friction"]
+_STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
+_FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC
+_WEAKENING = (
+    INDEX["critical_slip_distance"],
+    INDEX["stribeck_friction"],
+    INDEX["ageing_friction"],
+)
+"""Parameters by which friction falls with slip, speed and the age of contacts."""
 _MAX_FRICTION = 5.0
 ADOPTION_THRESHOLD = 0.01
 """Relative change from which on a learned factor of friction is adopted: packing a
@@ -54,11 +61,15 @@ class CableModel:
         factor: what the drive's friction is multiplied by, (rows, cables).
     """
 
-    def __init__(self, drive: Drive) -> None:
+    def __init__(self, drive: Drive, weakening: bool = True) -> None:
         """Prepare; the number of environments is that of the first observation.
 
         Args:
             drive: The device; its `cable_drives` must be known.
+            weakening: False leaves out `critical_slip_distance`, `stribeck_friction`
+                and `ageing_friction`, and static friction of cables with bristles:
+                that of others ends with the first slip, and kinetic friction depends
+                on neither slip, speed nor rest.
 
         Raises:
             CableError: If they are not.
@@ -69,6 +80,7 @@ class CableModel:
                 "no cable drives."
             )
         self.drive = drive
+        self._weakening = weakening
         cables = drive.cables
         self.segments: stepper.Counts = np.array([s.cable.segments for s in cables])
         self.proximal: FloatArray = np.array([s.proximal for s in cables])
@@ -224,6 +236,7 @@ class CableModel:
             self._sections[row % len(self._sections)][cable],
             cable_drive.segments,
             factor,
+            self._weakening,
             self._asked,
             self.packed[row, cable],
         )
@@ -262,6 +275,7 @@ def pack(
     sections: FloatArray,
     n: int,
     factor: float,
+    weakening: bool,
     asked: FloatArray,
     prm: FloatArray,
 ) -> None:
@@ -272,6 +286,7 @@ def pack(
         sections: see `cable._pack.pack`.
         n: segments.
         factor: of its friction.
+        weakening: see `CableModel`.
         asked: scratch, as `values`.
         prm: out, packed.
     """
@@ -279,6 +294,11 @@ def pack(
         asked[i] = values[i]
     for place in _FRICTION_COEFFICIENTS:
         asked[place] = min(factor * asked[place], _MAX_FRICTION)
+    if not weakening:
+        for place in _WEAKENING:
+            asked[place] = 0.0
+        if asked[_BRISTLE] > 0.0:
+            asked[_STATIC] = 0.0
     kernel.pack(asked, sections, n, prm)
 
 

@@ -108,6 +108,13 @@ class PredictiveCompensation(Controller):
     "Optimal adaptive estimation of sampled stochastic processes", IEEE Trans. Automatic
     Control 10, 1965.
 
+    Friction that falls as a cable starts to move (`critical_slip_distance`, Stribeck
+    friction, ageing; with bristles, break-away) is left out of both models. Fed
+    forward, it lets go of more torque than is wanted, and the joint hunts (B.
+    Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis
+    tools and compensation methods for the control of machines with friction",
+    Automatica 30, 1994).
+
     The friction coefficient of every cable follows what remains unexplained while all
     of the cables slip, and so does the bias of the torque sensor, which other than
     friction does not turn with the slip. Preview control of linear systems is that of
@@ -161,8 +168,9 @@ class PredictiveCompensation(Controller):
                 own is where it begins.
             damper: Strongest damper at the joint that spends energy, over the stiffness
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
-                cables and 0.001 for a single one, whose errors over a profile that
-                gives energy give some, too.
+                cables and for one that passes joints of other axes, which swing
+                together, and 0.001 for another, whose errors over a profile that gives
+                energy give some, too.
             yielding: Time for which the torque that the joint lacks speeds up its own
                 inertia once it is there [s]; 0 is a joint that is led whatever it
                 feels. Of a few times as much the loop gets unstable where a hand holds
@@ -190,7 +198,7 @@ class PredictiveCompensation(Controller):
                 "a controller that plans the motor's path needs to know its inertia; "
                 "Drive.inertia is 0."
             )
-        self.model = CableModel(drive)
+        self.model = CableModel(drive, weakening=False)
         pair = len(drive.cables) > 1
         if bandwidth is None:
             bandwidth = 300.0 if pair else 200.0
@@ -212,7 +220,7 @@ class PredictiveCompensation(Controller):
         require_number("zeroing", zeroing, 0.0, 1e3, "1/s")
         require_number("latest", latest, 0.0, 1.0, "s")
         if damper is None:
-            damper = 0.02 if pair else 0.001
+            damper = 0.02 if pair or drive.shared_ratios else 0.001
         require_number("yielding", yielding, 0.0, 0.1, "s")
         require_number("damper", damper, 0.0, 1.0, "s")
         if caution is None:

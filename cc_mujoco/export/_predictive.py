@@ -110,6 +110,7 @@ def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
         carray(pointer_at(memory, given + SCALARS), (shape[1 + cables + cable], 2)),
         shape[1 + cable],
         factor,
+        False,
         carray(pointer_at(memory, scratch), SCALARS),
         carray(pointer_at(memory, packed + cable * size), size),
     )

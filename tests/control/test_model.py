@@ -53,6 +53,32 @@ def test_a_pulley_that_is_not_round_is_known_to_the_model() -> None:
     assert np.ptp(truth.motor_torque) > 0.1
 
 
+@pytest.mark.parametrize("bristle_length", [0.0, 1e-3])
+def test_friction_that_falls_is_left_out_of_a_model_without_weakening(
+    bristle_length: float,
+) -> None:
+    plain = cable().replace(bristle_length=bristle_length)
+    falls = plain.replace(
+        static_friction=1.5 * plain.friction if bristle_length else 0.0,
+        critical_slip_distance=1e-3,
+        stribeck_friction=0.1,
+        ageing_friction=0.1,
+    )
+    angle = there_and_back()
+    torque = 1.2 * np.sin(np.arange(angle.size) / 700.0)
+    found = np.empty((3, angle.size))
+    for row, own, weakening in ((0, plain, True), (1, falls, False), (2, falls, True)):
+        pair = tuple(dataclasses.replace(one, cable=own) for one in pull_pull().cables)
+        model = CableModel(
+            dataclasses.replace(pull_pull(), cable_drives=(pair,)), weakening
+        )
+        for i in range(angle.size):
+            model.follow(5.0 * angle[i], torque[i])
+            found[row, i] = model.motor_torque()[0]
+    assert np.array_equal(found[0], found[1])
+    assert np.abs(found[0] - found[2]).max() > 1e-2
+
+
 def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
     plant = Transmission.single(cable(), 1.0, 1.0)
     time = np.arange(0.0, 1.2, PERIOD)

@@ -215,14 +215,6 @@ class Problem:
             ]
         )
 
-    def inside(self, x: FloatArray) -> FloatArray:
-        """Return the place within the bounds that is next to this one."""
-        low, high = (
-            np.array([getattr(p, side) for p in self.tuned]) for side in ("low", "high")
-        )
-        found: FloatArray = np.clip(x, low, high)
-        return found
-
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
         """Return the same with an effect more, its shape and form from `start`."""
         key = form_key(name)
@@ -405,13 +397,16 @@ def _descend_coarsely(
     tolerance: float = _RELATIVE_TOLERANCE,
 ) -> Fit:
     """Fit `Problem.corrected` until its end is none for the fine simulation."""
-    x = problem.inside(start)
+    low, high = (
+        np.array([getattr(p, side) for p in problem.tuned]) for side in ("low", "high")
+    )
+    x: FloatArray = np.clip(start, low, high)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
-    cost = cost_at(problem, x, masks)
+    cost = _cost(problem, x, masks)
     for _ in range(_MAX_CORRECTIONS):
         rough = problem.corrected(x, seen)
         there = _descend(rough, x, masks, evaluations, tolerance).x
-        gain = cost - cost_at(problem, there, masks)
+        gain = cost - _cost(problem, there, masks)
         if gain > 0.0:
             x, cost = there, cost - gain
         if gain <= tolerance * cost:
@@ -419,8 +414,7 @@ def _descend_coarsely(
     return Fit(x, cost)
 
 
-def cost_at(problem: Problem, x: FloatArray, masks: Masks) -> float:
-    """Return half the sum of squared residuals at a place, as `Fit.cost`."""
+def _cost(problem: Problem, x: FloatArray, masks: Masks) -> float:
     error = problem.residual(x, masks)
     return 0.5 * float(error @ error)
 

@@ -36,8 +36,6 @@ _MAX_MODELS = 3
 """Models of which the changes of a record are kept, those used last."""
 MIN_SQUARE_SHARE = 1e-9
 """Part of a signature's square below which nothing of it is left."""
-_MIN_DIRECTION = 1e-3
-"""Singular value, over the largest, of directions along which parameters are moved."""
 _Key = tuple[str, tuple[float, ...], str]
 """Effect, its start and name of a parameter."""
 
@@ -54,8 +52,6 @@ class Signature(NamedTuple):
         visible: RMS of its plausible size over the floor, after retuning.
         basis: (residuals, k) orthonormal, of its signatures.
         changes: (residuals, amplitudes) that plausible sizes make, nothing retuned.
-        tuning: (parameters,) change of the model's parameters beside that start, to
-            first order.
     """
 
     id: str
@@ -65,7 +61,6 @@ class Signature(NamedTuple):
     visible: float
     basis: FloatArray
     changes: FloatArray
-    tuning: FloatArray
 
 
 class _KnownChanges(NamedTuple):
@@ -137,7 +132,6 @@ class _Screen:
         place: the model, and where it was fitted.
         error: residual (residuals,).
         tangent: (residuals, k) orthonormal, of what tuning can do.
-        untangled: (parameters, k) changes of the parameters along the tangent.
         rest: of the error once tuned.
         foresight: of held-out errors.
     """
@@ -145,7 +139,6 @@ class _Screen:
     place: _Place
     error: FloatArray
     tangent: FloatArray
-    untangled: FloatArray
     rest: FloatArray
     foresight: _Foresight
 
@@ -183,9 +176,7 @@ def screen(
     )
     free = inside & (size > 0.0)
     scaled = slopes[:, free] / size[free]
-    tangent, mixed = np.linalg.qr(scaled)
-    untangled = np.zeros((x.size, tangent.shape[1]))
-    untangled[free] = np.linalg.pinv(mixed, rcond=_MIN_DIRECTION) / size[free, None]
+    tangent, _ = np.linalg.qr(scaled)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
     known = _known_changes(problem, seen, here, changes or Changes())
@@ -195,7 +186,6 @@ def screen(
         _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, known),
         error,
         tangent,
-        untangled,
         error - tangent @ (tangent.T @ error),
         _Foresight(error, scaled, masks, division, len(here[0])),
     )
@@ -342,8 +332,7 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     visible = own / np.sqrt(error.size) / problem.weight
     if own <= MIN_SQUARE_SHARE:
         nothing = np.zeros((error.size, 0))
-        still = np.zeros(given.place.x.size)
-        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes], still)
+        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
     kept = lengths > MIN_SQUARE_SHARE
     solved = np.zeros(len(parameters))
     wider = problem.with_effect(name, start).tuned[given.place.x.size :]
@@ -369,11 +358,7 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
     foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
     seen = changes[:, sizes]
-    wanted = given.tangent.T @ (error + changes @ solved)
-    tuning = -given.untangled @ wanted
-    return Signature(
-        name, start, max(gained, 0.0), foreseen, visible, basis, seen, tuning
-    )
+    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
 
 
 def bounded_least_squares(

@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis._inference.acceptance import (
     rejection_reason,
 )
 from cc_mujoco.diagnosis._inference.elimination import eliminate, gap_shares
-from cc_mujoco.diagnosis._inference.fitting import Problem, cost_at
+from cc_mujoco.diagnosis._inference.fitting import Problem
 from cc_mujoco.diagnosis._inference.folds import (
     CrossValidation,
     Fold,
@@ -41,8 +41,6 @@ MIN_LEADER_SHARE = 0.15
 """Share of the leader's explained error that a candidate needs to be refitted."""
 MIN_PREDICTED_SHARE = 0.3
 """Least predicted reduction of a candidate, relative to the acceptance threshold."""
-_MIN_SHARE = 1.0 / 16.0
-"""Least share of the step that screening predicts, see `_helpful_starts`."""
 MAX_EFFECTS = 4
 """Most effects that are added."""
 
@@ -465,35 +463,8 @@ def _refit_signature(
     thresholds: Thresholds,
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
-    starts = _helpful_starts(now, division[0], wider, signature)
+    starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
     return _refit(now, division, wider, starts, thresholds)
-
-
-def _helpful_starts(
-    now: CrossValidation, fold: Fold, wider: Problem, signature: Signature
-) -> list[FloatArray]:
-    """Return the places that screening predicts for an effect, one for each fit.
-
-    Steps of first order may be far too long, say where an effect saturates, and the way
-    back from there costs a fit more than all that follows. They are halved until the
-    effect does no harm.
-    """
-    effect = wider.plant.library.effects[signature.id]
-    sizes = {parameter.name for parameter in effect.parameters if parameter.linear}
-    share, tried = 1.0, []
-    while share >= _MIN_SHARE:
-        start = {k: share * v if k in sizes else v for k, v in signature.start.items()}
-        tuning = share * signature.tuning
-        starts = [wider.placed(fit.x + tuning, start) for fit in now.fits]
-        try:
-            cost = cost_at(wider, wider.inside(starts[0]), fold.train)
-        except CableError:  # which the fit reports
-            return starts
-        tried.append((cost, starts))
-        if cost <= now.fits[0].cost:
-            break
-        share *= 0.5
-    return min(tried, key=lambda each: each[0])[1]
 
 
 def _refit_like(

@@ -1,8 +1,7 @@
-"""Tests of screening: its data, its model and the starts that it predicts."""
+"""Tests of screening: its data, its model and its starts."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,24 +43,6 @@ def test_a_part_of_the_trials_is_screened_without_the_others(base: BaselineFit) 
     assert sign.explained > 0.5
 
 
-def test_the_predicted_start_lowers_the_error(base: BaselineFit) -> None:
-    """Sizes and the tuning beside them, both to first order."""
-    problem, division = base.problem, interleaved_folds(base.problem.plant.records)
-    (sign,) = search._screen_folds(base.crossed, division, list(DRAG), Changes())
-    assert np.any(sign.tuning != 0.0)
-    wider = problem.with_effect(sign.id, sign.start)
-    masks = divided_samples(division)
-
-    def error(tuning: float) -> float:
-        x = np.mean([fit.x for fit in base.crossed.fits], axis=0)
-        left = wider.residual(wider.placed(x + tuning * sign.tuning, sign.start), masks)
-        return float(left @ left)
-
-    before = problem.residual(base.whole.x, masks)
-    assert error(1.0) < 0.2 * float(before @ before)
-    assert error(1.0) < 0.5 * error(0.0)
-
-
 def test_changes_hold_for_models_of_like_torques() -> None:
     changes, record = Changes(), Any
     torque = np.ones((2, 50))
@@ -92,29 +73,3 @@ def test_an_effect_begins_with_the_length_of_slip_of_the_model(
     starts = falls.plant.library.effects[ageing].starts
     lengths = [start["critical_slip_distance"] for start in starts]
     assert alone.start["critical_slip_distance"] in lengths
-
-
-@pytest.mark.parametrize(
-    ("best", "expected"), [(1.0, 1.0), (0.25, 0.25), (0.0, 1.0 / 16.0)]
-)
-def test_a_start_is_shortened_until_the_effect_does_no_harm(
-    best: float, expected: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(search, "cost_at", lambda _, x, __: 1.0 + abs(x[1]) - best)
-    size = SimpleNamespace(name="size", linear=True)
-    effects = {"effect": SimpleNamespace(parameters=[size])}
-    wider: Any = SimpleNamespace(
-        plant=SimpleNamespace(library=SimpleNamespace(effects=effects)),
-        placed=lambda x, start: np.append(x, start["size"]),
-        inside=lambda x: x,
-    )
-    fits = [SimpleNamespace(x=np.array([k]), cost=1.0) for k in (2.0, 3.0)]
-    now: Any = SimpleNamespace(fits=fits)
-    sign: Any = SimpleNamespace(
-        id="effect", start={"size": 1.0}, tuning=np.array([4.0])
-    )
-    starts = search._helpful_starts(now, Fold((), ()), wider, sign)
-    assert [start.tolist() for start in starts] == [
-        [2.0 + 4.0 * expected, expected],
-        [3.0 + 4.0 * expected, expected],
-    ]

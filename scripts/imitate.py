@@ -12,10 +12,10 @@ reduction of imitation learning and structured prediction to no-regret online le
 AISTATS 2011. A torque depends on more than the sensors show; the policy learns a mean
 of what is possible.
 
-Plants are sampled as by `train_policy.py`. With --structure each effect that cables
-have in suite `v2` is in some of them, the liner is an ordinary one, and the wearer
-moves as the device says, a third with a tremor. RMS torque errors are printed, one for
-each axis of each motion; the policy is written to `--out`.
+Each effect that cables have in suite `v2` is in some of the sampled plants, the liner
+is an ordinary one, and the wearer moves as the device says, a third with a tremor; with
+--no-structure plants and motions are those of `train_policy.py`. RMS torque errors are
+printed, one for each axis of each motion; the policy is written to `--out`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 """Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
 show less of what the teacher knows, and its mean becomes a cautious one."""
 LINER = {"friction": (0.07, 0.14), "break_away": (1.2, 1.9)}
-"""Ranges beside the effects of `--structure`: those of an ordinary liner."""
+"""Ranges beside the effects of `structure`: those of an ordinary liner."""
 AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
 """Amounts of an effect over those of suite `v2`; probability that a plant has it. The
 teacher swings a finger with more of `viscous`."""
@@ -343,17 +343,22 @@ def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
-    parser.add_argument("--rounds", type=int, default=10)
-    parser.add_argument("--updates", type=int, default=2000, help="of a round")
-    parser.add_argument("--batch", type=int, default=1024, help="of an update")
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--updates", type=int, default=1500, help="of a round")
+    parser.add_argument("--batch", type=int, default=512, help="of an update")
     parser.add_argument(
-        "--final", type=int, default=4, help="updates of the last round over --updates"
+        "--final", type=int, default=6, help="updates of the last round over --updates"
     )
-    parser.add_argument("--structure", action="store_true", help="effects and tremor")
+    parser.add_argument(
+        "--structure",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="effects of the cables and tremor, in some episodes",
+    )
     parser.add_argument(
         "--history", type=int, default=HISTORY, help="earlier frames that it sees"
     )
-    parser.add_argument("--envs", type=int, default=32)
+    parser.add_argument("--envs", type=int, default=48)
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "imitation"))

@@ -34,12 +34,8 @@ from cc_mujoco.errors import CableError
 
 _STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
 _FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC
-_WEAKENING = (
-    INDEX["critical_slip_distance"],
-    INDEX["stribeck_friction"],
-    INDEX["ageing_friction"],
-)
-"""Parameters by which friction falls with slip, speed and the age of contacts."""
+_CRITICAL_SLIP = INDEX["critical_slip_distance"]
+_STRIBECK, _AGEING = INDEX["stribeck_friction"], INDEX["ageing_friction"]
 _MAX_FRICTION = 5.0
 ADOPTION_THRESHOLD = 0.01
 """Relative change from which on a learned factor of friction is adopted: packing a
@@ -66,10 +62,9 @@ class CableModel:
 
         Args:
             drive: The device; its `cable_drives` must be known.
-            weakening: False leaves out `critical_slip_distance`, `stribeck_friction`
-                and `ageing_friction`, and static friction of cables with bristles:
-                that of others ends with the first slip, and kinetic friction depends
-                on neither slip, speed nor rest.
+            weakening: False leaves out `stribeck_friction`, `ageing_friction` with the
+                `critical_slip_distance` over which it is renewed, and static friction
+                of cables with bristles.
 
         Raises:
             CableError: If they are not.
@@ -295,8 +290,9 @@ def pack(
     for place in _FRICTION_COEFFICIENTS:
         asked[place] = min(factor * asked[place], _MAX_FRICTION)
     if not weakening:
-        for place in _WEAKENING:
-            asked[place] = 0.0
+        asked[_STRIBECK] = 0.0
+        if asked[_AGEING] > 0.0:
+            asked[_AGEING] = asked[_CRITICAL_SLIP] = 0.0
         if asked[_BRISTLE] > 0.0:
             asked[_STATIC] = 0.0
     kernel.pack(asked, sections, n, prm)

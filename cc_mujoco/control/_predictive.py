@@ -108,12 +108,11 @@ class PredictiveCompensation(Controller):
     "Optimal adaptive estimation of sampled stochastic processes", IEEE Trans. Automatic
     Control 10, 1965.
 
-    Friction that falls as a cable starts to move (`critical_slip_distance`, Stribeck
-    friction, ageing; with bristles, break-away) is left out of both models. Fed
-    forward, it lets go of more torque than is wanted, and the joint hunts (B.
-    Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis
-    tools and compensation methods for the control of machines with friction",
-    Automatica 30, 1994).
+    Friction that falls with speed (Stribeck) or after a rest (ageing; with bristles,
+    break-away) is left out of both models. Fed forward, it lets go of more torque than
+    is wanted, and the joint hunts (B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit,
+    "A survey of models, analysis tools and compensation methods for the control of
+    machines with friction", Automatica 30, 1994).
 
     The friction coefficient of every cable follows what remains unexplained while all
     of the cables slip, and so does the bias of the torque sensor, which other than

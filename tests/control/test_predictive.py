@@ -211,6 +211,13 @@ def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     assert told < 0.6 * untold
 
 
+def test_who_is_told_of_break_away_does_better_by_it() -> None:
+    told, untold = errors_told_and_untold(
+        {"static_friction": 0.4, "critical_slip_distance": 2e-3}
+    )
+    assert told < 0.6 * untold
+
+
 def test_who_is_told_of_friction_that_falls_does_no_worse() -> None:
     """A plan that fed it forward let the joint go, too far, and hunted."""
     told, untold = errors_told_and_untold(

@@ -253,7 +253,7 @@ class Student:
         taught: Singles,
         steps: int,
         rates: tuple[float, float],
-        batch: int = 1024,
+        batch: int,
     ) -> float:
         """Fit the network to samples.
 
@@ -313,14 +313,14 @@ def train(options: argparse.Namespace) -> None:
         Classroom(env, 1000 * options.seed + place, options.history)
         for place, env in enumerate(envs)
     ]
-    lessons = told("teacher", [room.play() for room in rooms])
+    lessons = with_errors_printed("teacher", [room.play() for room in rooms])
     seen = np.concatenate([own[0] for own in lessons])
     taught = np.concatenate([own[1] for own in lessons])
     student = Student(seen, taught, options.seed)
     rates = np.linspace(RATE, LAST_RATE, options.rounds)
     for rate in rates[:-1]:
         student.fit(seen, taught, options.updates, (rate, rate), options.batch)
-        lessons = told("student", [room.play(student) for room in rooms])
+        lessons = with_errors_printed("student", [room.play(student) for room in rooms])
         seen = np.concatenate([seen, *(own[0] for own in lessons)])
         taught = np.concatenate([taught, *(own[1] for own in lessons)])
     steps = options.final * options.updates
@@ -332,7 +332,7 @@ def train(options: argparse.Namespace) -> None:
     )
 
 
-def told(who: str, lessons: list[Lesson]) -> list[Lesson]:
+def with_errors_printed(who: str, lessons: list[Lesson]) -> list[Lesson]:
     """Print the errors of lessons; return the lessons."""
     errors = ", ".join(f"{rms:.3g}" for *_, own in lessons for rms in own)
     print(f"{who}: {errors} N m", flush=True)

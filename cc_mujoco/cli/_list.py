@@ -43,10 +43,11 @@ class Listing:
             CableError: Nothing is called so.
         """
         from cc_mujoco.assets import SCENES
+        from cc_mujoco.datasets._columns import DATASET_FILE
         from cc_mujoco.device import find_device
         from cc_mujoco.device._device_files import is_device_file
 
-        if self.word == "dataset.toml":
+        if self.word == DATASET_FILE:
             from cc_mujoco.datasets import _dataset_file
 
             print(inspect.getdoc(_dataset_file))

@@ -161,8 +161,8 @@ def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
     assert found[error] < 0.25 * none[error]
 
 
-def errors_told_and_untold(terms: dict[str, float], **settings: float) -> list[float]:
-    """Return the errors at a wrist with these terms, of a told and an untold plan."""
+def errors_with_and_without(terms: dict[str, float], **settings: float) -> list[float]:
+    """Return the errors at a wrist with these terms, known to the plan and unknown."""
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     plain: dict[str, float] = {}
     for name, cable in plugin.from_mjcf(spec).items():
@@ -207,27 +207,27 @@ def errors_told_and_untold(terms: dict[str, float], **settings: float) -> list[f
 def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     """A plan that leaps within a knot felt the drag of the leap, and shied from it."""
     # Caution costs more than a term that is told saves, as the model is exact.
-    told, untold = errors_told_and_untold({term: size}, caution=0.0)
-    assert told < 0.6 * untold
+    known, unknown = errors_with_and_without({term: size}, caution=0.0)
+    assert known < 0.6 * unknown
 
 
 def test_who_is_told_of_break_away_does_better_by_it() -> None:
-    told, untold = errors_told_and_untold(
+    known, unknown = errors_with_and_without(
         {"static_friction": 0.4, "critical_slip_distance": 2e-3}
     )
-    assert told < 0.6 * untold
+    assert known < 0.6 * unknown
 
 
 def test_who_is_told_of_friction_that_falls_does_no_worse() -> None:
     """A plan that fed it forward let the joint go, too far, and hunted."""
-    told, untold = errors_told_and_untold(
+    known, unknown = errors_with_and_without(
         {
             "stribeck_friction": 0.05,
             "ageing_friction": 0.03,
             "critical_slip_distance": 1e-3,
         }
     )
-    assert told <= untold
+    assert known <= unknown
 
 
 def test_joints_that_share_tendons_are_kept_from_swinging() -> None:

@@ -134,8 +134,8 @@ def test_a_network_of_the_file_acts_like_the_student() -> None:
     seen = random.normal(2.0, 3.0, (200, 5)).astype(np.float32)
     taught = (0.02 * seen[:, :2] + 0.1).astype(np.float32)
     student = imitate.Student(seen, taught, 0)
-    before = student.fit(seen, taught, 5, (1e-3, 1e-3))
-    assert student.fit(seen, taught, 50, (1e-2, 0.0)) < before
+    before = student.fit(seen, taught, 5, (1e-3, 1e-3), 1024)
+    assert student.fit(seen, taught, 50, (1e-2, 0.0), 1024) < before
     network: Network = student.network()
     for row, own in zip(seen[:20], student(seen[:20]), strict=True):
         assert network(row.astype(float)) == pytest.approx(own, abs=1e-6)

@@ -44,17 +44,18 @@ def test_a_part_of_the_trials_is_screened_without_the_others(base: BaselineFit) 
 
 
 def test_changes_hold_for_models_of_like_torques() -> None:
-    changes, record = Changes(), Any
+    changes = Changes()
+    record: Any = object()  # of which only the identity counts
     torque = np.ones((2, 50))
-    known = changes.at(record, torque)  # type: ignore[arg-type]
+    known = changes.at(record, torque)
     known["effect", (1.0,), "size"] = torque
-    assert changes.at(record, 1.05 * torque) is known  # type: ignore[arg-type]
-    other = changes.at(record, 2.0 * torque)  # type: ignore[arg-type]
+    assert changes.at(record, 1.05 * torque) is known
+    other = changes.at(record, 2.0 * torque)
     assert other is not known and not other
-    assert changes.at(record, 0.95 * torque) is known  # type: ignore[arg-type]
+    assert changes.at(record, 0.95 * torque) is known
     for factor in (3.0, 4.0, 5.0):
-        changes.at(record, factor * torque)  # type: ignore[arg-type]
-    assert changes.at(record, torque) is not known  # type: ignore[arg-type]
+        changes.at(record, factor * torque)
+    assert changes.at(record, torque) is not known
 
 
 def test_an_effect_begins_with_the_length_of_slip_of_the_model(

@@ -400,7 +400,7 @@ def _play(
             new_state,
             work,
         )
-        state[:] = new_state
+        state, new_state = new_state, state
         moving = 0
         for j in range(n):
             if state[t + n + 1 + j] != 0.0:

@@ -284,14 +284,14 @@ def _play(
             )
             set_path(prm, n, wrap, contact)
         if lengthens:
-            was[:] = length
+            was, length = length, was
             _interpolate_row(tables.length[row], tables.length[row + 1], share, length)
             for i in range(n + 1):
                 longer[i] = gained[i] - before[i]
                 before[i] = gained[i]
             moving_path.carry(prm, n, layout.tensions(state, n), was, length, longer)
         kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
-        state[:] = new
+        state, new = new, state
         tension = layout.tensions(state, n)
         arm = tables.arm[row] + share * (tables.arm[row + 1] - tables.arm[row])
         torque = -arm * max(tension[n], 0.0)

@@ -273,11 +273,11 @@ def _drive(
             )
         else:
             stepper.move(cables, state, motor, joint, dt, new, work)
-        state[:] = new
+        state, new = new, state
         out[0, row], out[1, row] = motor, joint
         for k in range(count):
-            tension = tensions(new[k], cables.n[k])
+            tension = tensions(state[k], cables.n[k])
             out[2 + k, row] = stepper.proximal_displacement(cables, k, motor)[1]
             out[2 + count + k, row] = max(tension[0], 0.0)
             out[2 + 2 * count + k, row] = max(tension[cables.n[k]], 0.0)
-            out[2 + 3 * count + k, row] = new[k, 2]
+            out[2 + 3 * count + k, row] = state[k, 2]

@@ -141,7 +141,8 @@ def _step_through(
 ) -> None:
     for row in range(proximal.size):
         kernel.advance(prm, n, state, proximal[row], distal[row], DT, new, work)
-        state[:] = new
+        for i in range(state.size):
+            state[i] = new[i]
 
 
 def _time_kernel(

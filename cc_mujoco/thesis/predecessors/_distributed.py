@@ -61,7 +61,8 @@ def _play(
     distal = 0.0
     for row in range(proximal.size):
         if changing:
-            bent[:, 1] = sections[:, 1] / factor[row]
+            for k in range(len(bent)):
+                bent[k, 1] = sections[k, 1] / factor[row]
             kernel.pack(values, bent, n, prm)
             kernel.expect_change(prm)
         if np.isinf(stiffness):
@@ -72,7 +73,8 @@ def _play(
             distal = -stepper.balance(
                 cables, state, True, proximal[row], -distal, load, dt, new, work
             )
-        state[:] = new
+        state, new = new, state
+        tension = tensions(state[0], n)
         out[0, row] = max(tension[0], 0.0)
         out[1, row] = max(tension[n], 0.0)
         out[2, row] = distal

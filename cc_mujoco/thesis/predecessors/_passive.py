@@ -94,7 +94,7 @@ def _play(
                     low = middle
                 else:
                     high = middle
-            tension[:] = trial
+            tension, trial = trial, tension
         out[0, row] = tension[0]
         out[1, row] = tension[n]
         out[2, row] = compliance * (rest - tension[n])
@@ -111,7 +111,8 @@ def _front(
     out: FloatArray,
 ) -> None:
     """Set the capstan line from the motor until it meets the earlier tension."""
-    out[:] = tension
+    for i in range(angle.size + 1):
+        out[i] = tension[i]
     for i in range(angle.size):
         line = at_motor * np.exp(slip_direction * factor * angle[i])
         # A pull (way -1) raises tension, a push lowers it; the front is where not.

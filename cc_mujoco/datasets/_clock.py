@@ -233,7 +233,7 @@ def _counted_samples(
         lost = int(np.count_nonzero(missing & good)) if missing.any() else 0
         if channel == VALID or not lost:
             continue
-        problem = f"{recording.column(channel)} lacks {lost} of {total} readings"
+        problem = f"{recording.column(channel)} lacks {lost} of {total} usable readings"
         # A column that is not compared is worth no trial.
         if channel == TEMPERATURE or is_further(channel):
             del values[channel]

@@ -27,6 +27,7 @@ from cc_mujoco.datasets._folders import (
     nearby_data_files,
     trial_names,
 )
+from cc_mujoco.datasets._glitches import drop_glitches
 from cc_mujoco.datasets._multi_file import TrialFile, group_files
 from cc_mujoco.datasets._occasions import (
     check_occasions,
@@ -117,7 +118,8 @@ def load(
         findings += found
         if ordered is None:
             continue
-        recording = ordered
+        recording, found = drop_glitches(ordered)
+        findings += found
         if bench is not None and is_log(path):
             _count_as_data(recording, bench, file)
         track, found = find_segments(recording, facts, file)

@@ -1,0 +1,123 @@
+"""Single readings that no motion explains are left out, and nothing else is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._glitches import drop_glitches
+from cc_mujoco.datasets._reading import Recording
+
+TIME = np.arange(2000) / 500.0
+TORQUE = channels.JOINT_TORQUE
+
+
+def recording(**loads: np.ndarray) -> Recording:
+    """Return a recording of an angle and torques."""
+    values = {
+        channels.TIME: TIME,
+        channels.MOTOR_ANGLE: np.round(800.0 * np.sin(2.0 * TIME)) / 400.0,
+        **loads,
+    }
+    return Recording("slow", Path("slow.csv"), "", values, {}, {}, list(values))
+
+
+def swing(seed: int, noise: float = 0.02) -> np.ndarray:
+    """Return a torque with friction's steps at reversals, and white noise."""
+    random = np.random.default_rng(seed)
+    clean = 8.0 * np.sin(3.0 * TIME) + 2.0 * np.sign(np.cos(3.0 * TIME))
+    return clean + noise * random.normal(size=TIME.size)
+
+
+def missing(found: Recording, channel: str = TORQUE) -> list[int]:
+    """Return the rows of a channel that are missing."""
+    return np.flatnonzero(np.isnan(found.values[channel])).tolist()
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    row=st.integers(1, TIME.size - 3),
+    length=st.sampled_from((1, 2)),
+    size=st.floats(3.0, 1e5),
+    sign=st.sampled_from((-1.0, 1.0)),
+)
+def test_a_glitch_is_found_and_nothing_beside_it(seed, row, length, size, sign):
+    # Beside a reversal the torque itself moves by 4 N m.
+    torque = swing(seed)
+    near = np.abs(np.diff(np.sign(np.cos(3.0 * TIME))))[max(row - 12, 0) : row + 13]
+    size += 6.0 * bool(near.any())
+    torque[row : row + length] += sign * size
+    kept, findings = drop_glitches(recording(**{TORQUE: torque}))
+    assert missing(kept) == list(range(row, row + length))
+    (finding,) = findings
+    assert f"(row {row + 1})" in finding.statement
+    assert finding.severity == "warning"
+
+
+@given(seed=st.integers(0, 2**31), noise=st.sampled_from((0.0, 1e-4, 0.02, 1.0)))
+def test_nothing_is_dropped_where_there_is_no_glitch(seed, noise):
+    given_values = recording(**{TORQUE: swing(seed, noise)})
+    kept, findings = drop_glitches(given_values)
+    assert kept is given_values
+    assert not findings
+
+
+def test_a_transient_that_rings_stays():
+    ringing = 3.0 * np.exp(-TIME / 0.02) * np.cos(800.0 * TIME)
+    kept, findings = drop_glitches(recording(**{TORQUE: swing(1) * 0.05 + ringing}))
+    assert not findings
+    assert not missing(kept)
+
+
+def test_a_step_stays():
+    step = np.where(TIME > 2.0, 50.0, 0.0) + swing(2)
+    assert not drop_glitches(recording(**{TORQUE: step}))[1]
+
+
+def test_an_impact_that_both_torques_feel_stays():
+    motor, joint = swing(3), swing(4)
+    motor[700] += 5.0
+    joint[700] += 9.0
+    both = {channels.MOTOR_TORQUE: motor, TORQUE: joint}
+    assert not drop_glitches(recording(**both))[1]
+
+
+def test_several_glitches_take_one_sentence():
+    torque = swing(5)
+    torque[[100, 500, 900]] = 1e4
+    kept, (finding,) = drop_glitches(recording(**{TORQUE: torque}))
+    assert missing(kept) == [100, 500, 900]
+    assert "and 2 more" in finding.statement
+    assert finding.statement.startswith("slow.csv, column joint_torque_nm reads 1e+04")
+
+
+def test_a_coarse_encoder_may_jump_by_some_digits():
+    angle = np.round(4.0 * np.sin(0.2 * TIME)) / 4.0
+    angle[300] += 1.0
+    values = recording(**{TORQUE: swing(6)})
+    values.values[channels.MOTOR_ANGLE] = angle
+    assert not missing(drop_glitches(values)[0], channels.MOTOR_ANGLE)
+
+
+def test_an_angle_that_leaps_for_a_reading_is_a_glitch():
+    values = recording(**{TORQUE: swing(7)})
+    values.values[channels.MOTOR_ANGLE][1234] = -3.0
+    kept, (finding,) = drop_glitches(values)
+    assert missing(kept, channels.MOTOR_ANGLE) == [1234]
+    assert "motor_angle_rad reads -3 at 2.468 s" in finding.statement
+
+
+@pytest.mark.parametrize("rows", [3, 49])
+def test_few_readings_are_left_alone(rows):
+    torque = np.zeros(rows)
+    torque[rows // 2] = 100.0
+    short = Recording(
+        "short", Path("s.csv"), "", {channels.TIME: TIME[:rows], TORQUE: torque}, {},
+        {}, [],
+    )  # fmt: skip
+    assert not drop_glitches(short)[1]

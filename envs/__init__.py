@@ -13,7 +13,8 @@ environments: bit for bit where the scene states its inertias, else to rounding.
 `DeviceEnv` states what is observed and rewarded, `IDS` the ids; `WalkingEnv` is a
 person who walks on the ground.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
-is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
+is what Stable-Baselines3 trains on, `RslRl(many)` what rsl_rl does, and `save_policy`
+keeps what they have learnt.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ._rsl_rl import RslRl
+    from ._save_policy import save_policy
     from ._scalar import DeviceEnv
-    from ._stable_baselines import StableBaselines, save_policy
+    from ._stable_baselines import StableBaselines
     from ._vector import DeviceVectorEnv
     from ._video import RecordVideo
     from ._walking import WalkingEnv
@@ -35,6 +38,7 @@ __all__ = [
     "DeviceEnv",
     "DeviceVectorEnv",
     "RecordVideo",
+    "RslRl",
     "StableBaselines",
     "WalkingEnv",
     "register",
@@ -59,9 +63,10 @@ _MODULES = {
     "DeviceEnv": "_scalar",
     "DeviceVectorEnv": "_vector",
     "RecordVideo": "_video",
+    "RslRl": "_rsl_rl",
     "StableBaselines": "_stable_baselines",
     "WalkingEnv": "_walking",
-    "save_policy": "_stable_baselines",
+    "save_policy": "_save_policy",
 }
 
 

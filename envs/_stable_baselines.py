@@ -1,4 +1,4 @@
-"""Training with Stable-Baselines3: a vector environment, and saved policies.
+"""Training with Stable-Baselines3 on a vector environment.
 
     many = make_vec(ID, 64, autoreset_mode="SameStep", hold=5, history=4)
     model = PPO("MlpPolicy", VecNormalize(StableBaselines(many)))
@@ -10,7 +10,6 @@ Needs `pip install 'cc_mujoco[policy]'`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,14 +18,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from cc_mujoco.control import Network, write_policy
 from cc_mujoco.errors import CableError
 
 from ._vector import DeviceVectorEnv
 
 try:
-    from stable_baselines3.common.torch_layers import FlattenExtractor
-    from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+    from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError:
     raise CableError(
         "this needs Stable-Baselines3: pip install 'cc_mujoco[policy]'."
@@ -145,69 +142,3 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
     def _places(self, indices: Any) -> list[int]:
         rows = self._get_indices(indices)
         return [int(np.searchsorted(self._ends, row, side="right")) for row in rows]
-
-
-def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
-    """Write the policy that an algorithm has learnt to a file.
-
-    Args:
-        model: PPO, A2C, SAC, TD3 or DDPG with an `MlpPolicy`, trained on
-            `StableBaselines`, inside of `VecNormalize` or not.
-        path: Of the file, `*.safetensors`; see `cc_mujoco.control.write_policy`.
-
-    Raises:
-        CableError: If it is another algorithm, network or environment.
-    """
-    inner, normal = model.get_env(), None
-    while inner is not None and not isinstance(inner, StableBaselines):
-        normal = inner if isinstance(inner, VecNormalize) else normal
-        inner = getattr(inner, "venv", None)
-    if inner is None:
-        raise CableError("save_policy needs a model trained on StableBaselines.")
-    layers, squashed = _layers(model.policy)
-    size = inner.observation_space.shape[0]
-    mean, deviation, far = np.zeros(size), np.ones(size), np.inf
-    if normal is not None and normal.norm_obs:
-        mean = np.array(normal.obs_rms.mean, dtype=float)
-        deviation = np.sqrt(normal.obs_rms.var + normal.epsilon)
-        far = float(normal.clip_obs)
-    linear = [layer for layer in layers if hasattr(layer, "weight")]
-    kinds = {type(layer).__name__.lower() for layer in layers} - {"linear"}
-    if len(kinds) > 1:
-        raise CableError(
-            f"a policy has one activation, not {', '.join(sorted(kinds))}."
-        )
-    network = Network(
-        tuple(_numbers(layer.weight) for layer in linear),
-        tuple(_numbers(layer.bias) for layer in linear),
-        kinds.pop() if kinds else "identity",
-        squashed,
-        mean,
-        deviation,
-        far,
-    )
-    write_policy(path, network, inner.observed)
-
-
-def _layers(policy: Any) -> tuple[list[Any], bool]:
-    """Layers from observation to action, and whether a tangent follows them."""
-    actor: Any = getattr(policy, "actor", None)
-    if actor is None and hasattr(policy, "mlp_extractor"):
-        owner, squashed = policy, bool(getattr(policy, "squash_output", False))
-        layers = [*policy.mlp_extractor.policy_net, policy.action_net]
-    elif hasattr(actor, "latent_pi"):
-        owner, squashed, layers = actor, True, [*actor.latent_pi, actor.mu]
-    elif hasattr(actor, "mu"):
-        # TD3 and DDPG have the tangent as their last layer.
-        owner, squashed, layers = actor, True, [*actor.mu][:-1]
-    else:
-        raise CableError("the model must be one of PPO, A2C, SAC, TD3 or DDPG.")
-    extractor = getattr(owner, "pi_features_extractor", owner.features_extractor)
-    if not isinstance(extractor, FlattenExtractor):
-        raise CableError("the policy must be an MlpPolicy without another extractor.")
-    return layers, squashed
-
-
-def _numbers(tensor: Any) -> NDArray[np.float64]:
-    found: NDArray[np.float64] = tensor.detach().cpu().numpy().astype(np.float64)
-    return found

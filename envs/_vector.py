@@ -157,6 +157,8 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._last = exo.samples
         if max_episode_steps is not None:
             self._last = min(self._last, hold * max_episode_steps)
+        self.episode_steps = self._last // hold
+        """Steps of an episode that nothing ends early."""
         self._scripts = Scripts(exo.author, num_envs, exo.tasks)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._sensors = exo.sensors(range(num_envs))

@@ -32,8 +32,7 @@ import numpy as np
 import train_policy
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._generic import joint_trajectory
-from cc_mujoco.benchmark._structure import EFFECTS, TREMOR_SHARE, effect_values
+from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
 from cc_mujoco.control import (
     Controller,
     Network,
@@ -41,14 +40,11 @@ from cc_mujoco.control import (
     axes_controller,
     write_policy,
 )
-from cc_mujoco.device import IN_EPISODES, CableDrive, Device, DeviceModel, Plant
+from cc_mujoco.device import IN_EPISODES, CableDrive, Device
 from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
-from cc_mujoco.device._variables import split
 from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Tremor
-from cc_mujoco.simulation._worn_device import axis_trajectories
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -62,6 +58,8 @@ RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 show less of what the teacher knows, and its mean becomes a cautious one."""
 LINER = {"friction": (0.07, 0.14), "break_away": (1.2, 1.9)}
 """Ranges beside the effects of `structure`: those of an ordinary liner."""
+BENCH_LINER = {"friction": (0.08, 0.18), "break_away": (1.0, 1.6)}
+"""Ranges of the bench, around its scene."""
 AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
 """Amounts of an effect over those of suite `v2`; probability that a plant has it. The
 teacher swings a finger with more of `viscous`."""
@@ -82,23 +80,22 @@ def structure(device: Device) -> dict[str, tuple[float, float, float]]:
     low, high = AMOUNTS
     return {
         name: (low * amount, high * amount, PROBABILITY)
-        for effect in EFFECTS
+        for effect in STRUCTURES
         for name, amount in effect_values(device, effect).items()
-        if isinstance(amount, float) and split(name)[1] in IN_EPISODES
+        if isinstance(amount, float) and name.rpartition(".")[2] in IN_EPISODES
     }
 
 
-def motions(device: Device) -> tuple[train_policy.Part, ...]:
-    """Return the device's own motion, and that with a tremor, as parts."""
-    model = DeviceModel(device.description, Plant(device).model())
-    trembling = [
-        Tremor(source, axis.limb, TREMOR_SHARE * axis.reach)
-        for axis, source in zip(
-            device.description.axes, axis_trajectories(model, None), strict=True
-        )
-    ]
-    tremor = joint_trajectory(device.description, trembling)
-    return (None, None, 2), (tremor, None, 1)
+def motions(scene: str) -> tuple[train_policy.Part, ...]:
+    """Return the device's own motion, and that of a wearer with a tremor, as parts.
+
+    Of the bench, which has no task of its own, those of `train_policy.py`.
+    """
+    if scene == train_policy.BENCH:
+        return train_policy.PLAYED[scene]
+    found = {one.name: one.trajectory for one in SUITES["v2"].conditions(scene)}
+    tremor = found.get("structure-tremor")
+    return (None, None, 2), *(((tremor, None, 1),) if tremor else ())
 
 
 def teacher(env: DeviceVectorEnv) -> Controller:
@@ -284,27 +281,25 @@ class Student:
 
     def network(self) -> Network:
         """Return the network as a policy's file has it."""
-        linear = [one for one in self._layers if hasattr(one, "weight")]
-        weights = [one.weight.detach().numpy().astype(float) for one in linear]
-        biases = [one.bias.detach().numpy().astype(float) for one in linear]
+        found = Network.of_layers(
+            self._layers, self._mean.astype(float), self._deviation.astype(float)
+        )
+        weights, biases = list(found.weights), list(found.biases)
         weights[-1] = self._unit[:, None] * weights[-1]
         biases[-1] = self._unit * biases[-1] + self._middle
-        return Network(
-            tuple(weights),
-            tuple(biases),
-            "tanh",
-            False,
-            self._mean.astype(float),
-            self._deviation.astype(float),
-        )
+        return dataclasses.replace(found, weights=tuple(weights), biases=tuple(biases))
 
 
 def train(options: argparse.Namespace) -> None:
     """Train one policy and save it."""
     device = train_policy.device_of(options.scene)
+    liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
     envs = (
         train_policy.make(
-            options, {**RANGES, **LINER, **structure(device)}, {}, motions(device)
+            options,
+            {**RANGES, **liner, **structure(device)},
+            {},
+            motions(options.scene),
         )
         if options.structure
         else train_policy.make(options, RANGES, {})

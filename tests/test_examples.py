@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cc_mujoco.control import read_policy
+
 EXAMPLES = Path(__file__).parents[1] / "scripts" / "examples"
 FILES = [EXAMPLES / f"{name}.py" for name in draw_examples.NAMES]
 PUBLIC = "cc_mujoco"
@@ -118,6 +120,16 @@ def test_loops_and_friction_cost_accuracy() -> None:
 def test_a_search_finds_designs_that_keep_the_limit() -> None:
     pytest.importorskip("optuna")
     assert curves("search")["o keeps the limit"][0].size
+
+
+def test_ppo_learns_and_its_policy_plays(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    path = tmp_path / "policy.safetensors"
+    _, _, lines = run("train_ppo", updates=14, path=path)
+    _, returns = lines["PPO"]
+    assert returns[-1] > 0.6 * returns[0]
+    policy = read_policy(path)[0]
+    assert policy.motors == 1
 
 
 @pytest.mark.study

@@ -19,6 +19,8 @@ from ._results import rms_errors as rms_errors
 from ._runner import BenchmarkPlan as BenchmarkPlan
 from ._runner import run as run
 from ._scores import SCORES as SCORES
+from ._structure import STRUCTURES as STRUCTURES
+from ._structure import effect_values as effect_values
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
 from ._tables import Interval as Interval

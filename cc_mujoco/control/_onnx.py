@@ -24,7 +24,7 @@ from cc_mujoco.errors import CableError
 OPSET, IR_VERSION = 13, 8
 """Versions of the operators and of the format; old ones, which every runtime reads."""
 _OPERATORS = {"tanh": "Tanh", "relu": "Relu"}
-"""Operators of `ACTIVATIONS`; the identity has none."""
+"""Operators of `ACTIVATIONS`; the identity has none, and `elu` none in double."""
 
 
 def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
@@ -87,6 +87,10 @@ def _graph(onnx: Any, network: Network) -> Any:
         x = node("Add", x, constant(f"{place}.bias", biases))
         if place < last and network.activation in _OPERATORS:
             x = node(_OPERATORS[network.activation], x)
+        elif place < last and network.activation == "elu":
+            zero, one = constant(f"{place}.zero", 0.0), constant(f"{place}.one", 1.0)
+            below = node("Exp", node("Min", x, zero))
+            x = node("Sub", node("Add", node("Max", x, zero), below), one)
     if network.squashed:
         x = node("Tanh", x)
     x = node("Min", node("Max", x, constant("low", -1.0)), constant("high", 1.0))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "tanh": np.tanh,
     "relu": lambda x: np.maximum(x, 0.0),
     "identity": lambda x: x,
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
 }
 """Functions that may follow a layer, by name."""
 
@@ -89,6 +90,41 @@ class Network:
             raise CableError("a policy's weights must be finite numbers.")
         if not (self.deviation > 0.0).all():
             raise CableError("a policy's deviations must be above 0.")
+
+    @classmethod
+    def of_layers(
+        cls,
+        layers: Iterable[Any],
+        mean: Array,
+        deviation: Array,
+        squashed: bool = False,
+        far: float = np.inf,
+    ) -> Network:
+        """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
+
+        Args:
+            layers: `Linear`, with one kind of activation between them.
+            mean: Of the observations, as of the class.
+            deviation: See there.
+            squashed: See there.
+            far: See there.
+
+        Raises:
+            CableError: If activations differ or are not in `ACTIVATIONS`.
+        """
+        each = list(layers)
+        linear = [layer for layer in each if hasattr(layer, "weight")]
+        kinds = {type(layer).__name__.lower() for layer in each} - {"linear"}
+        if len(kinds) > 1:
+            raise CableError(
+                f"a policy has one activation, not {', '.join(sorted(kinds))}."
+            )
+        weights, biases = (
+            tuple(getattr(one, name).detach().cpu().double().numpy() for one in linear)
+            for name in ("weight", "bias")
+        )
+        kind = kinds.pop() if kinds else "identity"
+        return cls(weights, biases, kind, squashed, mean, deviation, far)
 
     @property
     def motors(self) -> int:

@@ -32,7 +32,7 @@ _LOW, _HIGH, _WHOLE = range(3)
 N_PARAMETERS = 4
 """Those, and the period."""
 _PLAYS = 2 * len(PLAY_HALF_WIDTHS)
-_TANH, _RELU = (list(ACTIVATIONS).index(name) for name in ("tanh", "relu"))
+_TANH, _RELU, _ELU = (list(ACTIVATIONS).index(name) for name in ("tanh", "relu", "elu"))
 _COLUMNS, _HOLD, _HISTORY, _MEMORY, _ACTIVATION, _SQUASHED, _LAYERS, _WIDTHS = range(8)
 """Places of `PolicyTables.shape`."""
 _RATIO, _FAR, _REACH = range(3)
@@ -185,6 +185,8 @@ def _share(shape: Any, tables: Any, memory: Any, first: int, other: int) -> Any:
                     total = math.tanh(total)
                 elif shape[_ACTIVATION] == _RELU:
                     total = max(total, 0.0)
+                elif shape[_ACTIVATION] == _ELU and total < 0.0:
+                    total = math.expm1(total)
             memory[y + row] = total
         place += out * (width + 1)
         x, y = y, x

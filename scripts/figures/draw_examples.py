@@ -28,6 +28,7 @@ NAMES = (
     "search",
     "diagnose_csv",
     "play_policy",
+    "train_ppo",
     "rig_in_the_loop",
 )
 """The examples, in the order of their page."""

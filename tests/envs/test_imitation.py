@@ -58,7 +58,7 @@ def test_every_effect_is_in_some_plants_alone_and_in_all_cables(scene: str) -> N
 
 def test_a_third_of_the_motions_tremble_at_every_axis() -> None:
     device = train_policy.device_of("exosuit")
-    (_, _, often), (tremor, _, seldom) = imitate.motions(device)
+    (_, _, often), (tremor, _, seldom) = imitate.motions("exosuit")
     assert (often, seldom) == (2, 1)
     moved = tremor.sample(2.0, 1e-3, np.random.default_rng(0)).companions
     for axis, (joint, shaken) in zip(

@@ -23,8 +23,10 @@ from cc_mujoco.diagnosis._checks.run import (
     check_known_torques,
     check_load_cells,
 )
-from cc_mujoco.diagnosis._inference.loss_only import diagnose_loss
-from cc_mujoco.diagnosis._inference.motion_only import diagnose_motion
+from cc_mujoco.diagnosis._inference.partial_instruments.loss_only import diagnose_loss
+from cc_mujoco.diagnosis._inference.partial_instruments.motion_only import (
+    diagnose_motion,
+)
 from cc_mujoco.diagnosis._inference.pipeline import (
     run_inference,
     unanswered_diagnosis,

@@ -48,7 +48,7 @@ from cc_mujoco.diagnosis._checks.run import (
     check_recording,
     check_trials,
 )
-from cc_mujoco.diagnosis._inference.lowpass import compared_band
+from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import compared_band
 from cc_mujoco.errors import CableError
 
 

@@ -14,7 +14,10 @@ import pytest
 
 from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets._dataset_file import read_dataset_file
-from cc_mujoco.diagnosis._inference.motions import CataloguedTrial, trial_table
+from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
+    CataloguedTrial,
+    trial_table,
+)
 from cc_mujoco.diagnosis._phrases import continue_command
 from cc_mujoco.diagnosis._report.output import write_proposed
 from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier

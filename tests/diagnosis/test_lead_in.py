@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import EFFECTS, Options, prepare, run_inference
-from cc_mujoco.diagnosis._inference.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,

@@ -13,81 +13,100 @@ import numpy as np
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._inference.acceptance import Round, are_confusable
-from cc_mujoco.diagnosis._inference.agreement import (
+from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
+    Round,
+    are_confusable,
+)
+from cc_mujoco.diagnosis._inference.effect_search.agreement import (
     AGREEMENT_SHARE,
     Agreement,
     check_agreement,
 )
-from cc_mujoco.diagnosis._inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis._inference.belief import belief_in_verdict
-from cc_mujoco.diagnosis._inference.effect_check import check_effects
-from cc_mujoco.diagnosis._inference.elimination import gap_shares
-from cc_mujoco.diagnosis._inference.experiment import Rivals, propose
-from cc_mujoco.diagnosis._inference.fitting import (
+from cc_mujoco.diagnosis._inference.effect_search.belief import belief_in_verdict
+from cc_mujoco.diagnosis._inference.effect_search.elimination import gap_shares
+from cc_mujoco.diagnosis._inference.effect_search.screening import (
+    Signature,
+    signature_cosine,
+)
+from cc_mujoco.diagnosis._inference.effect_search.search import (
+    Search,
+    search,
+    search_rare,
+)
+from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import (
+    Judgement,
+    declared_sentence,
+    judge,
+    only_refines,
+    undecidable_sentence,
+)
+from cc_mujoco.diagnosis._inference.error_location.location import (
+    Fitted,
+    Trials,
+    locate_error,
+    trial_ordinates,
+)
+from cc_mujoco.diagnosis._inference.error_location.occasion_report import (
+    agreement_shares,
+    compare_occasions,
+)
+from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
+    find_outlier_trial,
+    misfits,
+    trial_errors,
+)
+from cc_mujoco.diagnosis._inference.error_location.residual_maps import error_maps
+from cc_mujoco.diagnosis._inference.error_location.trial_trends import trial_constants
+from cc_mujoco.diagnosis._inference.model_fitting.baseline import (
+    BaselineFit,
+    fit_baseline,
+    plant_of,
+)
+from cc_mujoco.diagnosis._inference.model_fitting.effect_check import check_effects
+from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Masks,
     Problem,
     fit,
     fit_until_settled,
 )
-from cc_mujoco.diagnosis._inference.folds import (
+from cc_mujoco.diagnosis._inference.model_fitting.folds import (
     CrossValidation,
     cross_validate,
     interleaved_folds,
 )
-from cc_mujoco.diagnosis._inference.heldout_error import (
+from cc_mujoco.diagnosis._inference.model_fitting.heldout_error import (
     Held,
     Holdout,
     floor_ratios,
     traces,
 )
-from cc_mujoco.diagnosis._inference.identifiability import (
-    confounded_effects,
-    detectability,
-    deviating_parameters,
-    untestable_effects,
-)
-from cc_mujoco.diagnosis._inference.intervals import (
+from cc_mujoco.diagnosis._inference.model_fitting.intervals import (
     Spread,
     estimates,
     fit_covariance,
     noise_covariance,
     undetermined,
 )
-from cc_mujoco.diagnosis._inference.location import (
-    Fitted,
-    Trials,
-    locate_error,
-    trial_ordinates,
+from cc_mujoco.diagnosis._inference.model_fitting.numerics import MAX_NUMERICAL_ERROR
+from cc_mujoco.diagnosis._inference.model_fitting.plausibility import (
+    doubtful_effects,
+    is_ordinary,
 )
-from cc_mujoco.diagnosis._inference.measurement_mode import describe_mode
-from cc_mujoco.diagnosis._inference.numerics import MAX_NUMERICAL_ERROR
-from cc_mujoco.diagnosis._inference.occasion_report import (
-    agreement_shares,
-    compare_occasions,
+from cc_mujoco.diagnosis._inference.model_fitting.start_values import prepare_start
+from cc_mujoco.diagnosis._inference.model_fitting.unit_check import unit_or_sign_error
+from cc_mujoco.diagnosis._inference.partial_instruments.measurement_mode import (
+    describe_mode,
 )
-from cc_mujoco.diagnosis._inference.occasions import occasions_of
-from cc_mujoco.diagnosis._inference.outlier_trials import (
-    find_outlier_trial,
-    misfits,
-    trial_errors,
-)
-from cc_mujoco.diagnosis._inference.plausibility import doubtful_effects, is_ordinary
 from cc_mujoco.diagnosis._inference.progress import Progress, no_progress, part_of
-from cc_mujoco.diagnosis._inference.records import Record
-from cc_mujoco.diagnosis._inference.residual_maps import error_maps
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
-from cc_mujoco.diagnosis._inference.screening import Signature, signature_cosine
-from cc_mujoco.diagnosis._inference.search import Search, search, search_rare
-from cc_mujoco.diagnosis._inference.start_values import prepare_start
-from cc_mujoco.diagnosis._inference.trial_trends import trial_constants
-from cc_mujoco.diagnosis._inference.unit_check import unit_or_sign_error
-from cc_mujoco.diagnosis._inference.verdict_rules import (
-    Judgement,
-    declared_sentence,
-    judge,
-    only_refines,
-    undecidable_sentence,
+from cc_mujoco.diagnosis._inference.rig_simulation.occasions import occasions_of
+from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
+from cc_mujoco.diagnosis._inference.trial_planning.experiment import Rivals, propose
+from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
+    confounded_effects,
+    detectability,
+    deviating_parameters,
+    untestable_effects,
 )
 from cc_mujoco.diagnosis._phrases import capitalise, format_number
 from cc_mujoco.diagnosis._report_data import Evidence, Isolability

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.diagnosis._inference.acceptance import Thresholds
-from cc_mujoco.diagnosis._inference.baseline import BaselineFit
-from cc_mujoco.diagnosis._inference.fitting import Problem
-from cc_mujoco.diagnosis._inference.motions import CataloguedTrial
+from cc_mujoco.diagnosis._inference.effect_search.acceptance import Thresholds
+from cc_mujoco.diagnosis._inference.model_fitting.baseline import BaselineFit
+from cc_mujoco.diagnosis._inference.model_fitting.fitting import Problem
+from cc_mujoco.diagnosis._inference.rig_simulation.motions import CataloguedTrial
 from cc_mujoco.diagnosis._report_data import Evidence
 from cc_mujoco.diagnosis._verdict import Diagnosis
 

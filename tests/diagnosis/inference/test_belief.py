@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
-from cc_mujoco.diagnosis._inference.acceptance import (
+from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     FORM_ERROR_SHARE,
     Thresholds,
     comparison_z,
 )
-from cc_mujoco.diagnosis._inference.belief import (
+from cc_mujoco.diagnosis._inference.effect_search.belief import (
     MEETING_FORM_SHARE,
     RELIABILITY,
     probabilities,

@@ -24,9 +24,12 @@ from cc_mujoco.diagnosis import (
     write,
 )
 from cc_mujoco.diagnosis._checks.run import check_bench
-from cc_mujoco.diagnosis._inference.library import available_effects
-from cc_mujoco.diagnosis._inference.load_trials import load_noise, load_torque
-from cc_mujoco.diagnosis._inference.verdict_rules import declared_sentence
+from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import declared_sentence
+from cc_mujoco.diagnosis._inference.rig_simulation.library import available_effects
+from cc_mujoco.diagnosis._inference.rig_simulation.load_trials import (
+    load_noise,
+    load_torque,
+)
 from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,

@@ -15,13 +15,8 @@ from scipy.special import stdtrit
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Parameter
 from cc_mujoco.diagnosis import prepare
-from cc_mujoco.diagnosis._inference import fitting
-from cc_mujoco.diagnosis._inference.bench_simulation import (
-    SimulatedRig,
-    baseline_parameters,
-)
-from cc_mujoco.diagnosis._inference.identifiability import deviating_parameters
-from cc_mujoco.diagnosis._inference.intervals import (
+from cc_mujoco.diagnosis._inference.model_fitting import fitting
+from cc_mujoco.diagnosis._inference.model_fitting.intervals import (
     Spread,
     disagreement,
     estimates,
@@ -29,6 +24,13 @@ from cc_mujoco.diagnosis._inference.intervals import (
     form_error,
     noise_covariance,
     parts_of,
+)
+from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
+)
+from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
+    deviating_parameters,
 )
 from cc_mujoco.diagnosis._phrases import format_interval
 from cc_mujoco.estimation._least_squares import Tuned, covariance

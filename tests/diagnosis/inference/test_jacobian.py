@@ -12,13 +12,13 @@ from scipy.optimize import least_squares
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import Problem, Record, TorqueDerivatives, fit, prepare
-from cc_mujoco.diagnosis._inference import replays as replays_of
-from cc_mujoco.diagnosis._inference.bench_simulation import (
+from cc_mujoco.diagnosis._inference.model_fitting.jacobian import jacobian
+from cc_mujoco.diagnosis._inference.rig_simulation import replays as replays_of
+from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
     TORQUE_OFFSETS,
     SimulatedRig,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._inference.jacobian import jacobian
 from cc_mujoco.estimation._least_squares import Tuned
 from diagnosis.recorded import BENCH, dataset
 

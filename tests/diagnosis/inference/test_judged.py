@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.diagnosis._inference import verdict_rules
-from cc_mujoco.diagnosis._inference.acceptance import Round, Thresholds
-from cc_mujoco.diagnosis._inference.verdict_rules import (
+from cc_mujoco.diagnosis._inference.effect_search import verdict_rules
+from cc_mujoco.diagnosis._inference.effect_search.acceptance import Round, Thresholds
+from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import (
     FINDING_ERROR,
     Judgement,
     judge,

@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.outlier_trials import (
+from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
     find_outlier_trial,
     misfits,
     trial_errors,

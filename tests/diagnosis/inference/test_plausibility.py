@@ -14,16 +14,16 @@ import pytest
 from scipy.special import stdtrit
 
 from cc_mujoco.diagnosis import EFFECTS, Problem, prepare
-from cc_mujoco.diagnosis._inference.bench_simulation import (
-    SimulatedRig,
-    baseline_parameters,
-)
-from cc_mujoco.diagnosis._inference.intervals import Spread, estimates
-from cc_mujoco.diagnosis._inference.plausibility import (
+from cc_mujoco.diagnosis._inference.model_fitting.intervals import Spread, estimates
+from cc_mujoco.diagnosis._inference.model_fitting.plausibility import (
     doubtful_effects,
     implausibility,
     is_ordinary,
     plausible_size,
+)
+from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
+    SimulatedRig,
+    baseline_parameters,
 )
 from cc_mujoco.diagnosis.effects import BACKLASH_BOUNDS, GAIN_BOUNDS
 from diagnosis.recorded import BENCH, dataset

@@ -14,7 +14,9 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.identifiability import (
+from cc_mujoco.diagnosis._inference.effect_search.screening import Changes
+from cc_mujoco.diagnosis._inference.model_fitting.intervals import Spread, estimates
+from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
     REMEDIES,
     _suspected_unit,
     confounded_effects,
@@ -22,8 +24,6 @@ from cc_mujoco.diagnosis._inference.identifiability import (
     deviating_parameters,
     untestable_effects,
 )
-from cc_mujoco.diagnosis._inference.intervals import Spread, estimates
-from cc_mujoco.diagnosis._inference.screening import Changes
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}

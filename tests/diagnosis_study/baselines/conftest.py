@@ -9,7 +9,7 @@ import pytest
 
 from baselines.signals import Signals, observed
 from cc_mujoco.diagnosis import BaselineFit, CrossValidation, Problem, Record, fit
-from cc_mujoco.diagnosis._inference.bench_simulation import (
+from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
     SimulatedRig,
     baseline_parameters,
 )

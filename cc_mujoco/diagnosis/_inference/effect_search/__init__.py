@@ -1,0 +1,1 @@
+"""Search for the effects that the model lacks, and the verdict."""

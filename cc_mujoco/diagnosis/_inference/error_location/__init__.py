@@ -1,0 +1,1 @@
+"""Structure of the error: where, when and along which quantity it lies."""

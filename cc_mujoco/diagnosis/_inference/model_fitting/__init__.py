@@ -1,0 +1,1 @@
+"""Fits of the simulated rig to records, their noise floor and intervals."""

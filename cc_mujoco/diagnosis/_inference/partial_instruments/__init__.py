@@ -1,0 +1,1 @@
+"""Data without a torque sensor or without the motor's angle."""

@@ -1,0 +1,1 @@
+"""Simulation of the rig along its recorded motions."""

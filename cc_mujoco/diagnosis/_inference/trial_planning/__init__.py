@@ -1,0 +1,1 @@
+"""Trials that would tell apart what the data cannot."""

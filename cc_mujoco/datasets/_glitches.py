@@ -1,6 +1,7 @@
-"""Single readings that no motion explains: bits lost on a bus, a sensor that resets.
+"""Readings that no motion explains: lone ones, and noise that stops.
 
-A least-squares fit would follow one such reading rather than the thousands beside it.
+Bits are lost on a bus, a sensor resets, a driver repeats its last message. A fit by
+least squares would follow a few such readings rather than the thousands beside them.
 """
 
 from __future__ import annotations
@@ -28,6 +29,13 @@ _BESIDE, _BESIDE_QUANTILE = 10, 0.7
 _COMMON_RATIO = 3.0
 """Usual large changes by which another load moves where both feel a real impact."""
 _MIN_READINGS = 50
+_MIN_FROZEN = 8
+"""Equal readings in a row that noise does not give."""
+_MAX_REPEATS = 0.1
+"""Share of readings that repeat the one before, from which on repeats are usual."""
+_MIN_NOISE_SHARE = 1e-4
+"""Noise over the range of a channel below which equal readings may be a state of rest,
+as in simulations."""
 
 
 def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
@@ -40,24 +48,40 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
     for channel, readings in recording.values.items():
         if channel in (channels.TIME, channels.VALID):
             continue
-        rows = _glitches(readings)
+        time = recording.clocks.get(channel, recording.values[channels.TIME])
+        lone, frozen = _lone(readings), []
         if channels.kind_of(channel) in _LOADS:
-            rows = rows[~_impacts(recording, channel, rows)]
-        if not rows.size:
+            lone = lone[~_impacts(recording, channel, lone)]
+            frozen = _frozen(readings)
+        if not lone.size and not frozen:
             continue
         kept = readings.copy()
-        kept[rows] = np.nan
+        if lone.size:
+            first, end = int(lone[0]), int(lone[0]) + 1
+            end += end in lone
+            more = f", and {lone.size - 1} more are alike" if lone.size > 1 else ""
+            message = (
+                f"{recording.column(channel)} reads {readings[first]:.4g} at "
+                f"{time[first]:.6g} s (row {first + 1}), between "
+                f"{readings[first - 1]:.4g} and {readings[end]:.4g}{more}: no motion "
+                "does that, so it is left out as a glitch."
+            )
+            findings.append(warning(message, recording.name, channel))
+            kept[lone] = np.nan
+        if frozen:
+            longest = max(frozen, key=lambda rows: rows.stop - rows.start)
+            more = f", and {len(frozen) - 1} times more" if len(frozen) > 1 else ""
+            message = (
+                f"{recording.column(channel)} reads {readings[longest.start]:.4g} in "
+                f"{longest.stop - longest.start} rows in a row from "
+                f"{time[longest.start]:.6g} s (row {longest.start + 1}){more}: its "
+                "noise stops there, so the repeats are left out; check the sensor and "
+                "its driver."
+            )
+            findings.append(warning(message, recording.name, channel))
+            for rows in frozen:
+                kept[rows.start + 1 : rows.stop] = np.nan
         values[channel] = kept
-        first = int(rows[0])
-        time = recording.clocks.get(channel, recording.values[channels.TIME])
-        more = f", and {rows.size - 1} more are alike" if rows.size > 1 else ""
-        message = (
-            f"{recording.column(channel)} reads {readings[first]:.4g} at "
-            f"{time[first]:.6g} s (row {first + 1}), between {readings[first - 1]:.4g} "
-            f"and {_after(readings, rows):.4g}{more}: no motion does that, so it is "
-            "left out as a glitch."
-        )
-        findings.append(warning(message, recording.name, channel))
     if not findings:
         return recording, []
     return replace(recording, values=values), findings
@@ -66,20 +90,14 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
 _LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
 
 
-def _after(readings: FloatArray, rows: NDArray[np.intp]) -> float:
-    """Return the reading after the first glitch."""
-    row = int(rows[0]) + 1
-    return float(readings[row + 1] if row in rows else readings[row])
-
-
 def _usual_change(readings: FloatArray) -> float:
     """Return a large change from one reading to the next, as it is usual."""
     change = np.abs(np.diff(readings))
     return float(np.nanquantile(change, _CHANGE_QUANTILE)) if change.size else 0.0
 
 
-def _glitches(readings: FloatArray) -> NDArray[np.intp]:
-    """Return the rows of glitches."""
+def _lone(readings: FloatArray) -> NDArray[np.intp]:
+    """Return the rows of lone readings that are far off."""
     known = readings[np.isfinite(readings)]
     if known.size < _MIN_READINGS:
         return np.empty(0, dtype=np.intp)
@@ -101,6 +119,34 @@ def _glitches(readings: FloatArray) -> NDArray[np.intp]:
         return rows
     least = max(least, _MIN_DIGITS * resolution(readings))
     return rows[[_is_lone(readings, int(row), least) for row in rows]]
+
+
+def leaps(readings: FloatArray) -> NDArray[np.intp]:
+    """Return the rows before which a channel steps by what it else moves in many rows.
+
+    An encoder that slips or is zeroed does that, and no joint with inertia.
+    """
+    known = readings[np.isfinite(readings)]
+    if known.size < _MIN_READINGS:
+        return np.empty(0, dtype=np.intp)
+    low, high = np.quantile(known, (0.01, 0.99))
+    change = np.abs(np.diff(readings))
+    least = max(
+        _CHANGE_RATIO * _usual_change(readings), _MIN_RANGE_SHARE * float(high - low)
+    )
+    rows = np.flatnonzero(change > least)
+    if not rows.size:
+        return rows
+    least = max(least, _MIN_DIGITS * resolution(readings))
+    return rows[[_is_calm_beside(change, int(row), least) for row in rows]] + 1
+
+
+def _is_calm_beside(change: FloatArray, row: int, least: float) -> bool:
+    """Return whether one change is large and those beside it are not."""
+    start = max(row - _BESIDE, 0)
+    beside = np.delete(change[start : row + _BESIDE + 1], row - start)
+    usual = float(np.nanquantile(beside, _BESIDE_QUANTILE))
+    return float(change[row]) > max(least, _CHANGE_RATIO * usual)
 
 
 def _is_lone(readings: FloatArray, row: int, least: float) -> bool:
@@ -129,3 +175,26 @@ def _impacts(
         moved = np.abs(readings[rows] - readings[rows - 1])
         felt |= moved > _COMMON_RATIO * max(_usual_change(readings), 1e-300)
     return felt
+
+
+def _frozen(readings: FloatArray) -> list[slice]:
+    """Return the stretches over which a noisy load repeats one reading.
+
+    Those at an extreme of the channel are clipped, which another check finds. An angle
+    may rest.
+    """
+    if np.count_nonzero(np.isfinite(readings)) < _MIN_READINGS:
+        return []
+    same = np.diff(readings) == 0.0
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
+    runs = edges[edges[:, 1] - edges[:, 0] >= _MIN_FROZEN - 1]
+    if not runs.size:
+        return []
+    within = int(np.sum(runs[:, 1] - runs[:, 0]))
+    usual = (np.count_nonzero(same) - within) / max(same.size - within, 1)
+    low, high = np.nanquantile(readings, (0.01, 0.99))
+    third = np.abs(np.diff(readings, 3))
+    if usual > _MAX_REPEATS or np.nanmedian(third) < _MIN_NOISE_SHARE * (high - low):
+        return []
+    ends = np.nanmin(readings), np.nanmax(readings)
+    return [slice(int(a), int(b) + 1) for a, b in runs if readings[a] not in ends]

@@ -1,4 +1,4 @@
-"""Single readings that no motion explains are left out, and nothing else is."""
+"""Readings that no motion explains are left out, and nothing else is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._glitches import drop_glitches
+from cc_mujoco.datasets._glitches import drop_glitches, leaps
 from cc_mujoco.datasets._reading import Recording
 
 TIME = np.arange(2000) / 500.0
@@ -112,6 +112,41 @@ def test_an_angle_that_leaps_for_a_reading_is_a_glitch():
     assert "motor_angle_rad reads -3 at 2.468 s" in finding.statement
 
 
+@given(
+    seed=st.integers(0, 2**31),
+    start=st.integers(0, TIME.size - 200),
+    length=st.integers(8, 200),
+)
+def test_a_stretch_without_noise_is_left_out(seed, start, length):
+    torque = swing(seed)
+    torque[start : start + length] = 0.5 * torque[start] + 0.1
+    kept, findings = drop_glitches(recording(**{TORQUE: torque}))
+    frozen = set(range(start + 1, start + length))
+    assert frozen <= set(missing(kept))
+    assert len(missing(kept)) <= len(frozen) + 1
+    assert f"in {length} rows in a row from" in findings[-1].statement
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_a_torque_at_rest_in_a_simulation_stays(noise):
+    random = np.random.default_rng(8)
+    torque = np.where(np.cos(3.0 * TIME) > 0.0, 8.0 * np.sin(3.0 * TIME), 8.0)
+    torque += noise * random.normal(size=TIME.size) * (torque != 8.0)
+    torque[:100] = 1.0
+    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+
+
+def test_coarse_readings_may_repeat():
+    torque = np.round(swing(9), 1)
+    torque[600:640] = torque[600]
+    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+
+
+def test_clipped_readings_are_left_to_their_own_check():
+    torque = np.minimum(swing(10), 7.0)
+    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+
+
 @pytest.mark.parametrize("rows", [3, 49])
 def test_few_readings_are_left_alone(rows):
     torque = np.zeros(rows)
@@ -121,3 +156,20 @@ def test_few_readings_are_left_alone(rows):
         {}, [],
     )  # fmt: skip
     assert not drop_glitches(short)[1]
+
+
+@given(
+    row=st.integers(1, TIME.size - 2),
+    size=st.floats(0.4, 5.0),
+    sign=st.sampled_from((-1.0, 1.0)),
+)
+def test_an_encoder_that_slips_leaps(row, size, sign):
+    angle = 2.0 * np.sin(2.0 * TIME)
+    assert not leaps(angle).size
+    angle[row:] += sign * size
+    assert leaps(angle).tolist() == [row]
+
+
+def test_a_motor_that_starts_at_once_does_not_leap():
+    assert not leaps(np.maximum(TIME - 2.0, 0.0) * 30.0).size
+    assert not leaps(np.abs(np.sin(5.0 * TIME))).size

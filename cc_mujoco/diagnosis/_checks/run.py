@@ -14,8 +14,10 @@ import numpy as np
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._clock import GAP_FACTOR
+from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
+from cc_mujoco.datasets._glitches import leaps
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
@@ -62,6 +64,7 @@ def check_recording(
         *_check_clipping(recording),
         *_check_degrees(recording, file),
         *_check_turnovers(recording),
+        *_check_leaps(recording),
         *_check_second_clock(recording, file),
     ]
 
@@ -385,6 +388,33 @@ def _check_turnovers(recording: Recording) -> list[DataFinding]:
             "(numpy.unwrap)."
         )
         findings.append(error(message, recording.name, channel))
+    return findings
+
+
+def _check_leaps(recording: Recording) -> list[DataFinding]:
+    """Find angles of an encoder that slipped or was zeroed in a trial."""
+    findings = []
+    for channel in channels.ANGLES:
+        if channel not in recording.values:
+            continue
+        values = recording.values[channel]
+        time = recording.clocks.get(channel, recording.values[channels.TIME])
+        rows = leaps(values)
+        interval = np.diff(time)
+        rows = rows[interval[rows - 1] < GAP_FACTOR * np.median(interval)]
+        turn = np.abs(np.abs(values[rows] - values[rows - 1]) - 2.0 * math.pi)
+        rows = rows[turn > _MAX_ANGLE_STEP]
+        if not rows.size:
+            continue
+        row = int(rows[0])
+        more = f", and {rows.size - 1} times more" if rows.size > 1 else ""
+        message = (
+            f"{recording.column(channel)} leaps from {values[row - 1]:.4g} to "
+            f"{values[row]:.4g} rad at {time[row]:.6g} s (row {row + 1}){more}, as an "
+            "encoder does that slips or is zeroed; correct the rows after it, or name "
+            "the stretch before it as `valid` in dataset.toml."
+        )
+        findings.append(doubt(message, recording.name, channel))
     return findings
 
 

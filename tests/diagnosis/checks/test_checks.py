@@ -96,6 +96,28 @@ def test_an_encoder_that_begins_anew_after_a_turn(tmp_path: Path, side: str) -> 
     assert f"{side}_angle_deg" in first.statement
 
 
+def test_an_encoder_that_slips_puts_the_conclusions_in_doubt(tmp_path: Path) -> None:
+    columns = recording()
+    columns["joint_angle_rad"][5000:] += 0.4
+    found = [f for f in loaded(tmp_path, columns)[1] if f.severity == "doubt"]
+    assert [f.channel for f in found] == ["joint_angle_rad"]
+    assert "(row 5001), as an encoder does that slips" in found[0].statement
+
+
+def test_a_glitch_and_a_frozen_torque_split_the_trial(tmp_path: Path) -> None:
+    columns = recording()
+    columns["joint_torque_nm"][3000] = 1e3
+    columns["motor_torque_nm"] += 1e-3 * np.random.default_rng(0).normal(size=10_000)
+    columns["motor_torque_nm"][6000:6100] = columns["motor_torque_nm"][6000]
+    dataset, findings = loaded(tmp_path, columns)
+    (trial,) = dataset.trials
+    ends = slice(0, 3000), slice(3001, 6001), slice(6100, 10_000)
+    assert trial.segments == ends
+    told = " ".join(f.statement for f in findings)
+    assert "reads 1000 at 6 s (row 3001)" in told
+    assert "in 100 rows in a row from 12 s (row 6001)" in told
+
+
 def test_a_copy_is_no_repeat(tmp_path: Path) -> None:
     for name in "ab":
         write(tmp_path / f"{name}.csv", recording(3.0))

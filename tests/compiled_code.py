@@ -99,7 +99,7 @@ def _laws() -> None:
         for name in EXPORTED:
             write(
                 folder,
-                ExportPlan.of(name, drive, ("one", "two")),
+                ExportPlan.of(name, [drive], [("one", "two")]),
                 TARGETS["host"],
                 name,
             )

@@ -34,7 +34,7 @@ class Export:
     target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
     """Machine that it runs on: host, aarch64 or armv7; of a policy also onnx."""
     axis: Annotated[str | None, option_help("NAME")] = None
-    """Axis that the controller drives, of a device with several."""
+    """The only axis that the controller drives, of a device with several."""
     model: Annotated[Path | None, option_help("FILE.xml")] = None
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
     ros2_control: Flag = False
@@ -75,24 +75,30 @@ class Export:
                     f"{self.model} is no variant of the scene {self.scene!r}: {error}"
                 ) from None
         description = device.description
-        place = description.axes.index(description.axis(self.axis))
-        axis = description.axes[place].name if len(description.axes) > 1 else ""
-        require_ours(self.out, axis)
+        places = list(range(len(description.axes)))
+        if self.axis is not None:
+            places = [description.axes.index(description.axis(self.axis))]
+        require_ours(self.out)
         made = DeviceModel(description, bare_model(device).compile())
-        drive = made.drives(description.period)[place]
-        plan = ExportPlan.of(self.controller, drive, made.driven[place], axis)
+        drives = made.drives(description.period)
+        plan = ExportPlan.of(
+            self.controller,
+            [drives[place] for place in places],
+            [made.driven[place] for place in places],
+            [""] if self.axis else made.prefixes,
+        )
         if self.ros2_control:
-            require_ros2_states(plan, drive)
+            require_ros2_states(plan)
         if not self.allow_active:
-            self._require_passive(device, axis or None)
-        scene = f"axis {axis} of the scene" if axis else "the scene"
+            self._require_passive(device, places)
+        scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}, on {self.target}"
         write(self.out, plan, target, what, ros2_control=self.ros2_control)
         build = f"cmake -B build {self.out} && cmake --build build"
         if self.ros2_control:
             build = f"colcon build --base-paths {self.out}"
         print(
-            f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
+            f"{len(plan.fields)} parameters, {8 * plan.memory_size} bytes of memory\n"
             f"build with:  {build}"
         )
 
@@ -110,16 +116,24 @@ class Export:
         write_onnx(self.controller, path)
         print(path)
 
-    def _require_passive(self, device: Device, axis: str | None) -> None:
+    def _require_passive(self, device: Device, places: list[int]) -> None:
+        from cc_mujoco.control._axes import by_axis, is_decoupled
         from cc_mujoco.design._passivity import activity
 
-        found = activity(device, self.controller, axis=axis)
-        if found.energy <= found.allowed:
-            return
-        limb = found.limb
-        raise CableError(
-            f"controller {self.controller!r} is not passive on {self.scene!r}: in "
-            f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who holds "
-            f"still ({limb.stiffness:.2g} N m/rad, {limb.damping:.2g} N m s/rad), more "
-            f"than {1e3 * found.allowed:.3g}; --allow-active writes it nevertheless."
-        )
+        about = device.description
+        laws = [self.controller] * len(places)
+        if len(places) > 1 and not is_decoupled(self.controller):
+            laws = list(map(str, by_axis(self.controller, about.prefixes)))
+        for place, law in zip(places, laws, strict=True):
+            axis = about.axes[place].name if len(about.axes) > 1 else None
+            found = activity(device, law, axis=axis)
+            if found.energy <= found.allowed:
+                continue
+            limb, where = found.limb, f" at axis {axis}" if axis else ""
+            raise CableError(
+                f"controller {law!r} is not passive on {self.scene!r}{where}: in "
+                f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who "
+                f"holds still ({limb.stiffness:.2g} N m/rad, {limb.damping:.2g} "
+                f"N m s/rad), more than {1e3 * found.allowed:.3g}; --allow-active "
+                "writes it nevertheless."
+            )

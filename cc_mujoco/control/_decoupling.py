@@ -21,11 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -45,51 +47,244 @@ PIVOTS = 200
 """Most steps of the distribution; a few are usual, and it is finite."""
 
 
-def distribute(ratios: Array, torques: Array, scales: Array, least: Array) -> Array:
-    """Return the torques of the motors that come closest to torques of the joints.
+class CouplingTables(NamedTuple):
+    """Constants of a coupling; a device has `joints` joints and `axes` motors."""
+
+    own: Counts
+    """Place of the joint of each axis among the joints (axes,)."""
+    least: FloatArray
+    """Least torque of each motor (axes,) [N m]; -inf for none."""
+    most: FloatArray
+    """Greatest torque of each motor (axes,) [N m]."""
+    safe: FloatArray
+    """Safe torque of each joint (joints,) [N m]; inf for none."""
+    scales: FloatArray
+    """Torque error of each joint that counts as 1 (joints,) [N m]."""
+
+
+class CouplingWorkspace(NamedTuple):
+    """Scratch of `own_torques`; there are at most as many joints as axes."""
+
+    matrices: FloatArray
+    """Matrices (`WORK_MATRICES`, axes, axes)."""
+    vectors: FloatArray
+    """Vectors (`WORK_VECTORS`, axes)."""
+
+
+WORK_MATRICES, WORK_VECTORS = 3, 7
+_NORMAL, _FACTOR, _COLUMNS = range(WORK_MATRICES)
+_UNIT, _WANTED, _USED, _LEFT, _MOTOR, _AIM, _TOTAL = range(WORK_VECTORS)
+
+
+@internal
+def _solve_positive(work: CouplingWorkspace, found: FloatArray) -> None:
+    """Solve the normal equations for the unknowns in use by Cholesky; others are 0.
+
+    Args:
+        work: Scratch with the equations, see `_least_squares`.
+        found: Solution (axes,); out.
+    """
+    normal, factor = work.matrices[_NORMAL], work.matrices[_FACTOR]
+    right, used = work.vectors[_WANTED], work.vectors[_USED]
+    count = found.size
+    for i in range(count):
+        for j in range(i + 1):
+            both = used[i] != 0.0 and used[j] != 0.0
+            total = normal[i, j] if both else (1.0 if i == j else 0.0)
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(total) if i == j else total / factor[j, j]
+    for i in range(count):
+        total = right[i] if used[i] != 0.0 else 0.0
+        for k in range(i):
+            total -= factor[i, k] * found[k]
+        found[i] = total / factor[i, i]
+    for i in range(count - 1, -1, -1):
+        total = found[i]
+        for k in range(i + 1, count):
+            total -= factor[k, i] * found[k]
+        found[i] = total / factor[i, i]
+
+
+@internal
+def _least_squares(
+    rows: int, right: FloatArray, weight: float, work: CouplingWorkspace
+) -> None:
+    """Compute the normal equations of least squares with a weight on the unknowns.
+
+    The columns of the matrix are scaled first; their scales are the row `_UNIT` of the
+    vectors, and all unknowns are in use.
+
+    Args:
+        rows: Rows of the matrix, which are the first of `_COLUMNS`.
+        right: Right side (rows,).
+        weight: Weight of the unknowns.
+        work: Scratch with the matrix; `_NORMAL` and `_WANTED` of it are the equations.
+    """
+    normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
+    unit, wanted = work.vectors[_UNIT], work.vectors[_WANTED]
+    count = unit.size
+    for i in range(count):
+        total = 0.0
+        for row in range(rows):
+            total += columns[row, i] * columns[row, i]
+        unit[i] = math.sqrt(total) if total > 0.0 else 1.0
+        for row in range(rows):
+            columns[row, i] /= unit[i]
+        work.vectors[_USED, i] = 1.0
+    for i in range(count):
+        for j in range(i + 1):
+            total = 0.0
+            for row in range(rows):
+                total += columns[row, i] * columns[row, j]
+            normal[i, j] = normal[j, i] = total
+        normal[i, i] += weight
+        total = 0.0
+        for row in range(rows):
+            total += columns[row, i] * right[row]
+        wanted[i] = total
+
+
+@internal
+def _motor_torques(
+    own: Counts,
+    ratios: FloatArray,
+    measured: FloatArray,
+    work: CouplingWorkspace,
+    found: FloatArray,
+) -> None:
+    """Compute the torques of the motors that joints measure, small where it is unclear.
+
+    At a joint of two motors each measures the torque of its own cables.
+
+    Args:
+        own: See `CouplingTables`.
+        ratios: Of the moment (joints, axes).
+        measured: Torque at the joint of every axis (axes,) [N m].
+        work: Scratch.
+        found: Torques of the motors (axes,) [N m]; out.
+    """
+    count, columns = own.size, work.matrices[_COLUMNS]
+    for i in range(count):
+        for k in range(count):
+            rival = i != k and own[i] == own[k]
+            columns[i, k] = 0.0 if rival else ratios[own[i], k]
+    _least_squares(count, measured, SINGULAR_SHARE, work)
+    _solve_positive(work, found)
+    for i in range(count):
+        found[i] /= work.vectors[_UNIT, i]
+
+
+@compiled
+def distribute(
+    ratios: FloatArray,
+    torques: FloatArray,
+    scales: FloatArray,
+    least: FloatArray,
+    work: CouplingWorkspace,
+    found: FloatArray,
+) -> None:
+    """Compute the torques of the motors that come closest to torques of the joints.
 
     Murty's principal pivoting solves the optimality conditions of the least-squares
     problem exactly (K. G. Murty, "Note on a Bard-type scheme for solving the
     complementarity problem", Opsearch 11, 1974).
 
     Args:
-        ratios: Torque at every joint per torque of every motor, (n, joints, axes) [-].
-        torques: Desired at the joints, (n, joints) [N m].
-        scales: Torque error of each joint that counts as 1, (joints,) [N m].
-        least: Least torque of each motor, (axes,) [N m]; -inf for none.
-
-    Returns:
-        (n, axes) [N m].
+        ratios: Torque at every joint per torque of every motor, (joints, axes) [-].
+        torques: Desired at the joints (joints,) [N m].
+        scales: Torque error of each joint that counts as 1 (joints,) [N m].
+        least: Least torque of each motor (axes,) [N m]; -inf for none.
+        work: Scratch.
+        found: Torques of the motors (axes,) [N m]; out.
     """
-    bounded = np.isfinite(least)
-    lowest = np.where(bounded, least, 0.0)
-    left = torques - (ratios * lowest).sum(axis=-1)
-    weighted = ratios / scales[:, None]
-    unit = np.sqrt((weighted * weighted).sum(axis=-2))
-    unit = np.where(unit > 0.0, unit, 1.0)
-    columns = weighted / unit[:, None, :]
-    count = len(least)
-    normal = (columns[:, :, :, None] * columns[:, :, None, :]).sum(axis=1)
-    normal = normal + LEAST_SHARE * np.eye(count)
-    wanted = (columns * (left / scales)[:, :, None]).sum(axis=1)
-    edge = 1e-12 * np.abs(wanted).max(axis=-1, keepdims=True)
-    used = np.ones(wanted.shape, dtype=np.bool_)
-    found = wanted
+    joints, count = ratios.shape
+    normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
+    unit, wanted, used, left = (
+        work.vectors[_UNIT], work.vectors[_WANTED], work.vectors[_USED],
+        work.vectors[_LEFT],
+    )  # fmt: skip
+    for joint in range(joints):
+        left[joint] = torques[joint]
+        for i in range(count):
+            if least[i] > -math.inf:
+                left[joint] -= ratios[joint, i] * least[i]
+            columns[joint, i] = ratios[joint, i] / scales[joint]
+        left[joint] /= scales[joint]
+    _least_squares(joints, left, LEAST_SHARE, work)
+    edge = 0.0
+    for i in range(count):
+        edge = max(edge, 1e-12 * abs(wanted[i]))
     for _ in range(PIVOTS):
-        both = used[:, :, None] & used[:, None, :]
-        system = np.where(both, normal, np.eye(count))
-        found = np.linalg.solve(system, np.where(used, wanted, 0.0)[..., None])[..., 0]
-        slope = (normal * found[:, None, :]).sum(axis=-1) - wanted
-        wrong = np.where(used, (found < -edge) & bounded, slope < -edge)
-        rows = wrong.any(axis=-1)
-        if not rows.any():
+        _solve_positive(work, found)
+        wrong = -1
+        for i in range(count):
+            if used[i] != 0.0:
+                if found[i] < -edge and least[i] > -math.inf:
+                    wrong = i
+                continue
+            slope = -wanted[i]
+            for k in range(count):
+                slope += normal[i, k] * found[k]
+            if slope < -edge:
+                wrong = i
+        if wrong < 0:
             break
-        last = count - 1 - np.argmax(wrong[rows, ::-1], axis=-1)
-        used[np.flatnonzero(rows), last] ^= True
-    return np.asarray(lowest + np.where(used, found, 0.0) / unit)
+        used[wrong] = 1.0 - used[wrong]
+    for i in range(count):
+        lowest = least[i] if least[i] > -math.inf else 0.0
+        found[i] = lowest + found[i] / unit[i]
 
 
-def internal(ratios: Array, bounded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+@compiled
+def own_torques(
+    tables: CouplingTables,
+    ratios: FloatArray,
+    measured: FloatArray,
+    desired: FloatArray,
+    work: CouplingWorkspace,
+    given: FloatArray,
+    wanted: FloatArray,
+) -> None:
+    """Compute measured and desired torque of each cable at its own joint.
+
+    Args:
+        tables: Of the coupling.
+        ratios: Of the moment (joints, axes).
+        measured: Torque at the joint of every axis (axes,) [N m].
+        desired: Desired torque there (axes,) [N m]; at a joint of several motors the
+            desired torques of its axes add up.
+        work: Scratch.
+        given: Measured torques of the cables (axes,) [N m]; out.
+        wanted: Desired torques of the cables (axes,) [N m]; out.
+    """
+    joints, count = ratios.shape
+    motor, aim, total = (
+        work.vectors[_MOTOR], work.vectors[_AIM], work.vectors[_TOTAL]
+    )  # fmt: skip
+    _motor_torques(tables.own, ratios, measured, work, given)
+    aim[:] = 0.0
+    total[:] = 0.0
+    for i in range(count):
+        aim[tables.own[i]] += desired[i]
+        total[tables.own[i]] += measured[i]
+    distribute(ratios, aim, tables.scales, tables.least, work, motor)
+    # What the joint feels in all is guarded here; each law guards its own cable.
+    for i in range(count):
+        torque = min(motor[i], tables.most[i])
+        for joint in range(joints):
+            felt, safe = total[joint], tables.safe[joint]
+            if safe == math.inf:
+                continue
+            along = min(max(aim[joint] * np.sign(felt), 0.0), safe)
+            unsafe = abs(felt) > along + RELEASE_SHARE * (safe - along)
+            if unsafe and ratios[joint, i] * np.sign(felt) > 0.0:
+                torque = 0.0
+        own = ratios[tables.own[i], i]
+        given[i], wanted[i] = own * given[i], own * torque
+
+
+def antagonists(ratios: Array, bounded: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which cables can pull without any torque at a joint (axes,).
 
     They are the support of the torques u > 0 with R u = 0 (of pull-pull axes any u).
@@ -129,20 +324,16 @@ class Coupling:
             drive.joint or prefix
             for drive, prefix in zip(drives, prefixes, strict=True)
         ]
-        self._joints = list(dict.fromkeys(names))
-        self._own = [self._joints.index(name) for name in names]
-        self._rival = np.array(
-            [
-                [i != k and names[i] == names[k] for k in range(len(names))]
-                for i in range(len(names))
-            ]
-        )
-        neutral = np.zeros((len(self._joints), len(drives)))
+        self.joints = list(dict.fromkeys(names))
+        """Joints whose torques are desired, in the order of the axes."""
+        self._own = [self.joints.index(name) for name in names]
+        neutral = np.zeros((len(self.joints), len(drives)))
         for axis, drive in enumerate(drives):
             neutral[self._own[axis], axis] = drive.ratio
             for joint, ratio in drive.shared_ratios.items():
-                neutral[self._joints.index(joint), axis] = ratio
-        mixing = self._mixing(neutral[None])[0]
+                neutral[self.joints.index(joint), axis] = ratio
+        rival = np.equal.outer(self._own, self._own) & ~np.eye(len(names), dtype=bool)
+        mixing = np.where(rival, 0.0, neutral[self._own])
         scaled = mixing / np.abs(neutral).max(axis=0)
         if not np.linalg.cond(scaled) < WORST_CONDITION:
             raise CableError(
@@ -156,15 +347,18 @@ class Coupling:
         """Noise of the torque of each cable at its own joint (axes,) [N m]."""
         one_way = np.array([drive.one_way for drive in drives])
         pretension = np.array([_pretension(drive) for drive in drives])
-        pulled = internal(neutral, one_way)
-        self._least = np.where(one_way, np.where(pulled, pretension, 0.0), -math.inf)
-        self._most = np.array([drive.high for drive in drives])
-        self._safe = np.full(len(self._joints), math.inf)
-        scales = np.full(len(self._joints), math.inf)
+        pulled = antagonists(neutral, one_way)
+        safe, scales = np.full((2, len(self.joints)), math.inf)
         for place, drive in zip(self._own, drives, strict=True):
-            self._safe[place] = min(self._safe[place], drive.safe_torque)
+            safe[place] = min(safe[place], drive.safe_torque)
             scales[place] = min(scales[place], _scale(drive))
-        self._scales = scales
+        self.tables = CouplingTables(
+            np.array(self._own),
+            np.where(one_way, np.where(pulled, pretension, 0.0), -math.inf),
+            np.array([float(drive.high) for drive in drives]),
+            safe,
+            scales,
+        )
 
     def ratios(self, seen: Sequence[Mapping[str, Any]], count: int) -> Array:
         """Return the torque ratios of the moment, (n, joints, axes).
@@ -176,7 +370,7 @@ class Coupling:
         Raises:
             CableError: A `device.RATIO_COLUMN` is missing.
         """
-        found = np.zeros((count, len(self._joints), len(self._drives)))
+        found = np.zeros((count, len(self.joints), len(self._drives)))
         for place, (drive, own) in enumerate(zip(self._drives, seen, strict=True)):
             leverage = own.get(WINDING_COLUMNS[2], 1.0)
             found[:, self._own[place], place] = drive.ratio * np.asarray(leverage)
@@ -188,15 +382,8 @@ class Coupling:
                         f"{self._prefixes[place].rstrip('.')}, too; a controller that "
                         f"decouples them needs to read {self._prefixes[place]}{name}."
                     )
-                found[:, self._joints.index(joint), place] = own[name]
+                found[:, self.joints.index(joint), place] = own[name]
         return found
-
-    def _mixing(self, ratios: Array) -> Array:
-        """Return the measured torque per motor torque, (n, axes, axes).
-
-        At a joint of two motors each measures the torque of its own cables.
-        """
-        return np.where(self._rival, 0.0, ratios[:, self._own, :])
 
     def own_torques(
         self, ratios: Array, measured: Array, desired: Array
@@ -209,33 +396,20 @@ class Coupling:
             desired: Desired there (n, axes) [N m]; at a joint of several motors the
                 desired torques of its axes add up.
         """
-        own = ratios[:, self._own, np.arange(len(self._own))]
-        given = _solve(self._mixing(ratios), measured)
-        wanted = np.zeros((len(ratios), len(self._joints)))
-        total = np.zeros_like(wanted)
-        for axis, joint in enumerate(self._own):
-            wanted[:, joint] += desired[:, axis]
-            total[:, joint] += measured[:, axis]
-        torque = np.minimum(
-            distribute(ratios, wanted, self._scales, self._least), self._most
-        )
-        # What the joint feels in all is guarded here; each law guards its own cable.
-        aim = np.clip(wanted * np.sign(total), 0.0, self._safe)
-        unsafe = np.abs(total) > aim + RELEASE_SHARE * (self._safe - aim)
-        pushing = ratios * np.sign(total)[..., None] > 0.0
-        released = (unsafe[..., None] & pushing).any(axis=1)
-        return own * given, own * np.where(released, 0.0, torque)
+        given, wanted = np.empty((2, *measured.shape))
+        work = workspace(len(self._own))
+        for row, (one, felt, aim) in enumerate(
+            zip(ratios, measured, desired, strict=True)
+        ):
+            own_torques(self.tables, one, felt, aim, work, given[row], wanted[row])
+        return given, wanted
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """Return x with matrix x = right (n, k), a small one where that is singular."""
-    unit = np.abs(matrix).max(axis=1)
-    unit = np.where(unit > 0.0, unit, 1.0)
-    scaled = matrix / unit[:, None, :]
-    normal = (scaled[:, :, :, None] * scaled[:, :, None, :]).sum(axis=1)
-    normal = normal + SINGULAR_SHARE * np.eye(matrix.shape[-1])
-    found = np.linalg.solve(normal, (scaled * right[..., None]).sum(axis=1)[..., None])
-    return np.asarray(found[..., 0] / unit)
+def workspace(axes: int) -> CouplingWorkspace:
+    """Return the scratch of `own_torques`."""
+    return CouplingWorkspace(
+        np.empty((WORK_MATRICES, axes, axes)), np.empty((WORK_VECTORS, axes))
+    )
 
 
 def _pretension(drive: Drive) -> float:

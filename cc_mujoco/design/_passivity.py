@@ -27,7 +27,8 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from cc_mujoco.control import AxesController, Controller, controller
+from cc_mujoco.control import AxesController, Controller, axes_controller, controller
+from cc_mujoco.control._axes import is_decoupled
 from cc_mujoco.device import UNPLUGGED, Axis, Device, DeviceModel, Plant, find_device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring
@@ -464,11 +465,16 @@ def _believing(drive: Drive, believed: float) -> Drive:
 def _control(
     law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
 ) -> Controller:
-    """Return the controller of one axis; the others follow their commands."""
+    """Return the controller of one axis, or of all axes if it decouples them.
+
+    Other axes follow their commands.
+    """
     if law in PASSIVITY_REFERENCES:
         return Unpowered(drives[0], axes=len(drives))
     if len(drives) == 1:
         return controller(law, drives[0])
+    if is_decoupled(law):
+        return axes_controller(law, drives, prefixes)
     laws = [
         controller(law if n == place else "none", drive)
         for n, drive in enumerate(drives)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 
 from cc_mujoco._utils.compilation import compiled, internal
@@ -54,34 +53,33 @@ def _sensor_count(shape: Any) -> int:
     return int(shape[3 + 2 * shape[0]])
 
 
-def set_sensed(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
-    """Take the tuning, the cables and the deviations of the sensors.
+_wrong_plan = internal(predictive.wrong_plan)
+_store_plan = internal(predictive.store_plan)
 
-    Returns:
-        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
-    """
+
+def wrong_sensed(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Return 1 + the index of an impossible parameter, 0 if there is none."""
     first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
-    wrong = predictive.wrong_plan(shape, parameters, least, most)
-    if wrong == 0:
-        wrong = entry_points.first_out_of_range(
-            first, first + count, parameters, least, most
-        )
+    wrong = _wrong_plan(shape, parameters, least, most)
     if wrong != 0:
         return wrong
-    predictive.store_plan(memory, shape, parameters)
+    return entry_points.first_out_of_range(
+        first, first + count, parameters, least, most
+    )
+
+
+def store_sensed(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take the tuning, the cables and the deviations of the sensors."""
+    first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
+    _store_plan(memory, shape, parameters)
     own = predictive.memory_places(shape)[5] + 1
     for i in range(count):
         memory[own + i] = parameters[first + i]
-    return 0
 
 
 def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    """Return the motor torque of the next step [N m]."""
     cables, sensors = shape[0], _sensor_count(shape)
-    if not entry_points.all_possible(
-        readings, predictive.INPUT_COUNT + cables * sensors
-    ):
-        return np.nan
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
     longest, _ = predictive.longest_cable(shape)
     _, packed, state, _, _, own = predictive.memory_places(shape)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
-import struct
-import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from cc_mujoco.cable._layout import STATE_HEADER
 from cc_mujoco.export import _entry_points as entry_points
-from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.export._controllers import AxisPlan, ExportPlan
 
 HEADER_MARK = "/* Written by cc-mujoco export: "
 """First words of the header."""
@@ -20,6 +17,10 @@ _READING_MEANINGS = {
     "joint_angle_rad": "angle of the joint, from its encoder; likewise",
     "motor_velocity_rad_s": "its velocity",
     "joint_velocity_rad_s": "velocity of the joint, from its encoder",
+    "winding_angle_rad": "angle at which a pulley of the arm in the neutral pose would "
+    "wind the cables; likewise",
+    "winding_velocity_rad_s": "its velocity",
+    "leverage_ratio": "arm of the cables at the joint over that of the neutral pose",
     "joint_torque_nm": "measured torque of the cables on the joint",
     "desired_torque_nm": "torque that the cables shall put into the joint",
 }
@@ -35,25 +36,6 @@ _POLICY_MEANINGS = {
 """Meanings of the readings of a policy, where they differ."""
 
 
-def renamed(text: str, axis: str) -> str:
-    """Return C, or the name of a file, with the name of an axis in all its names.
-
-    So the controllers of several axes can be linked into one program: of axis `hip`,
-    `cc_controller_step` is `cc_hip_controller_step`, and `CC_LOW` is `CC_HIP_LOW`.
-
-    Args:
-        text: With names that begin with `cc_` or `CC_`.
-        axis: Name of the axis; with an empty one nothing changes.
-    """
-    if not axis:
-        return text
-    name = re.sub(r"\W", "_", axis, flags=re.ASCII)
-    parts = {"cc": name, "CC": name.upper()}
-    return re.sub(
-        r"\b(cc|CC)_(?!mujoco)", lambda found: f"{found[0]}{parts[found[1]]}_", text
-    )
-
-
 def header(plan: ExportPlan, what: str) -> str:
     """Return the C header.
 
@@ -61,20 +43,21 @@ def header(plan: ExportPlan, what: str) -> str:
         plan: What is exported.
         what: Of which controller, for what scene and machine.
     """
-    meanings = _READING_MEANINGS
-    if plan.policy is not None:
-        meanings = meanings | _POLICY_MEANINGS
-    described = [(name, meanings[name]) for name in plan.law.seen]
-    described += [
-        (name, f"tension of {cable} at node {node}, from its sensor [N]")
-        for name, cable, node in plan.tension_readings
-    ]
-    readings = "\n".join(f"    double {name}; /* {what} */" for name, what in described)
+    readings = "\n".join(
+        f"    double {name}; /* {meaning} */"
+        for axis in plan.axes
+        for name, meaning in zip(axis.seen, _meanings(axis), strict=True)
+    )
     indices = "\n".join(
         f"    CC_{field.name.upper()}, /* "
         f"{_describe_parameter(field.meaning, field.unit)}, "
         f"{_span_text(field.low, field.high)} */"
         for field in plan.fields
+    )
+    axes = "".join(
+        f"CC_AXIS_{name.upper()} = {place}, "
+        for place, name in enumerate(plan.names)
+        if name
     )
     return f"""{HEADER_MARK}{what}. */
 #ifndef CC_CONTROLLER_H
@@ -86,7 +69,7 @@ def header(plan: ExportPlan, what: str) -> str:
 extern "C" {{
 #endif
 
-#define CC_CONTROLLER_DOUBLES {plan.places[-1]}
+#define CC_CONTROLLER_DOUBLES {plan.memory_size}
 #define CC_CONTROLLER_PARAMETERS {len(plan.fields)}
 
 /* All that a controller keeps. It is yours: static, on the stack or on the heap, with
@@ -97,10 +80,10 @@ typedef struct {{
     double number[CC_CONTROLLER_DOUBLES];
 }} cc_controller;
 
-/* What is measured once a period (CC_PERIOD), in SI units and with the signs of the
- * scene. A controller with a model has round pulleys: of a cable on a lever or over
- * several joints tell it angle and velocity at which a pulley of the arm in the neutral
- * pose would wind it, and both torques over the ratio of the arm to that one. */
+/* Axes, each with a motor. */
+enum {{ {axes}CC_AXES = {len(plan.axes)} }};
+
+/* What is measured once a period, in SI units and with the signs of the scene. */
 typedef struct {{
 {readings}
 }} cc_readings;
@@ -128,12 +111,24 @@ int cc_controller_set_parameters(cc_controller *controller, const double *parame
 /* Forget the past: the next step begins an episode, at rest in the pretension. */
 void cc_controller_reset(cc_controller *controller);
 
-/* Motor torque [N m] until the next reading, within CC_LOW and CC_HIGH. It is not a
- * number where a reading that the controller uses is none, infinite or beyond
+/* Torques of the motors (CC_AXES) [N m] until the next reading, within their limits.
+ * None is a number where a reading is none, infinite or beyond
  * {entry_points.MAX_READING:g} of its unit; then the state stays as it was,
- * and what the motor does is yours to decide. */
-double cc_controller_step(cc_controller *controller, const cc_readings *readings);
-{_given_function(plan)}{_observer_functions(plan)}
+ * and what the motors do is yours to decide. */
+void cc_controller_step(cc_controller *controller, const cc_readings *readings,
+                        double *torques);
+
+/* Tell, after a step, what the motors got (CC_AXES) instead of these torques, where a
+ * limit of yours (of rate, a soft start) allowed no more. What is infinite or no number
+ * is not heard. */
+static inline void cc_controller_given(cc_controller *controller, const double *torques)
+{{
+    static const int place[CC_AXES] = {{{_number_lines(_given_places(plan))}}};
+    for (int i = 0; i < CC_AXES; i++)
+        if (place[i] >= 0 && torques[i] - torques[i] == 0.0)
+            controller->number[place[i]] = torques[i];
+}}
+{_observer_functions(plan)}
 #ifdef __cplusplus
 }}
 #endif
@@ -141,40 +136,49 @@ double cc_controller_step(cc_controller *controller, const cc_readings *readings
 """
 
 
-def _given_function(plan: ExportPlan) -> str:
-    if not plan.plans:
-        return ""
-    return f"""
-/* Tell, after a step, what the motor got instead of the torque that was asked for,
- * where a limit of yours (of rate, a soft start) allowed no more. What is
- * infinite or no number is not heard. */
-static inline void cc_controller_given(cc_controller *controller, double torque)
-{{
-    if (torque - torque == 0.0)
-        controller->number[{plan.given}] = torque;
-}}
-"""
+def _meanings(axis: AxisPlan) -> Iterator[str]:
+    """Return the meanings of the readings of an axis."""
+    known = _READING_MEANINGS
+    if axis.policy is not None:
+        known = known | _POLICY_MEANINGS
+    for name in axis.columns:
+        yield known[name]
+    for _, cable, node in axis.tension_readings:
+        yield f"tension of {cable} at node {node}, from its sensor [N]"
+    for name in axis.other_columns:
+        yield known.get(name, "torque at that joint per torque of this motor")
+
+
+def _given_places(plan: ExportPlan) -> Iterator[int]:
+    """Return the place of every last torque in the memory, -1 where none is kept."""
+    for start, axis in zip(plan.starts, plan.axes, strict=False):
+        yield start + axis.given if axis.given >= 0 else -1
 
 
 def _observer_functions(plan: ExportPlan) -> str:
-    if not plan.cables:
+    cables = [cable for axis in plan.axes for cable in axis.cables]
+    if not cables:
         return ""
-    _, _, state, new, _, _ = plan.places
-    width = (new - state) // len(plan.cables)
-    names = ", ".join(
-        f"CC_CABLE_{cable.upper()} = {k}" for k, cable in enumerate(plan.cables)
-    )
-    first = [state + k * width + STATE_HEADER for k in range(len(plan.cables))]
+    first: list[int] = []
+    joints: list[int] = []
+    for start, axis in zip(plan.starts, plan.axes, strict=False):
+        joints.append(start + entry_points.JOINT_ANGLE if axis.cables else -1)
+        if not axis.cables:
+            continue
+        _, _, state, new, _, _ = axis.places
+        width = (new - state) // len(axis.cables)
+        places = range(start + state + STATE_HEADER, start + new, width)
+        first += places[: len(axis.cables)]
+    names = ", ".join(f"CC_CABLE_{name.upper()} = {k}" for k, name in enumerate(cables))
+    nodes = _number_lines(n + 1 for axis in plan.axes for n in axis.segments)
     return f"""
 /* What the observer finds after a step. */
-enum {{ {names}, CC_CABLES = {len(plan.cables)} }};
+enum {{ {names}, CC_CABLES = {len(cables)} }};
 
 /* Nodes of a cable, from the motor to the joint. */
 static inline int cc_controller_nodes(int cable)
 {{
-    static const int nodes[CC_CABLES] = {{{
-        _number_lines(n + 1 for n in plan.segments)
-    }}};
+    static const int nodes[CC_CABLES] = {{{nodes}}};
     return nodes[cable];
 }}
 
@@ -186,10 +190,12 @@ static inline const double *cc_controller_tensions(const cc_controller *controll
     return controller->number + first[cable];
 }}
 
-/* Angle of the joint since the first step [rad]. */
-static inline double cc_controller_joint_angle(const cc_controller *controller)
+/* Angle of the joint of an axis since the first step [rad]; 0 without a model. */
+static inline double cc_controller_joint_angle(const cc_controller *controller,
+                                               int axis)
 {{
-    return controller->number[{entry_points.JOINT_ANGLE}];
+    static const int place[CC_AXES] = {{{_number_lines(joints)}}};
+    return place[axis] < 0 ? 0.0 : controller->number[place[axis]];
 }}
 """
 
@@ -237,11 +243,13 @@ def example(plan: ExportPlan) -> str:
     names = ",".join(seen)
     numbers = ",".join("%lf" for _ in seen)
     arguments = ", ".join(f"&r.{name}" for name in seen)
+    motors = [f"{name}_" if name else "" for name in plan.names]
+    torques = ",".join(f"{motor}motor_torque_nm" for motor in motors)
     return f"""/* Torques of recorded readings: cc_example < readings.csv
  *
  * One line per period: {names}
  * In a real-time loop the call of cc_controller_step stands between reading the sensors
- * and setting the current of the motor; nothing else of this file does. */
+ * and setting the currents of the motors; nothing else of this file does. */
 #include <stdio.h>
 #include <string.h>
 
@@ -254,6 +262,7 @@ int main(void)
     char line[{max(512, 40 * len(seen))}];
     int end = 0;
     cc_readings r;
+    double torques[CC_AXES];
     int wrong = cc_controller_init(&controller, cc_controller_parameters);
     if (wrong) {{
         fprintf(stderr, "parameter %d cannot be %.17g\\n", wrong - 1,
@@ -269,14 +278,16 @@ int main(void)
         fprintf(stderr, "the header must be {names}\\n");
         return 2;
     }}
-    puts("motor_torque_nm");
+    puts("{torques}");
     for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
         int count = sscanf(line, "{numbers} %n", {arguments}, &end);
         if (count != {len(seen)} || line[end]) {{
             fprintf(stderr, "line %ld has not just {len(seen)} numbers\\n", row);
             return 2;
         }}
-        printf("%.17g\\n", cc_controller_step(&controller, &r));
+        cc_controller_step(&controller, &r, torques);
+        for (int i = 0; i < CC_AXES; i++)
+            printf("%.17g%c", torques[i], i + 1 < CC_AXES ? ',' : '\\n');
     }}
     return 0;
 }}
@@ -299,63 +310,3 @@ add_executable(cc_example cc_example.c)
 set_target_properties(cc_example PROPERTIES C_STANDARD 99)
 target_link_libraries(cc_example PRIVATE cc_controller)
 """
-
-
-def interface(plan: ExportPlan, bits: int, set_parameters: str, step: str) -> str:
-    """Return the LLVM assembly of the functions of the header.
-
-    Args:
-        plan: What is exported.
-        bits: Of a pointer of the machine.
-        set_parameters: Name of the compiled function of `entries` that takes them.
-        step: Of the one that takes a step.
-    """
-    shape = ", ".join(f"i64 {count}" for count in plan.shape)
-    count = len(plan.fields)
-    least = _constants(field.low for field in plan.fields)
-    most = _constants(field.high for field in plan.fields)
-    tables = _constants(plan.tables)
-    size = 8 * plan.places[-1]
-    return textwrap.dedent(f"""
-        @shape = private constant [{len(plan.shape)} x i64] [{shape}]
-        @least = private constant [{count} x double] [{least}]
-        @most = private constant [{count} x double] [{most}]
-        @tables = private constant [{len(plan.tables)} x double] [{tables}]
-        declare i64 @"{set_parameters}"(ptr, ptr, ptr, ptr, ptr)
-        declare double @"{step}"(ptr, ptr, ptr, ptr)
-
-        define i{bits} @cc_controller_size() {{
-          ret i{bits} {size}
-        }}
-        define i32 @cc_controller_set_parameters(ptr %0, ptr %1) {{
-          %3 = call i64 @"{set_parameters}"(
-            ptr %0, ptr @shape, ptr %1, ptr @least, ptr @most)
-          %4 = trunc i64 %3 to i32
-          ret i32 %4
-        }}
-        define i32 @cc_controller_init(ptr %0, ptr %1) {{
-          %3 = call i32 @cc_controller_set_parameters(ptr %0, ptr %1)
-          %4 = icmp eq i32 %3, 0
-          br i1 %4, label %begin, label %end
-        begin:
-          call void @cc_controller_reset(ptr %0)
-          br label %end
-        end:
-          ret i32 %3
-        }}
-        define void @cc_controller_reset(ptr %0) {{
-          %2 = getelementptr double, ptr %0, i64 {entry_points.FIRST_STEP}
-          store double 1.0, ptr %2
-          ret void
-        }}
-        define double @cc_controller_step(ptr %0, ptr %1) {{
-          %3 = call double @"{step}"(
-            ptr %0, ptr @shape, ptr @tables, ptr %1)
-          ret double %3
-        }}
-        """)
-
-
-def _constants(numbers: Iterable[float]) -> str:
-    bits = [struct.unpack("<Q", struct.pack("<d", number))[0] for number in numbers]
-    return ", ".join(f"double 0x{number:016X}" for number in bits)

@@ -1,14 +1,17 @@
 """Controllers that can be exported, and the numbers that they are given.
 
-plan = Plan.of("stiction", drive, ("flexor", "extensor"))
+plan = ExportPlan.of("stiction", [drive], [("flexor", "extensor")])
 plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
 """
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,23 +35,35 @@ from cc_mujoco.control import (
     read_policy,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control._axes import (
+    OWN_COLUMNS,
+    by_axis,
+    decoupled_drives,
+    is_decoupled,
+    is_policy,
+    require_decoupling,
+)
 from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
+from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._planner_parameters import TUNING
 from cc_mujoco.control._predictive import PLANNER_INPUTS as READ
 from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
 from cc_mujoco.export import _adaptive as adaptive
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _policy as policy
 from cc_mujoco.export import _predictive as predictive
+from cc_mujoco.export._joint_torques import JointTorques
 
 
 @dataclass(frozen=True)
 class ExportedLaw:
     """The compiled functions of a controller."""
 
-    set_parameters: Callable[..., Any]
+    wrong_parameters: Callable[..., Any]
+    store_parameters: Callable[..., Any]
     step: Callable[..., Any]
     has_model: bool
     unread: frozenset[str] = frozenset()
@@ -67,10 +82,13 @@ _FIXED_TUNING = frozenset(
     "late lag creep".split()
 )
 _PREVIEW_GAINS = frozenset({"preview", "tolerance"})
+_COUPLED_GAINS = frozenset({"ratio", "high", "safe_torque"})
+"""Fixed where axes are decoupled, which rests on them."""
 _FEED_FORWARD_GAINS = frozenset({"feed_forward", "stiffness"})
 """Not read by a law with a model."""
 _FEEDBACK = ExportedLaw(
-    entry_points.set_gains,
+    entry_points.wrong_gains,
+    entry_points.store_gains,
     entry_points.step_proportional_integral,
     False,
     _PREVIEW_GAINS,
@@ -79,16 +97,22 @@ LAWS: dict[type[Controller], ExportedLaw] = {
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
     ModelBased: ExportedLaw(
-        entry_points.set_cables,
+        entry_points.wrong_model,
+        entry_points.store_model,
         entry_points.step_model_based,
         True,
         _PREVIEW_GAINS | _FEED_FORWARD_GAINS,
     ),
     StictionCompensation: ExportedLaw(
-        entry_points.set_cables, entry_points.step_stiction, True, _FEED_FORWARD_GAINS
+        entry_points.wrong_model,
+        entry_points.store_model,
+        entry_points.step_stiction,
+        True,
+        _FEED_FORWARD_GAINS,
     ),
     PredictiveCompensation: ExportedLaw(
-        predictive.set_plan,
+        predictive.wrong_plan,
+        predictive.store_plan,
         predictive.step_plan,
         True,
         fixed=_FIXED_TUNING,
@@ -96,7 +120,8 @@ LAWS: dict[type[Controller], ExportedLaw] = {
         seen=READ,
     ),
     AdaptiveModel: ExportedLaw(
-        adaptive.set_sensed,
+        adaptive.wrong_sensed,
+        adaptive.store_sensed,
         adaptive.step_sensed,
         True,
         unread=frozenset({"learning"}),
@@ -125,12 +150,16 @@ class Field:
 
 
 @dataclass(frozen=True)
-class ExportPlan:
-    """A controller for a device, as it is exported."""
+class AxisPlan:
+    """The controller of one axis, as it is exported."""
 
     law: ExportedLaw
     fields: tuple[Field, ...]
     """Parameters in the order in which C has them."""
+    columns: tuple[str, ...]
+    """Columns that the law reads, but for tensions."""
+    other_columns: tuple[str, ...]
+    """Columns from which the torques that it reads are computed."""
     cables: tuple[str, ...]
     """Names of the cables that the controller has a model of."""
     segments: tuple[int, ...]
@@ -140,29 +169,35 @@ class ExportPlan:
     unexplained torque (delays,) and weights of accelerations (delays,)."""
     taps: friction_slope.Taps | None = None
     """Tension sensors, of a controller that reads them."""
-    axis: str = ""
-    """Name of the axis, of a device with several; it is part of all names in C."""
+    prefix: str = ""
+    """Beginning of the names of readings and gains, of a device with several axes."""
     policy: policy.PolicyTables | None = None
     """Numbers of a policy, of one that was trained."""
 
     @classmethod
     def of(
-        cls, name: str, drive: Drive, cables: tuple[str, ...], axis: str = ""
-    ) -> ExportPlan:
+        cls,
+        name: str,
+        drive: Drive,
+        cables: tuple[str, ...],
+        prefix: str = "",
+        decoupled: bool = False,
+    ) -> AxisPlan:
         """Plan a controller with its default gains.
 
         Args:
             name: Of the controller.
-            drive: The device, or an axis of it.
+            drive: The axis.
             cables: Names of its cables.
-            axis: Name of the axis, of a device with several.
+            prefix: Beginning of the names of readings and gains.
+            decoupled: Whether it reads the torques of its own cables.
 
         Raises:
             CableError: There is no such controller, it cannot be exported, or it needs
                 cables and there are none.
         """
         if name.endswith(POLICY_ENDING):
-            return cls._of_policy(name, drive, axis)
+            return cls._of_policy(name, drive, prefix, decoupled)
         if is_user_controller(name):
             raise CableError(
                 f"controller {name!r} cannot be exported, for code from outside is not "
@@ -180,37 +215,42 @@ class ExportPlan:
         planned = isinstance(made, PredictiveCompensation)
         given = made.tuning if planned else made.gains
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
-        fields = [
+        gains = [
             _gain_parameter(gain, float(getattr(given, gain.name)), law)
             for gain in law.gains
         ]
+        fields = _motor_fields(gains, prefix, decoupled)
         for cable, own in rows:
             fields += _cable_parameters(cable, own, law)
         taps = made.taps if isinstance(made, AdaptiveModel) else None
         if taps is not None:
             names = [cable for cable, _ in rows]
             fields += _sensor_parameters(names, taps)
-        if len({field.name.upper() for field in fields}) < len(fields):
-            raise CableError(
-                f"cables {', '.join(cables)} have the same name in C; rename one."
-            )
         return cls(
             law,
             tuple(fields),
+            _law_columns(law, drive),
+            _other_columns(law, drive, decoupled),
             tuple(cable for cable, _ in rows),
             tuple(own.cable.segments for _, own in rows),
             tuple(len(own.cable.conduit) for _, own in rows),
             made.tables[:-1] if planned else (),
             taps,
-            axis,
+            prefix,
         )
 
     @classmethod
-    def _of_policy(cls, name: str, drive: Drive, axis: str) -> ExportPlan:
+    def _of_policy(
+        cls, name: str, drive: Drive, prefix: str, decoupled: bool
+    ) -> AxisPlan:
         made = Policy(drive, name)  # of this device, with these samples
         network, (observed,) = read_policy(name)
         law = ExportedLaw(
-            policy.set_policy, policy.step_policy, False, seen=observed.columns
+            policy.wrong_policy,
+            policy.store_policy,
+            policy.step_policy,
+            False,
+            seen=observed.columns,
         )
         whole = made.drive.observed.torque if made.drive.observed else 0.0
         low, high, period = made.drive.low, made.drive.high, drive.period
@@ -220,13 +260,26 @@ class ExportPlan:
             Field("torque", "N m", 0.0, 1e9, whole, "torque of the motor at a share 1"),
             Field("period", "s", period, period, period, "time between two steps"),
         )
-        tables = policy.PolicyTables(network, observed)
-        return cls(law, fields, (), (), (), axis=axis, policy=tables)
+        return cls(
+            law,
+            tuple(_motor_fields(fields, prefix, decoupled)),
+            law.seen,
+            _other_columns(law, drive, decoupled),
+            (),
+            (),
+            (),
+            prefix=prefix,
+            policy=policy.PolicyTables(network, observed),
+        )
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Readings that it uses."""
-        return (*self.law.seen, *(name for name, _, _ in self.tension_readings))
+        """Names of its readings in C."""
+        own, other = (
+            [self.prefix + _identifier(name) for name in names]
+            for names in (self.columns, self.other_columns)
+        )
+        return (*own, *(name for name, _, _ in self.tension_readings), *other)
 
     @property
     def tension_readings(self) -> tuple[tuple[str, str, int], ...]:
@@ -261,10 +314,6 @@ class ExportPlan:
         fading = [] if self.taps is None else [self.taps.fading]
         return tuple(map(float, [*tables, *fading]))
 
-    def values(self) -> FloatArray:
-        """Return the parameters, in order."""
-        return np.array([field.value for field in self.fields])
-
     @property
     def places(self) -> tuple[int, ...]:
         """Places of numbers in the memory; the last is how many there are."""
@@ -284,8 +333,155 @@ class ExportPlan:
 
     @property
     def given(self) -> int:
-        """Place of the last torque in the memory, of a controller that plans."""
-        return self.places[0] - 1  # before the scratch, see `_predictive.places`
+        """Place of the last torque in the memory of a controller that plans, or -1."""
+        # Before the scratch, see `_predictive.places`.
+        return self.places[0] - 1 if self.plans else -1
+
+
+@dataclass(frozen=True)
+class ExportPlan:
+    """The controller of a device, as it is exported."""
+
+    axes: tuple[AxisPlan, ...]
+    names: tuple[str, ...]
+    """Names of the axes in C; an empty one of a device with one axis."""
+    torques: JointTorques
+
+    @classmethod
+    def of(
+        cls,
+        given: str,
+        drives: Sequence[Drive],
+        cables: Sequence[tuple[str, ...]],
+        prefixes: Sequence[str] = ("",),
+    ) -> ExportPlan:
+        """Plan a controller with its default gains.
+
+        Args:
+            given: Name of the controller, as of `control.axes_controller`.
+            drives: Of every axis.
+            cables: Names of the cables of every axis.
+            prefixes: Beginnings of the columns of each axis.
+
+        Raises:
+            CableError: There is no such controller, it cannot be exported, or it needs
+                cables and there are none.
+        """
+        require_decoupling(given, len(drives))
+        if len(drives) > 1 and is_policy(given):
+            raise CableError(
+                f"policy {given!r} drives several axes at once, and C has policies of "
+                "one axis; --target onnx writes its network."
+            )
+        laws, coupling = [given], None
+        if len(drives) > 1:
+            laws = list(map(str, by_axis(given, prefixes)))
+        if is_decoupled(given):
+            drives, coupling = decoupled_drives(drives, prefixes)
+        # A name in C does not begin with a digit.
+        names = tuple(
+            re.sub(r"^(?=\d)", "_", _identifier(prefix.rstrip(".")))
+            for prefix in prefixes
+        )
+        axes = tuple(
+            AxisPlan.of(
+                law, drive, own, f"{name}_" if name else "", coupling is not None
+            )
+            for law, drive, own, name in zip(laws, drives, cables, names, strict=True)
+        )
+        for what, found in (
+            ("parameters", [field.name for axis in axes for field in axis.fields]),
+            ("readings", [name for axis in axes for name in axis.seen]),
+            ("axes", names),
+        ):
+            (name, count), *_ = Counter(map(str.upper, found)).most_common(1)
+            if count > 1:
+                raise CableError(
+                    f"several {what} have the name {name} in C; rename a cable or axis."
+                )
+        return cls(axes, names, _joint_torques(axes, drives, coupling))
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Parameters in the order in which C has them."""
+        return tuple(field for axis in self.axes for field in axis.fields)
+
+    def values(self) -> FloatArray:
+        """Return the parameters, in order."""
+        return np.array([field.value for field in self.fields])
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Names of all readings in C, in order."""
+        return tuple(name for axis in self.axes for name in axis.seen)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Place of the first number of every axis in the memory, and behind all."""
+        sizes = [axis.places[-1] for axis in self.axes]
+        return (0, *itertools.accumulate(sizes))
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers in the memory of a controller."""
+        return self.starts[-1] + self.torques.memory_size
+
+
+def _law_columns(law: ExportedLaw, drive: Drive) -> tuple[str, ...]:
+    """Return the columns that a law reads, of a joint as of a round pulley."""
+    if not (drive.lever or drive.crossed):
+        return law.seen
+    joint = "joint_angle_rad", "joint_velocity_rad_s"
+    wound = dict(zip(joint, WINDING_COLUMNS, strict=False))
+    return tuple(wound.get(name, name) for name in law.seen)
+
+
+def _other_columns(law: ExportedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:
+    """Return the columns from which the torques that a law reads are computed."""
+    found = []
+    if (drive.lever or drive.crossed) and (law.has_model or decoupled):
+        found.append(WINDING_COLUMNS[2])
+    if decoupled:
+        found += [RATIO_COLUMN.format(joint=joint) for joint in drive.shared_ratios]
+    return tuple(found)
+
+
+def _joint_torques(
+    axes: Sequence[AxisPlan], drives: Sequence[Drive], coupling: Coupling | None
+) -> JointTorques:
+    """Return the places of the torques of every axis among the readings."""
+    rows, shared, start = [], [], 0
+    for place, (axis, drive) in enumerate(zip(axes, drives, strict=True)):
+        first = start + len(axis.seen) - len(axis.other_columns)
+        others = {name: first + i for i, name in enumerate(axis.other_columns)}
+        own = 0 if coupling is None else int(coupling.tables.own[place])
+        leverage = others.get(WINDING_COLUMNS[2], -1)
+        own_torques = [name for name in OWN_COLUMNS if name in axis.columns]
+        if coupling is not None and len(own_torques) < len(OWN_COLUMNS):
+            raise CableError(
+                "axes whose controllers do not read the torque of their joint cannot "
+                "be decoupled."
+            )
+        torque, desired = (
+            start + axis.columns.index(name) if name in own_torques else -1
+            for name in OWN_COLUMNS
+        )
+        divided = int(axis.law.has_model and leverage >= 0)
+        rows.append((own, torque, desired, leverage, divided))
+        if coupling is not None:
+            shared += [
+                (
+                    coupling.joints.index(joint),
+                    place,
+                    others[RATIO_COLUMN.format(joint=joint)],
+                )
+                for joint in drive.shared_ratios
+            ]
+        start += len(axis.seen)
+    if coupling is None:
+        return JointTorques(start, tuple(rows))
+    ratios = tuple(drive.ratio for drive in drives)
+    return JointTorques(start, tuple(rows), tuple(shared), ratios, coupling.tables)
 
 
 def _identifier(name: str) -> str:
@@ -299,13 +495,27 @@ def _bounds(parameter: Any) -> tuple[float, float]:
     ), parameter.high
 
 
+def _motor_fields(fields: Iterable[Field], prefix: str, decoupled: bool) -> list[Field]:
+    """Return the parameters of motor and feedback under the names of their axis."""
+    found = []
+    for field in fields:
+        if decoupled and field.name in _COUPLED_GAINS:
+            field = _fixed(field)
+        found.append(dataclasses.replace(field, name=prefix + field.name))
+    return found
+
+
+def _fixed(field: Field) -> Field:
+    value, meaning = field.value, f"{field.meaning}; fixed by the export"
+    return dataclasses.replace(field, low=value, high=value, meaning=meaning)
+
+
 def _gain_parameter(gain: Parameter, value: float, law: ExportedLaw) -> Field:
     meaning, (low, high) = gain.meaning, _bounds(gain)
     if gain.name in law.unread:
         meaning += "; this controller does not read it"
-    if gain.name in law.fixed:
-        meaning, low, high = meaning + "; fixed by the export", value, value
-    return Field(gain.name, gain.unit, low, high, value, meaning)
+    found = Field(gain.name, gain.unit, low, high, value, meaning)
+    return _fixed(found) if gain.name in law.fixed else found
 
 
 def _sensor_parameters(cables: list[str], taps: friction_slope.Taps) -> Iterator[Field]:

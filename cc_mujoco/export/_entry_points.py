@@ -1,7 +1,10 @@
 """Functions for C: the laws of `control._compiled_laws` on the memory of the caller.
 
-    init(memory, shape, parameters, least, most)    # 0, or 1 + what is wrong
+    wrong(shape, parameters, least, most)           # 0, or 1 + what is wrong
+    store(memory, shape, parameters)
     torque = step(memory, shape, tables, readings)
+
+Each is of one axis; what C calls is made of those of all axes (`_interface`).
 
 `shape` says how many cables there are, then the segments of each, then the sections of
 each. `tables` are numbers of the controller that no parameter changes. `parameters` are
@@ -13,7 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
@@ -50,7 +52,9 @@ _EXPONENT = friction.INDEX["tension_exponent"]
 
 NUMBERS = types.CPointer(types.float64)
 COUNTS = types.CPointer(types.int64)
-INIT_SIGNATURE = types.int64(NUMBERS, COUNTS, NUMBERS, NUMBERS, NUMBERS)
+WRONG_SIGNATURE = types.int64(COUNTS, NUMBERS, NUMBERS, NUMBERS)
+STORE_SIGNATURE = types.void(NUMBERS, COUNTS, NUMBERS)
+POSSIBLE_SIGNATURE = types.int64(NUMBERS, types.int64)
 STEP_SIGNATURE = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
 
 
@@ -164,30 +168,27 @@ def _store_parameters(memory: Any, parameters: Any) -> None:
         memory[_GAINS + i] = parameters[i]
 
 
-def set_gains(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
-    """Take the gains of a controller without a model.
+def wrong_gains(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Return 1 + the index of an impossible gain, 0 if there is none."""
+    return wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
 
-    Returns:
-        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
-    """
+
+def store_gains(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take the gains of a controller without a model."""
+    _store_parameters(memory, parameters)
+    memory[STIFFNESS] = parameters[compiled_laws.STIFFNESS]
+
+
+def wrong_model(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Return 1 + the index of an impossible gain or cable, 0 if there is none."""
     wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
-    if wrong == 0:
-        _store_parameters(memory, parameters)
-        memory[STIFFNESS] = parameters[compiled_laws.STIFFNESS]
-    return wrong
-
-
-def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
-    """Take the gains of a controller with a model, and its cables.
-
-    Returns:
-        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
-    """
-    wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
-    if wrong == 0:
-        wrong = wrong_cables(shape, parameters, least, most, _N_GAINS)
     if wrong != 0:
         return wrong
+    return wrong_cables(shape, parameters, least, most, _N_GAINS)
+
+
+def store_model(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take the gains of a controller with a model, and its cables."""
     cables, longest = shape[0], 0
     for k in range(cables):
         longest = max(longest, shape[1 + k])
@@ -210,30 +211,20 @@ def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
         carray(pointer_at(memory, packed), (cables, size)),
         carray(pointer_at(memory, _CABLES + cables), cables),
     )
-    return 0
 
 
-@internal
-def is_possible(reading: float) -> bool:
-    """Return whether a reading is a number that a sensor can mean."""
-    return bool(abs(reading) <= MAX_READING)
-
-
-@internal
-def all_possible(readings: Any, count: int) -> bool:
-    """Return whether all that is read is possible."""
+def are_possible(readings: Any, count: int) -> int:
+    """Return 1 if all readings are numbers that sensors can mean, else 0."""
     for i in range(count):
-        if not is_possible(readings[i]):
-            return False
-    return True
+        if not abs(readings[i]) <= MAX_READING:
+            return 0
+    return 1
 
 
 def step_proportional_integral(
     memory: Any, shape: Any, tables: Any, readings: Any
 ) -> float:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
-    if not all_possible(readings, _N_INPUTS):
-        return np.nan
+    """Return the motor torque of the next step [N m]."""
     law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
     if memory[FIRST_STEP] != 0.0:
         law[:] = 0.0
@@ -246,8 +237,6 @@ def step_proportional_integral(
 
 @internal
 def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> float:
-    if not all_possible(readings, _N_INPUTS):
-        return np.nan
     count, longest = shape[0], 0
     for k in range(count):
         longest = max(longest, shape[1 + k])
@@ -297,10 +286,10 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
 
 
 def step_model_based(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, readings, False)
 
 
 def step_stiction(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, readings, True)

@@ -81,20 +81,20 @@ class PolicyTables:
         return _PAST + self.observed.history * (frame + 1) + frame + 2 * widest
 
 
-def set_policy(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
-    """Take the parameters of a policy.
-
-    Returns:
-        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
-    """
+def wrong_policy(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Return 1 + the index of an impossible parameter, 0 if there is none."""
     wrong = entry_points.first_out_of_range(0, N_PARAMETERS, parameters, least, most)
     if wrong != 0:
         return wrong
     if not parameters[_LOW] < parameters[_HIGH]:
         return _HIGH + 1
+    return 0
+
+
+def store_policy(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take the parameters of a policy."""
     for i in range(N_PARAMETERS):
         memory[_PARAMETERS + i] = parameters[i]
-    return 0
 
 
 @internal
@@ -197,10 +197,8 @@ def _share(shape: Any, tables: Any, memory: Any, first: int, other: int) -> Any:
 
 
 def step_policy(memory: Any, shape: Any, tables: Any, readings: Any) -> Any:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
+    """Return the motor torque of the next step [N m]."""
     columns, history = shape[_COLUMNS], shape[_HISTORY]
-    if not entry_points.all_possible(readings, columns):
-        return np.nan
     begins = memory[entry_points.FIRST_STEP] != 0.0
     _look(shape, tables, readings, begins, memory)
     memory[entry_points.FIRST_STEP] = 0.0

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 
 from cc_mujoco._utils.compilation import compiled, internal
@@ -116,7 +115,6 @@ def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
     )
 
 
-@internal
 def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none."""
     wrong = entry_points.wrong_motor(
@@ -133,21 +131,8 @@ def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     return entry_points.wrong_cables(shape, parameters, least, most, TUNING_SIZE)
 
 
-def set_plan(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
-    """Take the tuning and the cables.
-
-    Returns:
-        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
-    """
-    wrong = wrong_plan(shape, parameters, least, most)
-    if wrong == 0:
-        store_plan(memory, shape, parameters)
-    return wrong
-
-
-@internal
 def store_plan(memory: Any, shape: Any, parameters: Any) -> None:
-    """Take parameters that can be."""
+    """Take the tuning and the cables."""
     for i in range(TUNING_SIZE):
         memory[_TUNING_START + i] = parameters[i]
     cables = shape[0]
@@ -163,9 +148,7 @@ def store_plan(memory: Any, shape: Any, parameters: Any) -> None:
 
 
 def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Return the motor torque of the next step [N m], NaN for an impossible reading."""
-    if not entry_points.all_possible(readings, INPUT_COUNT):
-        return np.nan
+    """Return the motor torque of the next step [N m]."""
     cables = shape[0]
     _, sections = longest_cable(shape)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections

@@ -7,71 +7,81 @@ built with ROS nor tried on hardware.
 
 from __future__ import annotations
 
-from cc_mujoco.device._drive import Drive
+from collections.abc import Iterable
+
 from cc_mujoco.errors import CableError
 from cc_mujoco.export._controllers import ExportPlan
 
 ROS2_FILES = ("package.xml", "cc_ros2_plugins.xml", "cc_ros2_controller.cpp")
 """Files of the package besides those of every export."""
 _STATES = {
-    "motor_angle_rad": ("motor_", "position"),
-    "motor_velocity_rad_s": ("motor_", "velocity"),
-    "joint_angle_rad": ("joint_", "position"),
-    "joint_velocity_rad_s": ("joint_", "velocity"),
-    "joint_torque_nm": ("joint_", "effort"),
+    "motor_angle_rad": ("motors_", "position"),
+    "motor_velocity_rad_s": ("motors_", "velocity"),
+    "joint_angle_rad": ("joints_", "position"),
+    "joint_velocity_rad_s": ("joints_", "velocity"),
+    "winding_velocity_rad_s": ("joints_", "velocity"),
+    "joint_torque_nm": ("joints_", "effort"),
 }
-"""State interface of every reading: whose, and which."""
+"""State interface of every reading: whose, and which. Only the damper of a guard that
+lets go reads the velocity of winding without a leverage ratio."""
 
 
-def require_ros2_states(plan: ExportPlan, drive: Drive) -> None:
+def require_ros2_states(plan: ExportPlan) -> None:
     """Refuse a controller that does not read what sensors measure.
 
     Raises:
-        CableError: Its model needs to know how a joint winds the cables, or it reads
-            the phase of a gait or a commanded angle.
+        CableError: It needs to know how a joint winds the cables, or it reads the phase
+            of a gait or a commanded angle.
     """
-    others = set(plan.law.seen) - {*_STATES, "desired_torque_nm"}
+    read = {name for axis in plan.axes for name in axis.columns + axis.other_columns}
+    others = read - {*_STATES, "desired_torque_nm"}
     if others:
         raise CableError(
-            f"--ros2-control cannot be with this policy, for it reads "
-            f"{', '.join(sorted(others))}, of which ros2_control has no state."
+            f"--ros2-control cannot be with this controller, for it reads "
+            f"{', '.join(sorted(others))}, of which ros2_control has no state; write "
+            "that around the C code, or export pi or feedback."
         )
-    if not plan.law.has_model or not (drive.lever or drive.crossed):
-        return
-    why = "pull a lever" if drive.lever else "pass other joints"
-    raise CableError(
-        f"--ros2-control cannot be with this controller, for the cables {why} and it "
-        "reads angle and torque of an equivalent round pulley; write that conversion "
-        "around the C code, or export pi or feedback."
-    )
 
 
 def ros2_texts(plan: ExportPlan) -> dict[str, str]:
-    """Return the files of the package by name, for an axis without a name."""
+    """Return the files of the package by name."""
     return dict(zip(ROS2_FILES, (PACKAGE, PLUGINS, source(plan)), strict=True))
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f'"{name}"' for name in names)
 
 
 def source(plan: ExportPlan) -> str:
     """Return the plugin in C++."""
-    states = [name for name in plan.law.seen if name in _STATES]
-    names = ", ".join(
-        f'{whose} + "/{which}"' for whose, which in map(_STATES.__getitem__, states)
-    )
-    tensions = [name for name, _, _ in plan.tension_readings]
-    reads = "\n".join(
-        f"    readings.{name} = state_interfaces_[{place}].get_value();"
-        for place, name in enumerate([*states, *tensions])
-    )
-    if "desired_torque_nm" in plan.law.seen:
-        reads += "\n    readings.desired_torque_nm = desired;"
+    states: list[str] = []
+    reads: list[str] = []
+    for place, axis in enumerate(plan.axes):
+        for name, column in zip(axis.seen, axis.columns, strict=False):
+            if column in _STATES:
+                whose, which = _STATES[column]
+                reads.append(f"{name} = state_interfaces_[{len(states)}].get_value()")
+                states.append(f'{whose}[{place}] + "/{which}"')
+            else:
+                reads.append(f"{name} = desired[{place}]")
+    tensions = [name for axis in plan.axes for name, _, _ in axis.tension_readings]
+    reads += [
+        f"{name} = state_interfaces_[{place}].get_value()"
+        for place, name in enumerate(tensions, len(states))
+    ]
+    assigned = "\n".join(f"    readings.{one};" for one in reads)
     listed = ", ".join(tensions) or "none"
+    prefixes = [f"{name}_" if name else "" for name in plan.names]
+    period = next(f.name for f in plan.fields if f.name.endswith("period")).upper()
     return f"""/* A controller of ros2_control around cc_controller_step; ROS 2 Jazzy.
  *
- * Parameters: motor and joint, the names of the joints in the robot's description;
- * desired_timeout, after which the desired torque is zero [s]; tension_interfaces, the
- * state interfaces of the tensions ({listed}).
- * Topic: ~/desired_torque, std_msgs/Float64, torque at the joint [N m].
- * Command: effort of the motor, within CC_LOW and CC_HIGH and with no other limit. */
+ * Parameters: motors and joints, the names of the joints in the robot's description, of
+ * every axis ({", ".join(filter(None, plan.names)) or "one"}); desired_timeout, after
+ * which the desired torques are zero [s]; tension_interfaces, the state interfaces of
+ * the tensions ({listed}).
+ * Topic: ~/desired_torque, std_msgs/Float64MultiArray, torque at every joint [N m].
+ * Command: effort of the motors, within their limits and with no other limit. */
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <string>
@@ -79,7 +89,7 @@ def source(plan: ExportPlan) -> str:
 
 #include "controller_interface/controller_interface.hpp"
 #include "pluginlib/class_list_macros.hpp"
-#include "std_msgs/msg/float64.hpp"
+#include "std_msgs/msg/float64_multi_array.hpp"
 
 #include "cc_controller.h"
 
@@ -95,33 +105,37 @@ class Controller : public controller_interface::ControllerInterface
 public:
   CallbackReturn on_init() override
   {{
-    auto_declare<std::string>("motor", "motor");
-    auto_declare<std::string>("joint", "joint");
+    using Names = std::vector<std::string>;
+    auto_declare<Names>("motors", {{{_quoted(p + "motor" for p in prefixes)}}});
+    auto_declare<Names>("joints", {{{_quoted(p + "joint" for p in prefixes)}}});
     auto_declare<double>("desired_timeout", 0.1);
-    auto_declare<std::vector<std::string>>("tension_interfaces", {{}});
+    auto_declare<Names>("tension_interfaces", {{}});
     return CallbackReturn::SUCCESS;
   }}
 
   CallbackReturn on_configure(const rclcpp_lifecycle::State &) override
   {{
-    motor_ = get_node()->get_parameter("motor").as_string();
-    joint_ = get_node()->get_parameter("joint").as_string();
+    motors_ = get_node()->get_parameter("motors").as_string_array();
+    joints_ = get_node()->get_parameter("joints").as_string_array();
     timeout_ = get_node()->get_parameter("desired_timeout").as_double();
     tensions_ = get_node()->get_parameter("tension_interfaces").as_string_array();
-    if (tensions_.size() != {len(tensions)}) {{
+    if (motors_.size() != CC_AXES || joints_.size() != CC_AXES ||
+        tensions_.size() != {len(tensions)}) {{
       RCLCPP_ERROR(get_node()->get_logger(),
-                   "tension_interfaces must have {len(tensions)} names");
+                   "motors and joints must have %d names, tension_interfaces "
+                   "{len(tensions)}", static_cast<int>(CC_AXES));
       return CallbackReturn::ERROR;
     }}
-    const double period = cc_controller_parameters[CC_PERIOD];
+    const double period = cc_controller_parameters[CC_{period}];
     const double rate = static_cast<double>(get_update_rate());
     if (rate != 0.0 && std::abs(rate * period - 1.0) > 1e-6) {{
       RCLCPP_ERROR(get_node()->get_logger(), "update_rate must be %g", 1.0 / period);
       return CallbackReturn::ERROR;
     }}
-    subscription_ = get_node()->create_subscription<std_msgs::msg::Float64>(
-      "~/desired_torque", 1, [this](const std_msgs::msg::Float64 & message) {{
-        desired_ = message.data;
+    subscription_ = get_node()->create_subscription<std_msgs::msg::Float64MultiArray>(
+      "~/desired_torque", 1, [this](const std_msgs::msg::Float64MultiArray & message) {{
+        if (message.data.size() != CC_AXES) return;
+        for (int i = 0; i < CC_AXES; i++) desired_[i] = message.data[i];
         is_new_ = true;
       }});
     return CallbackReturn::SUCCESS;
@@ -129,12 +143,14 @@ public:
 
   InterfaceConfiguration command_interface_configuration() const override
   {{
-    return {{interface_configuration_type::INDIVIDUAL, {{motor_ + "/effort"}}}};
+    std::vector<std::string> names;
+    for (const auto & motor : motors_) names.push_back(motor + "/effort");
+    return {{interface_configuration_type::INDIVIDUAL, names}};
   }}
 
   InterfaceConfiguration state_interface_configuration() const override
   {{
-    std::vector<std::string> names = {{{names}}};
+    std::vector<std::string> names = {{{", ".join(states)}}};
     names.insert(names.end(), tensions_.begin(), tensions_.end());
     return {{interface_configuration_type::INDIVIDUAL, names}};
   }}
@@ -148,35 +164,39 @@ public:
 
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State &) override
   {{
-    command(0.0);
+    command({{}});
     return CallbackReturn::SUCCESS;
   }}
 
   return_type update(const rclcpp::Time &, const rclcpp::Duration & period) override
   {{
     age_ = is_new_.exchange(false) ? 0.0 : age_ + period.seconds();
-    const double desired = age_ < timeout_ ? desired_.load() : 0.0;
+    Torques desired{{}}, torques{{}};
+    for (int i = 0; i < CC_AXES; i++)
+      desired[i] = age_ < timeout_ ? desired_[i].load() : 0.0;
     cc_readings readings{{}};
-{reads}
-    const double torque = cc_controller_step(&controller_, &readings);
-    const bool possible = std::isfinite(torque);  // not after an impossible reading
-    command(possible ? torque : 0.0);
+{assigned}
+    cc_controller_step(&controller_, &readings, torques.data());
+    const bool possible = std::isfinite(torques[0]);  // not after an impossible reading
+    command(possible ? torques : Torques{{}});
     return possible ? return_type::OK : return_type::ERROR;
   }}
 
 private:
-  void command(double torque)
+  using Torques = std::array<double, CC_AXES>;
+
+  void command(const Torques & torques)
   {{
-    static_cast<void>(command_interfaces_[0].set_value(torque));
+    for (int i = 0; i < CC_AXES; i++)
+      static_cast<void>(command_interfaces_[i].set_value(torques[i]));
   }}
 
   cc_controller controller_{{}};
-  std::string motor_, joint_;
-  std::vector<std::string> tensions_;
+  std::vector<std::string> motors_, joints_, tensions_;
   double timeout_ = 0.0, age_ = 0.0;
-  std::atomic<double> desired_{{0.0}};
+  std::array<std::atomic<double>, CC_AXES> desired_{{}};
   std::atomic<bool> is_new_{{false}};
-  rclcpp::Subscription<std_msgs::msg::Float64>::SharedPtr subscription_;
+  rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::SharedPtr subscription_;
 }};
 }}  // namespace cc_controller_ros
 

@@ -2,13 +2,14 @@
 
     python scripts/benchmarks/bench_export.py --scene wrist ankle
     python scripts/benchmarks/bench_export.py --controllers model --set grease_drag=3
+    python scripts/benchmarks/bench_export.py --scene hand --controllers decoupled_pi
 
-Every controller that can be exported drives its device for an episode with a noisy
-torque sensor; what it read is then fed to the exported one by a program in C that times
-each step. Needs a C compiler. Prints size of the object file, memory, and the median,
-the 999th of a thousand and the longest of the steps of an episode, each the fastest of
-several repetitions of that step: the others were interrupted by something else. `--set`
-changes what the controller believes of every cable.
+Every controller that can be exported drives all axes of its device for an episode with
+noisy torque sensors; what it read is then fed to the exported one by a program in C
+that times each step. Needs a C compiler. Prints size of the object file, memory, and
+the median, the 999th of a thousand and the longest of the steps of an episode, each the
+fastest of several repetitions of that step: the others were interrupted by something
+else. `--set` changes what the controller believes of every cable.
 """
 
 from __future__ import annotations
@@ -23,9 +24,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from cc_mujoco.control import as_round_pulley, controller
+from cc_mujoco.control import axes_controller
 from cc_mujoco.device import TENSION_COLUMN, Drive
-from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
@@ -35,6 +35,7 @@ PROGRAM = """#define _POSIX_C_SOURCE 199309L
 #include "cc_controller.h"
 
 static cc_controller c;
+static double torques[CC_AXES];
 
 int main(int count, char **words)
 {
@@ -50,7 +51,7 @@ int main(int count, char **words)
         for (long i = 0; i < rows; i++) {
             struct timespec from, to;
             clock_gettime(CLOCK_MONOTONIC, &from);
-            cc_controller_step(&c, &r[i]);
+            cc_controller_step(&c, &r[i], torques);
             clock_gettime(CLOCK_MONOTONIC, &to);
             double took = 1e9 * (to.tv_sec - from.tv_sec) + (to.tv_nsec - from.tv_nsec);
             if (took < best[i]) best[i] = took;
@@ -72,42 +73,40 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 
 def readings(
-    env: Any, drive: Drive, name: str, duration: float, place: int
-) -> np.ndarray:
-    """Return what a controller reads in an episode (steps, what it reads).
+    env: Any, drives: list[Drive], name: str, duration: float
+) -> tuple[ExportPlan, np.ndarray]:
+    """Return the plan of a controller and its readings in an episode (steps, readings).
 
     Args:
         env: The device.
-        drive: Of the axis, as the controller believes it.
+        drives: Of every axis, as the controller believes it.
         name: Of the controller.
         duration: Of the episode [s].
-        place: Of the axis among those of the device; the others get no torque.
     """
     device = env.exo.device
-    plan = ExportPlan.of(name, drive, device.driven[place])
-    torques = np.zeros(len(device.axes))
-    law = controller(name, drive)
+    plan = ExportPlan.of(name, drives, device.driven, device.prefixes)
+    law = axes_controller(name, drives, device.prefixes)
     _, info = env.reset(seed=1)
     law.reset()
     random = np.random.default_rng(2)
     rows = []
-    for _ in range(round(duration / drive.period)):
-        noise = random.normal() * drive.torque_noise
-        own = axis_columns(info, device.prefixes[place], device.prefixes)
-        seen = {**own, "joint_torque_nm": own["joint_torque_nm"] + noise}
-        told = as_round_pulley(seen, drive)
-        rows.append([float(told[key]) for key in plan.law.seen])
-        if plan.taps is not None:
+    for _ in range(round(duration / drives[0].period)):
+        seen, row = dict(info), []
+        for axis, drive, prefix in zip(plan.axes, drives, device.prefixes, strict=True):
+            seen[f"{prefix}joint_torque_nm"] += random.normal() * drive.torque_noise
+            row += [float(seen[prefix + column]) for column in axis.columns]
             tensions = [
                 max(float(info[f"tension_{cable}_nodes_n"][node]), 0.0)
-                for _, cable, node in plan.tension_readings
+                for _, cable, node in axis.tension_readings
             ]
-            rows[-1] += tensions
-            seen[TENSION_COLUMN] = np.reshape(tensions, plan.taps.nodes.shape)
-        torques[place] = law.torque(seen)
-        given = torques if torques.size > 1 else torques[0]
-        *_, info = env.step(env.action(given))
-    return np.array(rows)
+            if axis.taps is not None:
+                taps = np.reshape(tensions, axis.taps.nodes.shape)
+                seen[prefix + TENSION_COLUMN] = taps
+            row += tensions
+            row += [float(seen[prefix + column]) for column in axis.other_columns]
+        rows.append(row)
+        *_, info = env.step(env.action(law.torque(seen)))
+    return plan, np.array(rows)
 
 
 def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
@@ -132,7 +131,7 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
     took = np.frombuffer(done.stdout) * 1e-3
     middle, high = np.quantile(took, [0.5, 0.999])
     return (
-        f"{size / 1024:.0f} | {8 * plan.places[-1] / 1024:.1f} | "
+        f"{size / 1024:.0f} | {8 * plan.memory_size / 1024:.1f} | "
         f"{middle:.2f} | {high:.2f} | {took.max():.2f}"
     )
 
@@ -141,10 +140,9 @@ def main() -> None:
     """Time every requested controller on every requested scene."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scene", nargs="+", default=["wrist"])
-    parser.add_argument("--axis", help="of a device with several; the first by default")
     parser.add_argument("--duration", type=float, default=5.0)
     parser.add_argument("--repetitions", type=int, default=20)
-    parser.add_argument("--controllers", nargs="+", choices=EXPORTED, default=EXPORTED)
+    parser.add_argument("--controllers", nargs="+", default=EXPORTED)
     parser.add_argument("--set", nargs="+", default=[], metavar="PARAMETER=VALUE")
     given = parser.parse_args()
     split = [change.partition("=") for change in given.set]
@@ -160,13 +158,9 @@ def main() -> None:
             disable_env_checker=True,
             duration=given.duration,
         ).unwrapped
-        axes = env.exo.description.axes
-        place = axes.index(env.exo.description.axis(given.axis or axes[0].name))
-        drive = believed(env.drives[place], changes)
+        drives = [believed(drive, changes) for drive in env.drives]
         for name in given.controllers:
-            read = readings(env, drive, name, given.duration, place)
-            plan = ExportPlan.of(name, drive, env.exo.device.driven[place])
-            row = timed(plan, read, given.repetitions)
+            row = timed(*readings(env, drives, name, given.duration), given.repetitions)
             print(f"| {scene} | `{name}` | {row} |", flush=True)
 
 

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from cc_mujoco.control import axes_controller
-from cc_mujoco.control._decoupling import Coupling, distribute, internal
+from cc_mujoco.control._decoupling import (
+    Coupling,
+    antagonists,
+    distribute,
+    workspace,
+)
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.device._moment_arm import moments
 from cc_mujoco.errors import CableError
@@ -40,8 +45,9 @@ def test_the_distribution_is_the_bounded_least_squares_solution(axes: int) -> No
     torques = random.normal(size=(20, axes))
     scales = random.uniform(0.3, 3.0, axes)
     least = np.where(random.random(axes) < 0.7, random.uniform(0.0, 0.2), -np.inf)
-    found = distribute(ratios, torques, scales, least)
-    for row, matrix, wanted in zip(found, ratios, torques, strict=True):
+    row, work = np.empty(axes), workspace(axes)
+    for matrix, wanted in zip(ratios, torques, strict=True):
+        distribute(matrix, wanted, scales, least, work, row)
         known = lsq_linear(matrix / scales[:, None], wanted / scales, (least, np.inf))
         cost = 0.5 * np.sum(((matrix @ row - wanted) / scales) ** 2)
         assert np.all(row >= least - 1e-12)
@@ -61,7 +67,7 @@ def test_cables_that_can_pull_against_each_other_keep_a_pretension(
     ratios: list[list[float]], pulled: list[bool]
 ) -> None:
     matrix = np.array(ratios)
-    found = internal(matrix, np.ones(matrix.shape[1], dtype=np.bool_))
+    found = antagonists(matrix, np.ones(matrix.shape[1], dtype=np.bool_))
     assert found.tolist() == pulled
 
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 namespace rclcpp_lifecycle { struct State {}; }
-namespace std_msgs::msg { struct Float64 { double data; }; }
+namespace std_msgs::msg { struct Float64MultiArray { std::vector<double> data; }; }
 namespace rclcpp
 {
 struct Time {};
@@ -27,7 +27,6 @@ template <class Message> struct Subscription
 struct Parameter
 {
   std::any value;
-  std::string as_string() const { return std::any_cast<std::string>(value); }
   double as_double() const { return std::any_cast<double>(value); }
   std::vector<std::string> as_string_array() const
   {
@@ -37,7 +36,7 @@ struct Parameter
 struct Node
 {
   std::map<std::string, std::any> parameters;
-  std::function<void(const std_msgs::msg::Float64 &)> heard;
+  std::function<void(const std_msgs::msg::Float64MultiArray &)> heard;
   Parameter get_parameter(const std::string & name) { return {parameters.at(name)}; }
   int get_logger() const { return 0; }
   template <class Message, class Call>

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import functools
 import itertools
@@ -27,7 +26,6 @@ from cc_mujoco.cli._export import Export
 from cc_mujoco.control import (
     Controller,
     PredictiveCompensation,
-    as_round_pulley,
     controller,
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive
@@ -37,14 +35,12 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, EXPORTED, TARGETS, ExportPlan, Target, write
 from cc_mujoco.export import _files as files
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
+from export.library import COMPILER, GUARD, STRICT, Library, needs_compiler, run
 
 DEVICES = ("wrist", "ankle", "finger", "exosuit")
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, ExportPlan]]
 
-COMPILER = shutil.which("gcc") or shutil.which("clang")
-GUARD = 64
-STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 CASES = [
     ("wrist", "pi"),
     ("wrist", "stiction"),
@@ -62,6 +58,7 @@ NOISE = {
     "motor_angle_rad": 1e-5,
     "motor_velocity_rad_s": 1e-2,
     "joint_velocity_rad_s": 1e-2,
+    "winding_velocity_rad_s": 1e-2,
     "joint_torque_nm": 1e-2,
 }
 INTERFACE = {
@@ -73,8 +70,6 @@ FROM_C = {
     "sin", "cos", "exp", "log", "pow", "expm1", "log1p",
 }  # fmt: skip
 
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-
 
 @functools.cache
 def device(scene: str) -> Any:
@@ -85,7 +80,7 @@ def device(scene: str) -> Any:
 
 @functools.cache
 def plan_of(scene: str, name: str) -> ExportPlan:
-    return ExportPlan.of(name, drive_of(scene, name), driven(scene))
+    return ExportPlan.of(name, [drive_of(scene, name)], [driven(scene)])
 
 
 def driven(scene: str) -> tuple[str, ...]:
@@ -138,18 +133,20 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
     law.reset()
     random = np.random.default_rng(4)
     plan, drive = plan_of(scene, name), drive_of(scene, name)
-    noise = [NOISE.get(key, 0.0) for key in plan.law.seen]
-    noise += [one for own in drive.sensors for one in own.deviation][
-        : len(plan.tension_readings)
-    ]
+    (axis,) = plan.axes
+    taps = [one for own in drive.sensors for one in own.deviation]
+    noise = [NOISE.get(key, 0.0) for key in axis.columns]
+    noise += taps[: len(axis.tension_readings)]
+    noise += [0.0 for _ in axis.other_columns]
     readings, torques = [], []
     for _ in range(900):
-        columns = as_round_pulley(first_axis(scene, info), drive)
-        readings.append([columns[key] for key in plan.law.seen])
+        columns = first_axis(scene, info)
+        readings.append([columns[key] for key in axis.columns])
         readings[-1] += [
             info[f"tension_{cable}_nodes_n"][node]
-            for _, cable, node in plan.tension_readings
+            for _, cable, node in axis.tension_readings
         ]
+        readings[-1] += [columns[key] for key in axis.other_columns]
         readings[-1] += random.normal(size=len(noise)) * noise
         torques.append(law.torque(seen(plan, readings[-1])))
         *_, info = env.step(action_of(scene, torques[-1]))
@@ -157,21 +154,16 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
 
 
 def seen(plan: ExportPlan, readings: Any) -> dict[str, Any]:
-    """Return the Python readings that match these C readings, for round pulleys."""
-    row, count = np.asarray(readings).tolist(), len(plan.law.seen)
-    told = dict(zip(plan.law.seen, row, strict=False))
-    told |= dict.fromkeys(WINDING_COLUMNS, 1.0)
-    told |= {
-        own: told[name]
-        for name, own in (
-            ("joint_angle_rad", "winding_angle_rad"),
-            ("joint_velocity_rad_s", "winding_velocity_rad_s"),
-        )
-        if name in told
-    }
-    told["joint_velocity_rad_s"] = told["winding_velocity_rad_s"]
-    if plan.taps is not None:
-        told[TENSION_COLUMN] = np.array(row[count:]).reshape(plan.taps.nodes.shape)
+    """Return the Python readings that match these C readings."""
+    (axis,) = plan.axes
+    row, count = np.asarray(readings).tolist(), len(axis.columns)
+    end = len(row) - len(axis.other_columns)
+    told = dict(zip(axis.columns, row[:count], strict=True))
+    told |= dict(zip(axis.other_columns, row[end:], strict=True))
+    if any(name in told for name in WINDING_COLUMNS):
+        told = dict.fromkeys(WINDING_COLUMNS, 1.0) | told
+    if axis.taps is not None:
+        told[TENSION_COLUMN] = np.array(row[count:end]).reshape(axis.taps.nodes.shape)
     return told
 
 
@@ -194,53 +186,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         return folder, plan
 
     return written
-
-
-class Library:
-    """Exported controller, called through a shared library."""
-
-    def __init__(self, folder: Path, plan: ExportPlan) -> None:
-        assert COMPILER is not None
-        shared = folder / "shared.so"
-        if not shared.exists():
-            sources = [folder / "cc_controller.o", folder / "cc_parameters.c"]
-            run(COMPILER, *STRICT, "-shared", "-fPIC", "-o", shared, *sources, "-lm")
-        self.library = ctypes.CDLL(str(shared))
-        self.library.cc_controller_step.restype = ctypes.c_double
-        self.library.cc_controller_size.restype = ctypes.c_size_t
-        count = len(plan.fields)
-        self.parameters = np.array(
-            (ctypes.c_double * count).in_dll(self.library, "cc_controller_parameters")
-        )
-        # Nothing may be read before it is written, and nothing written beyond.
-        self.room = np.full(plan.places[-1] + 2 * GUARD, np.nan)
-        self.memory = self.room[GUARD:-GUARD]
-
-    def take(self, parameters: Array, how: str = "init") -> int:
-        call = getattr(self.library, f"cc_controller_{how}")
-        return int(call(self._at(self.memory), self._at(parameters)))
-
-    def reset(self) -> None:
-        self.library.cc_controller_reset(self._at(self.memory))
-
-    def step(self, readings: Array) -> float:
-        given = np.ascontiguousarray(readings)
-        call = self.library.cc_controller_step
-        return float(call(self._at(self.memory), self._at(given)))
-
-    def torques(self, readings: Array) -> Array:
-        return np.array([self.step(row) for row in readings])
-
-    def _at(self, numbers: Array) -> Any:
-        return numbers.ctypes.data_as(ctypes.c_void_p)
-
-
-def run(*words: Any, **how: Any) -> str:
-    done = subprocess.run(
-        [str(word) for word in words], capture_output=True, text=True, **how
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def symbols(path: Path) -> tuple[set[str], set[str]]:
@@ -277,12 +222,12 @@ def test_torques_are_those_of_the_library_bit_for_bit(
     exported = Library(*made(scene, name))
     assert exported.library.cc_controller_size() == exported.memory.nbytes
     assert exported.take(exported.parameters) == 0
-    assert np.array_equal(exported.torques(readings), torques)
+    assert np.array_equal(exported.motor_torques(readings), torques)
     assert np.ptp(torques) > 0.1
     around = np.delete(exported.room, np.s_[GUARD:-GUARD])
     assert around.size == 2 * GUARD and np.isnan(around).all()
     exported.reset()
-    assert np.array_equal(exported.torques(readings[:300]), torques[:300])
+    assert np.array_equal(exported.motor_torques(readings[:300]), torques[:300])
 
 
 def example(
@@ -373,7 +318,7 @@ def test_parameters_can_be_exchanged_while_it_runs(made: Made) -> None:
     law.reset()
     exported.take(exported.parameters)
     before = python(law, readings[:400])
-    assert np.array_equal(exported.torques(readings[:400]), before)
+    assert np.array_equal(exported.motor_torques(readings[:400]), before)
     law.mismatch = 0.5
     law.model.scale_friction(1.5)
     law.proportional = 0.5
@@ -384,7 +329,7 @@ def test_parameters_can_be_exchanged_while_it_runs(made: Made) -> None:
         changed[place] *= 0.5 if field.name == "proportional" else 1.0
     assert exported.take(changed, "set_parameters") == 0
     after = python(law, readings[400:])
-    assert np.array_equal(exported.torques(readings[400:]), after)
+    assert np.array_equal(exported.motor_torques(readings[400:]), after)
 
 
 TERMS_ON = {
@@ -431,9 +376,9 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
     )
     drive = dataclasses.replace(drive, cable_drives=(row,))
     exported = Library(*made("wrist", "stiction"))
-    plan = ExportPlan.of("stiction", drive, driven("wrist"))
+    plan = ExportPlan.of("stiction", [drive], [driven("wrist")])
     assert exported.take(plan.values()) == 0
-    found = exported.torques(readings[200:400])
+    found = exported.motor_torques(readings[200:400])
     assert np.array_equal(
         found, python(controller("stiction", drive), readings[200:400])
     )
@@ -452,9 +397,9 @@ def test_bristles_that_cables_have_themselves_replace_those_of_the_second_model(
     )
     drive = dataclasses.replace(drive, cable_drives=(row,))
     exported = Library(*made("wrist", "predictive"))
-    plan = ExportPlan.of("predictive", drive, driven("wrist"))
+    plan = ExportPlan.of("predictive", [drive], [driven("wrist")])
     assert exported.take(plan.values()) == 0
-    found = exported.torques(readings[200:400])
+    found = exported.motor_torques(readings[200:400])
     single = PredictiveCompensation(drive, bristles=0.0)
     expected = python(single, readings[200:400], "predictive")
     assert np.array_equal(found, expected)
@@ -472,7 +417,7 @@ def test_the_guard_is_exported(name: str, made: Made) -> None:
     readings[300:350, speed] += 200.0
     exported = Library(*made("wrist", name))
     assert exported.take(exported.parameters) == 0
-    found = exported.torques(readings)
+    found = exported.motor_torques(readings)
     assert np.array_equal(found, python(controller(name, drive), readings, name))
     free = controller(name, dataclasses.replace(drive, safe_torque=math.inf))
     other = found != python(free, readings, name)
@@ -491,9 +436,9 @@ def test_friction_that_a_plan_learned_is_kept_when_parameters_are_exchanged(
     assert np.all(np.abs(law.model.factor - 1.0) > 0.02)
     exported = Library(*made("wrist", "predictive"))
     exported.take(exported.parameters)
-    assert np.array_equal(exported.torques(readings[:500]), torques[:500])
+    assert np.array_equal(exported.motor_torques(readings[:500]), torques[:500])
     assert exported.take(exported.parameters, "set_parameters") == 0
-    assert np.array_equal(exported.torques(readings[500:]), torques[500:])
+    assert np.array_equal(exported.motor_torques(readings[500:]), torques[500:])
 
 
 @needs_compiler
@@ -511,11 +456,15 @@ def test_a_plan_goes_on_from_what_the_motor_got(made: Made, tmp_path: Path) -> N
             static cc_controller c;
             cc_controller_init(&c, cc_controller_parameters);
             for (int i = 0; i < 40; i++) {{
-                double torque = cc_controller_step(&c, rows + i);
+                double torque, got;
+                cc_controller_step(&c, rows + i, &torque);
                 printf("%.17g\\n", torque);
-                cc_controller_given(&c, 0.5 * torque);
-                cc_controller_given(&c, torque / 0.0);
-                cc_controller_given(&c, 0.0 / 0.0 * torque);
+                got = 0.5 * torque;
+                cc_controller_given(&c, &got);
+                got = torque / 0.0;
+                cc_controller_given(&c, &got);
+                got = 0.0 / 0.0 * torque;
+                cc_controller_given(&c, &got);
             }}
         }}"""
     )
@@ -554,7 +503,7 @@ def test_a_parameter_that_cannot_be_is_named_and_none_is_taken(
     folder, plan = made("wrist", "stiction")
     exported = Library(folder, plan)
     assert exported.take(exported.parameters) == 0
-    exported.torques(episode("wrist", "stiction")[0][:5])
+    exported.motor_torques(episode("wrist", "stiction")[0][:5])
     before = exported.memory.tobytes()
     place = data.draw(st.integers(0, len(plan.fields) - 1))
     field = plan.fields[place]
@@ -605,11 +554,11 @@ def test_a_reading_that_cannot_be_gives_none_and_changes_nothing(
     readings, torques = episode("wrist", name)
     exported = Library(*made("wrist", name))
     exported.take(exported.parameters)
-    exported.torques(readings[:20])
+    exported.motor_torques(readings[:20])
     lost = readings[20].copy()
     lost[place] = bad
     before = exported.memory.tobytes()
-    assert np.isnan(exported.step(lost))
+    assert np.isnan(exported.step(lost)).all()
     assert exported.memory.tobytes() == before
     assert exported.step(readings[20]) == torques[20]
 
@@ -626,10 +575,11 @@ def test_what_the_observer_finds_is_told_in_c(made: Made, tmp_path: Path) -> Non
             static cc_controller c;
             cc_readings r = {{ {row} }};
             cc_controller_init(&c, cc_controller_parameters);
-            for (int i = 0; i < 3; i++) cc_controller_step(&c, &r);
+            double torque;
+            for (int i = 0; i < 3; i++) cc_controller_step(&c, &r, &torque);
             for (int i = 0; i < cc_controller_nodes(CC_CABLE_EXTENSOR); i++)
                 printf("%.17g\\n", cc_controller_tensions(&c, CC_CABLE_EXTENSOR)[i]);
-            printf("%.17g\\n", cc_controller_joint_angle(&c));
+            printf("%.17g\\n", cc_controller_joint_angle(&c, 0));
         }}"""
     )
     run(
@@ -719,9 +669,9 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
         ("mine:law", "code from outside is not compiled; policies and"),
     ):
         with pytest.raises(CableError, match=says):
-            ExportPlan.of(name, env.drive, cables)
+            ExportPlan.of(name, [env.drive], [cables])
     with pytest.raises(CableError, match="needs to know the cables"):
-        ExportPlan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
+        ExportPlan.of("model", [Drive(5.0, -1.0, 1.0, 1e-3)], [()])
 
 
 @needs_compiler
@@ -751,7 +701,7 @@ def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> Non
     )
     drive = dataclasses.replace(known, cable_drives=(row,))
     with pytest.raises(CableError, match="the slope of the logarithm of tension"):
-        ExportPlan.of("adaptive", drive, driven("exosuit"))
+        ExportPlan.of("adaptive", [drive], [driven("exosuit")])
 
 
 @needs_compiler
@@ -762,11 +712,11 @@ def test_a_tension_that_is_no_number_gives_none_and_changes_nothing(
     readings, torques = episode("exosuit", "adaptive")
     exported = Library(*made("exosuit", "adaptive"))
     exported.take(exported.parameters)
-    exported.torques(readings[:20])
+    exported.motor_torques(readings[:20])
     lost = readings[20].copy()
     lost[place] = np.nan
     before = exported.memory.tobytes()
-    assert np.isnan(exported.step(lost))
+    assert np.isnan(exported.step(lost)).all()
     assert exported.memory.tobytes() == before
     assert exported.step(readings[20]) == torques[20]
 

@@ -73,7 +73,7 @@ def test_a_policy_in_c_acts_as_in_the_library(tmp_path: Path, drive: Drive) -> N
         Export("wrist", policy, folder / "c", allow_active=True).run()
         library = shared(folder / "c")
         memory = (ctypes.c_double * (library.cc_controller_size() // 8))()
-        kind = ctypes.c_double * len(rows[0])
+        kind, found = ctypes.c_double * len(rows[0]), (ctypes.c_double * 1)()
         values = (ctypes.c_double * 4)(
             *(ctypes.c_double * 4).in_dll(library, "cc_controller_parameters")
         )
@@ -84,12 +84,13 @@ def test_a_policy_in_c_acts_as_in_the_library(tmp_path: Path, drive: Drive) -> N
             torques = []
             for row in rows:
                 seen = dict(zip(columns(drive), row, strict=True))
-                step = library.cc_controller_step(memory, kind(*row))
-                torques.append((step, law.torque(seen)))
+                library.cc_controller_step(memory, kind(*row), found)
+                torques.append((found[0], law.torque(seen)))
         ours, theirs = np.array(torques).T
         assert np.ptp(theirs) > 0.2 * drive.high
         assert np.abs(ours - theirs).max() < 2e-7 * drive.high
-        assert np.isnan(library.cc_controller_step(memory, kind(np.nan)))
+        library.cc_controller_step(memory, kind(np.nan), found)
+        assert np.isnan(found[0])
         values[0] = values[1] + 1.0
         assert library.cc_controller_set_parameters(memory, values) == 2
 
@@ -128,7 +129,6 @@ def shared(folder: Path) -> ctypes.CDLL:
     assert done.returncode == 0, done.stderr
     library = ctypes.CDLL(str(path))
     library.cc_controller_size.restype = ctypes.c_size_t
-    library.cc_controller_step.restype = ctypes.c_double
     return library
 
 

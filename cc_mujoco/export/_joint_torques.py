@@ -1,0 +1,134 @@
+"""Readings for the law of each axis, from those of all axes, for C.
+
+A law with a model reads the torques of its joint over the leverage ratio, as those of a
+round pulley; where axes are decoupled they are those of its own cable. Other readings
+are copied.
+
+`shape` has the numbers of readings, axes and joints, the latter 0 without decoupling;
+rows of a number for each axis (`_ROWS`); the number of shared ratios; and of each the
+joint, the axis and the place among the readings. `tables` are ratio, least and greatest
+torque of every motor, then safe torque and scale of every joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+
+from cc_mujoco._utils.compilation import FloatArray, types
+from cc_mujoco.control import _decoupling as decoupling
+from cc_mujoco.export._entry_points import COUNTS, NUMBERS, pointer_at
+
+SIGNATURE = types.void(NUMBERS, COUNTS, NUMBERS, NUMBERS)
+_COUNTS = 3
+_ROWS = 5
+_OWN, _TORQUE, _DESIRED, _LEVERAGE, _IS_DIVIDED = range(_ROWS)
+"""Joint of the axis; places of its torques, and of its leverage ratio or -1, among the
+readings; 1 where torques are divided by that ratio, else 0."""
+_RATIO, _LEAST, _MOST, _PER_AXIS = range(4)
+
+
+@dataclass(frozen=True)
+class JointTorques:
+    """Numbers of `own_readings` for a device."""
+
+    readings: int
+    """Number of readings."""
+    rows: tuple[tuple[int, ...], ...]
+    """Rows of every axis, see `_ROWS`; the joint is 0 without a coupling."""
+    shared: tuple[tuple[int, int, int], ...] = ()
+    """Joint, axis and place among the readings of every shared ratio."""
+    ratios: tuple[float, ...] = ()
+    """Joint torque per motor torque of every axis [-]."""
+    coupling: decoupling.CouplingTables | None = None
+
+    @property
+    def changes(self) -> bool:
+        """True if a law reads other numbers than are measured."""
+        return self.coupling is not None or any(row[_IS_DIVIDED] for row in self.rows)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Whole numbers of `own_readings`."""
+        joints = 0 if self.coupling is None else self.coupling.safe.size
+        counts = self.readings, len(self.rows), joints
+        by_row = np.transpose(self.rows).ravel().tolist()
+        triples = [number for one in self.shared for number in one]
+        return (*counts, *by_row, len(self.shared), *triples)
+
+    @property
+    def tables(self) -> tuple[float, ...]:
+        """Real numbers of `own_readings`."""
+        if self.coupling is None:
+            return ()
+        _, least, most, safe, scales = self.coupling
+        parts: list[FloatArray] = [np.array(self.ratios), least, most, safe, scales]
+        return tuple(np.concatenate(parts).tolist())
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers in the memory that `own_readings` needs."""
+        if not self.changes:
+            return 0
+        axes, matrices = len(self.rows), decoupling.WORK_MATRICES
+        if self.coupling is None:
+            return self.readings
+        size = axes * (self.coupling.safe.size + 4 + decoupling.WORK_VECTORS)
+        return self.readings + size + matrices * axes * axes
+
+
+def own_readings(memory: Any, shape: Any, tables: Any, readings: Any) -> None:
+    """Write the readings as the law of each axis has them to the memory."""
+    count, axes, joints = shape[0], shape[1], shape[2]
+    rows = carray(pointer_at(shape, _COUNTS), (_ROWS, axes))
+    for i in range(count):
+        memory[i] = readings[i]
+    if joints > 0:
+        place = count + joints * axes
+        ratios = carray(pointer_at(memory, count), (joints, axes))
+        torques = carray(pointer_at(memory, place), (4, axes))
+        place += 4 * axes
+        matrices = decoupling.WORK_MATRICES, axes, axes
+        vectors = decoupling.WORK_VECTORS, axes
+        size = decoupling.WORK_MATRICES * axes * axes
+        ratios[:] = 0.0
+        for i in range(axes):
+            leverage = 1.0
+            if rows[_LEVERAGE, i] >= 0:
+                leverage = readings[rows[_LEVERAGE, i]]
+            ratios[rows[_OWN, i], i] = tables[_RATIO * axes + i] * leverage
+            torques[0, i] = readings[rows[_TORQUE, i]]
+            torques[1, i] = readings[rows[_DESIRED, i]]
+        first = _COUNTS + _ROWS * axes
+        for k in range(shape[first]):
+            one = first + 1 + 3 * k
+            ratios[shape[one], shape[one + 1]] = readings[shape[one + 2]]
+        decoupling.own_torques(
+            decoupling.CouplingTables(
+                rows[_OWN],
+                carray(pointer_at(tables, _LEAST * axes), axes),
+                carray(pointer_at(tables, _MOST * axes), axes),
+                carray(pointer_at(tables, _PER_AXIS * axes), joints),
+                carray(pointer_at(tables, _PER_AXIS * axes + joints), joints),
+            ),
+            ratios,
+            torques[0],
+            torques[1],
+            decoupling.CouplingWorkspace(
+                carray(pointer_at(memory, place), matrices),
+                carray(pointer_at(memory, place + size), vectors),
+            ),
+            torques[2],
+            torques[3],
+        )
+        for i in range(axes):
+            memory[rows[_TORQUE, i]] = torques[2, i]
+            memory[rows[_DESIRED, i]] = torques[3, i]
+    for i in range(axes):
+        if rows[_IS_DIVIDED, i] != 0:
+            leverage = readings[rows[_LEVERAGE, i]]
+            memory[rows[_TORQUE, i]] /= leverage
+            memory[rows[_DESIRED, i]] /= leverage

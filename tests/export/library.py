@@ -1,0 +1,74 @@
+"""Exported controllers, called from Python through a shared library."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cc_mujoco.export import ExportPlan
+
+Array = NDArray[np.float64]
+
+COMPILER = shutil.which("gcc") or shutil.which("clang")
+GUARD = 64
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
+
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+
+
+class Library:
+    """Exported controller, called through a shared library."""
+
+    def __init__(self, folder: Path, plan: ExportPlan) -> None:
+        assert COMPILER is not None
+        shared = folder / "shared.so"
+        if not shared.exists():
+            sources = [folder / "cc_controller.o", folder / "cc_parameters.c"]
+            run(COMPILER, *STRICT, "-shared", "-fPIC", "-o", shared, *sources, "-lm")
+        self.library = ctypes.CDLL(str(shared))
+        self.library.cc_controller_size.restype = ctypes.c_size_t
+        count, self.axes = len(plan.fields), len(plan.axes)
+        self.parameters = np.array(
+            (ctypes.c_double * count).in_dll(self.library, "cc_controller_parameters")
+        )
+        # Nothing may be read before it is written, and nothing written beyond.
+        self.room = np.full(plan.memory_size + 2 * GUARD, np.nan)
+        self.memory = self.room[GUARD:-GUARD]
+
+    def take(self, parameters: Array, how: str = "init") -> int:
+        call = getattr(self.library, f"cc_controller_{how}")
+        return int(call(self._at(self.memory), self._at(parameters)))
+
+    def reset(self) -> None:
+        self.library.cc_controller_reset(self._at(self.memory))
+
+    def step(self, readings: Array) -> Array:
+        given, found = np.ascontiguousarray(readings), np.full(self.axes, np.inf)
+        call = self.library.cc_controller_step
+        call(self._at(self.memory), self._at(given), self._at(found))
+        return found
+
+    def torques(self, readings: Array) -> Array:
+        return np.array([self.step(row) for row in readings])
+
+    def motor_torques(self, readings: Array) -> Array:
+        """Return the torques of the only motor."""
+        return self.torques(readings)[:, 0]
+
+    def _at(self, numbers: Array) -> Any:
+        return numbers.ctypes.data_as(ctypes.c_void_p)
+
+
+def run(*words: Any, **how: Any) -> str:
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, **how
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout

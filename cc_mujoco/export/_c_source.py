@@ -19,7 +19,8 @@ _READING_MEANINGS = {
     "joint_velocity_rad_s": "velocity of the joint, from its encoder",
     "winding_angle_rad": "angle at which a pulley of the arm in the neutral pose would "
     "wind the cables; likewise",
-    "winding_velocity_rad_s": "its velocity",
+    "winding_velocity_rad_s": "velocity at which a pulley of the neutral arm would "
+    "wind the cables",
     "leverage_ratio": "arm of the cables at the joint over that of the neutral pose",
     "joint_torque_nm": "measured torque of the cables on the joint",
     "desired_torque_nm": "torque that the cables shall put into the joint",

@@ -4,13 +4,13 @@
     python scripts/imitate.py --scene ankle --out runs/ankle
     cc-mujoco benchmark --scene ankle --controllers pi_tuned runs/ankle/0.safetensors
 
-The teacher is `predictive`, with the true parameters and exact, prompt measurements of
-each plant. The policy sees the sensors of the device, late and noisy, over the last
-20 ms. It plays more and more itself while the teacher says at every step what it would
-do, and is fitted to all that was said so far: S. Ross, G. Gordon, D. Bagnell, "A
-reduction of imitation learning and structured prediction to no-regret online learning",
-AISTATS 2011. A torque depends on more than the sensors show; the policy learns a mean
-of what is possible.
+The teacher, `predictive` by default, has the true parameters and exact, prompt
+measurements of each plant. The policy sees the sensors of the device, late and noisy,
+over the last 20 ms. It plays more and more itself while the teacher says at every step
+what it would do, and is fitted to all that was said so far: S. Ross, G. Gordon, D.
+Bagnell, "A reduction of imitation learning and structured prediction to no-regret
+online learning", AISTATS 2011. A torque depends on more than the sensors show; the
+policy learns a mean of what is possible.
 
 Each effect that cables have in suite `v2` is in some of the sampled plants, the liner
 is an ordinary one, and the wearer moves as the device says, a third with a tremor; with
@@ -52,7 +52,9 @@ Lesson = tuple[Singles, Singles, Array]
 """Observations, actions of the teacher, errors; see `Classroom.play`."""
 
 HOLD, HISTORY = 2, 10
-"""Samples for which an action is held; earlier frames that the policy sees."""
+"""Default samples for which an action is held, and earlier frames that are seen."""
+TEACHER = "predictive"
+"""Default teacher."""
 RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 """Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
 show less of what the teacher knows, and its mean becomes a cautious one."""
@@ -64,8 +66,8 @@ AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
 """Amounts of an effect over those of suite `v2`; probability that a plant has it. The
 teacher swings a finger with more of `viscous`."""
 BANDWIDTH = 150.0
-"""Bandwidth of the teacher's plans [rad/s]. What follows a faster one is harder to tell
-from late measurements."""
+"""Default bandwidth of the plans of `predictive` [rad/s]. What follows a faster one is
+harder to tell from late measurements."""
 WIDTHS = 128, 128
 """Units of the hidden layers."""
 RATE, LAST_RATE = 1e-3, 3e-4
@@ -98,13 +100,25 @@ def motions(scene: str) -> tuple[train_policy.Part, ...]:
     return (None, None, 2), *(((tremor, None, 1),) if tremor else ())
 
 
-def teacher(env: DeviceVectorEnv) -> Controller:
-    """Return a controller that knows the plants that an environment has now."""
+def teacher(
+    env: DeviceVectorEnv,
+    law: str = TEACHER,
+    hold: int = HOLD,
+    bandwidth: float = BANDWIDTH,
+) -> Controller:
+    """Return a controller that knows the plants that an environment has now.
+
+    Args:
+        env: The environment.
+        law: Name of the controller.
+        hold: Samples for which an action is held.
+        bandwidth: Of the plans of `predictive` [rad/s].
+    """
     exo = env.exo
     drives = [
         dataclasses.replace(
             drive,
-            period=HOLD * drive.period,
+            period=hold * drive.period,
             torque_noise=exo.description.sensing.torque_noise,
             cable_drives=tuple(
                 tuple(
@@ -116,8 +130,10 @@ def teacher(env: DeviceVectorEnv) -> Controller:
         )
         for drive, names in zip(exo.drives, exo.device.driven, strict=True)
     ]
-    law = functools.partial(PredictiveCompensation, bandwidth=BANDWIDTH)
-    made = axes_controller(law, drives, exo.device.prefixes)
+    planned = functools.partial(PredictiveCompensation, bandwidth=bandwidth)
+    made = axes_controller(
+        planned if law == TEACHER else law, drives, exo.device.prefixes
+    )
     made.reset()
     return made
 
@@ -125,17 +141,27 @@ def teacher(env: DeviceVectorEnv) -> Controller:
 class Classroom:
     """A vector environment in which the teacher and the student act."""
 
-    def __init__(self, env: DeviceVectorEnv, seed: int, history: int = HISTORY) -> None:
+    def __init__(
+        self,
+        env: DeviceVectorEnv,
+        seed: int,
+        history: int = HISTORY,
+        hold: int = HOLD,
+        teach: Callable[..., Controller] = teacher,
+    ) -> None:
         """Reset the environment.
 
         Args:
             env: That holds no action and begins episodes by itself (`SameStep`).
             seed: Of plants, motions and noise.
             history: Earlier frames that the student sees.
+            hold: Samples for which an action is held.
+            teach: Maker of the teacher; see `teacher`.
         """
+        self._teach, self._hold = teach, hold
         self.env = env
         self.observed = [
-            dataclasses.replace(own, hold=HOLD, history=history, memory=True)
+            dataclasses.replace(own, hold=hold, history=history, memory=True)
             for own in env.exo.observed
         ]
         """Observation of the student."""
@@ -155,7 +181,7 @@ class Classroom:
         """
         env, exo = self.env, self.env.exo
         count, limits = env.num_envs, exo.device.torque_limits
-        law, sensors = teacher(env), self._sensors()
+        law, sensors = self._teach(env, hold=self._hold), self._sensors()
         sights = [ObservationHistory(own, count) for own in self.observed]
         share = np.minimum(2.0 * self._random.permutation(count) / count, 1.0)
         alone, going = share == 1.0, np.ones(count, dtype=np.bool_)
@@ -166,7 +192,7 @@ class Classroom:
             for axis, sight in enumerate(sights):
                 measured = sight.observed.of(exo.axis_columns(columns, axis))
                 (sight.look if step else sight.begin)(measured)
-            if step % HOLD == 0:
+            if step % self._hold == 0:
                 right = env.action(law.torque(self._info))
                 rows = np.concatenate([one.observation() for one in sights], axis=1)
                 played = right
@@ -305,7 +331,15 @@ def train(options: argparse.Namespace) -> None:
         else train_policy.make(options, RANGES, {})
     )
     rooms = [
-        Classroom(env, 1000 * options.seed + place, options.history)
+        Classroom(
+            env,
+            1000 * options.seed + place,
+            options.history,
+            options.hold,
+            functools.partial(
+                teacher, law=options.teacher, bandwidth=options.bandwidth
+            ),
+        )
         for place, env in enumerate(envs)
     ]
     lessons = with_errors_printed("teacher", [room.play() for room in rooms])
@@ -352,6 +386,13 @@ def main() -> None:
     )
     parser.add_argument(
         "--history", type=int, default=HISTORY, help="earlier frames that it sees"
+    )
+    parser.add_argument(
+        "--hold", type=int, default=HOLD, help="samples for which an action is held"
+    )
+    parser.add_argument("--teacher", default=TEACHER, help="name of a controller")
+    parser.add_argument(
+        "--bandwidth", type=float, default=BANDWIDTH, help="of predictive [rad/s]"
     )
     parser.add_argument("--envs", type=int, default=48)
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")

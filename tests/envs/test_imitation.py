@@ -38,6 +38,19 @@ def test_the_teacher_knows_the_plant_of_every_environment() -> None:
             assert [one.cable for one in row] == [plant.cables[n] for n in names]
 
 
+def test_another_controller_teaches_at_another_rate() -> None:
+    env = classroom("exosuit").env
+    law = imitate.teacher(env, "lqg", hold=3)
+    assert {type(own).__name__ for own in law.laws} == {"LinearQuadraticGaussian"}
+    for own, drive in zip(law.laws, env.drives, strict=True):
+        assert own.drive.period == pytest.approx(3 * drive.period)
+
+
+def test_the_bench_plays_the_motions_of_its_other_training() -> None:
+    assert imitate.motions(train_policy.BENCH) == train_policy.PLAYED["bench"]
+    assert imitate.structure(train_policy.bench())
+
+
 @pytest.mark.parametrize("scene", ["wrist", "exosuit"])
 def test_every_effect_is_in_some_plants_alone_and_in_all_cables(scene: str) -> None:
     device = train_policy.device_of(scene)

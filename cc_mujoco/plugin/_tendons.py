@@ -58,6 +58,7 @@ from cc_mujoco.plugin._takeover.survey import (
 )
 from cc_mujoco.plugin._takeover.winch import (
     Winch,
+    largest_pull,
     plan_winch,
     pose_keyframes,
     sample_poses,
@@ -73,6 +74,11 @@ MAX_STIFFNESS = 50e3
 """Axial stiffness of a tendon taken over, where its time step bears it [N]."""
 _STEP_MARGIN = 3.0
 """Ratio of the step that the pieces of such a tendon bear to the model's."""
+_MAX_STRAIN = 0.2
+"""Strain under load up to which such a tendon stays stable and settles.
+
+A piece of it gets stiffer with its strain, and a pull that sets in at once overshoots.
+"""
 _SOFT = 100.0
 """Axial stiffness at which a tendon stretches by 1 % per newton [N]."""
 
@@ -135,11 +141,13 @@ def add_friction(
         CableError: there is no such tendon, it is fixed or belongs to a cable already,
             a drum is on a joint that is no hinge or takes the place of a winch, a
             parameter cannot be used, something that acts on the tendon has no meaning
-            at its end, or the model does not compile. The specification is as before.
+            at its end, the time step bears only a stiffness by default that is
+            unstable under the pull of its actuators, or the model does not compile. The
+            specification is as before.
 
     Warns:
         CableWarning: friction takes much of the tension as the tendon lies in `qpos0`,
-            because its sites zig-zag.
+            because its sites zig-zag, or the time step bears only a soft tendon.
     """
     require_spec(spec)
     _require_ends(spec, friction, motor, joint, winch)
@@ -212,11 +220,14 @@ def add_friction(
     bearable = _bearable_stiffness(tried, cables)
     if "axial_stiffness" not in parameters:
         given["axial_stiffness"] = stiffness = min(bearable, MAX_STIFFNESS)
+        _refuse_soft(burden, stiffness, largest_pull(model, burden), model.opt.timestep)
         if stiffness < _SOFT:
             warnings.warn(
-                f"tendon {burden.tendon!r} stretches by {1 / stiffness:.2g} of its "
-                "length per newton, because what it pulls bears no stiffer one at this "
-                "time step; shorten the timestep, or give its joints more `armature`.",
+                f"tendon {burden.tendon!r} stretches by {100 / stiffness:.2g} % of its "
+                "length per newton, and a pull above "
+                f"{_MAX_STRAIN * stiffness:.2g} N may make it unstable, because what "
+                "it pulls bears no stiffer one at this time step; shorten the "
+                "timestep, or give its joints more `armature`.",
                 CableWarning,
                 stacklevel=2,
             )
@@ -434,6 +445,20 @@ def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid) -> float:
     ratio = shortest / (_STEP_MARGIN * model.opt.timestep)
     stiffness = laid[0][1].axial_stiffness * ratio * ratio
     return float(f"{stiffness:.2g}")
+
+
+def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> None:
+    """Refuse a default stiffness [N] that a pull of the actuators [N] overloads."""
+    bearable = _MAX_STRAIN * stiffness
+    if pull > bearable:
+        shorter = 0.9 * step * math.sqrt(bearable / pull)
+        raise CableError(
+            f"tendon {burden.tendon!r}: at a timestep of {step:g} s what it pulls "
+            f"bears at most an axial_stiffness of {stiffness:g} N, which is unstable "
+            f"above {bearable:.2g} N, and its actuators pull with {pull:.3g} N; "
+            f"shorten the timestep to {shorter:.2g} s, give its joints more "
+            "`armature`, or limit its actuators."
+        )
 
 
 def _stretch_line(laid: _Laid, bearable: float, step: float) -> str:

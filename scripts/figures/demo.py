@@ -122,9 +122,9 @@ def words(found: dict[str, Played]) -> list[str]:
         "motor first has to cross the friction of the whole cable.",
         f"predictive, which rolls the model of the cable ahead and crosses it in one "
         f"move, leaves {best.error:.0%}.",
-        f"The price: up to {best.proximal.max():.0f} N in the flexor in place of "
-        f"{none.proximal.max():.0f} N, and {best.lost:.1f} J of heat from friction in "
-        f"place of {none.lost:.1f} J.",
+        f"The price: up to {best.proximal.max():.0f} N at the motor's end of the "
+        f"flexor in place of {none.proximal.max():.0f} N, and {best.lost:.1f} J of "
+        f"heat from friction in place of {none.lost:.1f} J.",
     ]
 
 

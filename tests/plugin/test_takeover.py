@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -282,6 +283,46 @@ def test_a_step_that_bears_only_a_soft_tendon_warns() -> None:
     slow = arm(0, DRIVES["motor"][0]).replace('timestep="1e-3"', 'timestep="0.05"')
     with pytest.warns(CableWarning, match="give its joints more `armature`"):
         taken(slow)
+
+
+FINGER = """<mujoco><option timestep="{step}"/><worldbody>
+    <site name="base" pos="-.05 0 .01"/>
+    <body><joint name="mcp" axis="0 1 0" stiffness=".5" damping=".02"/>
+      <geom type="capsule" fromto="0 0 0 .05 0 0" size=".008" mass=".05"/>
+      <site name="p" pos=".01 0 .01"/><site name="q" pos=".04 0 .01"/>
+      <body pos=".05 0 0"><joint name="pip" axis="0 1 0" stiffness=".5" damping=".02"/>
+        <geom type="capsule" fromto="0 0 0 .04 0 0" size=".007" mass=".03"/>
+        <site name="tip" pos=".015 0 .01"/></body></body></worldbody>
+  <tendon><spatial name="t"><site site="base"/><site site="p"/><site site="q"/>
+    <site site="tip"/></spatial></tendon>
+  <actuator><motor name="x" tendon="t" gear="-1" ctrlrange="0 {pull}"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.filterwarnings("ignore::cc_mujoco.errors.CableWarning")
+def test_the_stiffness_by_default_is_stable_under_the_pull_of_its_actuators(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """At once, at any step; or it is refused with a step that it bears."""
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    refused_at = []
+    for pull in (0.1, 1.0, 10.0, 30.0):
+        for step in (5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2):
+            xml = FINGER.format(step=step, pull=pull)
+            try:
+                model, _ = taken(xml, 0.1)
+            except CableError as error:
+                refused_at.append((pull, step))
+                found = re.search(r"shorten the timestep to (\S+) s", str(error))
+                assert found is not None
+                model, _ = taken(FINGER.format(step=found[1], pull=pull), 0.1)
+            data = mujoco.MjData(model)
+            data.ctrl[0] = pull
+            mujoco.mj_step(model, data, round(1.0 / model.opt.timestep))
+            tension = read(model, data, "t").tension_proximal
+            assert 0.5 * pull < tension < 2.0 * pull, (pull, step)
+    assert "stable only" not in capfd.readouterr().err
+    assert (10.0, 1e-2) in refused_at and (10.0, 2e-3) not in refused_at
 
 
 @pytest.mark.parametrize(

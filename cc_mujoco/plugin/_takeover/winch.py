@@ -189,6 +189,38 @@ def plan_winch(
     return Winch(names, radius, lengths, tuple(inertias), tuple(damping))
 
 
+def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
+    """Return the largest tension that the actuators of a tendon make in a branch [N].
+
+    That of motors and muscles whose command is limited and of all whose force is; 0 for
+    others, of which no limit is known.
+    """
+    data = mujoco.MjData(original)
+    pulls = [0.0] * len(burden.actuators)
+    for share in (0.0, 1.0):
+        low, high = original.actuator_ctrlrange.T
+        limited = original.actuator_ctrllimited != 0
+        data.ctrl[:] = np.where(limited, low + share * (high - low), 0.0)
+        if original.na:
+            data.act[:] = share
+        mujoco.mj_forward(original, data)
+        for k, i in enumerate(burden.actuators):
+            out = original.actuator_outadr[i]
+            gear = original.actuator_gear[out, 0]
+            if original.actuator_forcelimited[i]:
+                force = original.actuator_forcerange[i][int(share)]
+            elif limited[i] and original.actuator_biastype[i] != _BIAS.mjBIAS_AFFINE:
+                force = data.actuator_force[out]
+            else:
+                continue
+            pulls[k] = max(pulls[k], float(-gear * force))
+    index = original.tendon(burden.tendon).id
+    pull = sum(pulls)
+    if original.tendon_actfrclimited[index]:
+        pull = min(pull, -float(original.tendon_actfrcrange[index, 0]))
+    return pull / min(branch.divisor for branch in burden.branches)
+
+
 def _damps_implicitly(model: mujoco.MjModel) -> bool:
     """Return whether the damping of joints is integrated implicitly."""
     integrator, off = model.opt.integrator, model.opt.disableflags

@@ -270,6 +270,10 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", ""], "a word is empty"),
         (["whatif", "--trajectory", "", "--vary", "loops=1,2"], "--trajectory is"),
         (["whatif", "--designs", ""], "--designs is empty"),
+        (
+            "whatif --vary loops=1,2 friction=0.1,0.2 --out x".split(),
+            "each value needs its own option, --vary friction=0.1,0.2",
+        ),
         (["diagnose", "x.csv", "--scene", "", "--out", "x"], "--scene is empty"),
         (["benchmark", "--controllers", "pi", ""], "a word is empty"),
         ([*EXPORT, "--scene", "wrsit", "--controller", "pi"], "did you mean 'wrist'"),

@@ -21,7 +21,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.cli._parsing import parse
-from cc_mujoco.device import Sensing
+from cc_mujoco.device import Sensing, find_device
 from cc_mujoco.device import _derivation as derivation
 from cc_mujoco.device._derived_wearers import WEARER_KEYS
 from cc_mujoco.device._description import Cuff
@@ -225,6 +225,22 @@ def test_the_page_is_short_and_the_scene_has_names_of_its_own() -> None:
     assert not {name for name in names if re.match("motor|wearer", name)}
     lines = re.search(r"\[`knee_exo.xml`\]\(knee_exo.xml\), (\d+) lines", PAGE)
     assert lines is not None and int(lines[1]) == len(text.splitlines()) <= 70
+
+
+def test_a_written_description_says_how_commands_come_to_read_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("knee_exo.device.toml").unlink(missing_ok=True)
+    assert cli.main(["device", "knee_exo.xml", "--out", "other.toml"]) == 0
+    said = capsys.readouterr().out
+    assert "give other.toml to the commands in place of knee_exo.xml" in said
+    assert "or rename it to knee_exo.device.toml" in said
+    assert find_device("other.toml").path == Path("knee_exo.xml")
+    (folder / "there").mkdir()
+    assert cli.main(["device", "knee_exo.xml", "--out", "there/my.toml"]) == 0
+    assert "put a copy of knee_exo.xml beside it" in capsys.readouterr().out
+    assert cli.main(["device", "knee_exo.xml"]) == 0
+    assert "the commands read it with knee_exo.xml" in capsys.readouterr().out
 
 
 def test_every_key_is_in_the_written_description_or_on_the_page(folder: Path) -> None:

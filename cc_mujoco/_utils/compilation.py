@@ -34,7 +34,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 stamp_compiled_code(Path(__file__).parents[1])
 
-_NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min, a few more if slow\n"
+_NOTICE = "cc_mujoco: compiling; this happens once and takes a few minutes\n"
 _UNCACHED_NOTICE = (
     "cc_mujoco: compiling, minutes, at every start: Numba may keep what it compiles "
     "neither beside the sources in {root} nor in the cache folder of this user; set "

@@ -39,7 +39,7 @@ from cc_mujoco.benchmark._scores import (
     episode_scores,
 )
 from cc_mujoco.control import Controller
-from cc_mujoco.device import Description, DeviceModel, Plant
+from cc_mujoco.device import UNPLUGGED, Description, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._plant import facts_of
@@ -290,6 +290,8 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     reference = _reference(cells[0])
     if reference is not None and reference.ideal:
         _apply_ideal_torque(made, rows)
+    if reference is not None and reference.changes == UNPLUGGED:
+        rows["least_tension_n"][:] = 1.0  # no cable is there that could be slack
     found: list[CellResult] = []
     for place, cell in enumerate(cells):
         count = len(cell.seeds)
@@ -316,7 +318,6 @@ def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> No
             given = np.clip(desired[late, row], *drive.reach)
             rows[f"{prefix}joint_torque_nm"][:, row] = given
             rows[f"{prefix}motor_torque_nm"][:, row] = given / drive.ratio
-    rows["least_tension_n"][:] = 1.0  # such a transmission is never slack
 
 
 def _scores(

@@ -184,9 +184,9 @@ def unknown_limits(results: Results) -> list[str]:
         joints = [axis.joint for axis in axes if math.isinf(axis.safe_torque)]
         if joints:
             found.append(
-                f"The safe torque at {', '.join(joints)} of {device_label(scene)} is "
-                "unknown (`safe_torque` in its description), so that none counts as a "
-                "failure there."
+                f"The safe torque of device {device_label(scene)} at joint "
+                f"{', '.join(joints)} is unknown (`safe_torque` in its description), "
+                "so that no torque there counts as a failure."
             )
     return found
 

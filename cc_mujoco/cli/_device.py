@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
 from cc_mujoco.cli._options import option_help
+
+if TYPE_CHECKING:
+    from cc_mujoco.device import Device
 
 
 @dataclass(frozen=True)
@@ -47,4 +50,21 @@ class ShowDevice:
                 print(f"\n{out} is there and was read; edit it.")
                 return
         write_description(device, out)
-        print(f"\nwrote {out}: edit it; the commands read it beside the scene.")
+        print(f"\nwrote {out}: edit it, {_use(device, out)}.")
+
+
+def _use(device: Device, out: Path) -> str:
+    """Return how the commands come to read a description."""
+    from cc_mujoco.device._description import ENDING
+
+    if device.path is None:
+        return f"and give {out} in place of {device.name}"
+    beside = device.path.with_suffix(ENDING)
+    if out.resolve() == beside.resolve():
+        return f"the commands read it with {device.path}"
+    if out.resolve().parent != beside.resolve().parent:
+        return f"and put a copy of {device.path} beside it; then give {out} to commands"
+    return (
+        f"and give {out} to the commands in place of {device.path}, or rename it to "
+        f"{beside}, which they read with {device.path}"
+    )

@@ -133,7 +133,7 @@ class Export:
             raise CableError(
                 f"controller {law!r} is not passive on {self.scene!r}{where}: in "
                 f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who "
-                f"holds still ({limb.stiffness:.2g} N m/rad, {limb.damping:.2g} "
-                f"N m s/rad), more than {1e3 * found.allowed:.3g}; --allow-active "
-                "writes it nevertheless."
+                f"holds still ({limb.stiffness:.3g} N m/rad, {limb.damping:.3g} "
+                f"N m s/rad), more than the {1e3 * found.allowed:.3g} mJ allowed; "
+                "--allow-active writes it nevertheless."
             )

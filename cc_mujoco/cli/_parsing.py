@@ -92,6 +92,7 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         if not stop.code:
             raise
         sentence = _error_sentence(captured.getvalue())
+        sentence += _repeated_option(sentence, arguments)
         named = [word for word in arguments[:1] if word in COMMANDS]
         help_command = " ".join([program, *named, "--help"])
         raise CableError(f"{sentence}`{help_command}` shows what works.") from None
@@ -143,6 +144,18 @@ def _error_sentence(box: str) -> str:
     near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
     hint = f"did you mean {near[1]}? " if near else ""
     return f"{what[:1].lower()}{what[1:]}; {hint}"
+
+
+def _repeated_option(sentence: str, arguments: Sequence[str]) -> str:
+    """Return a hint where a second value follows an option that takes one."""
+    _, found, stray = sentence.partition("unrecognized options: ")
+    word = stray.partition(";")[0].split(" ")[0]
+    before = [*arguments[: arguments.index(word)]] if word in arguments else []
+    options = [each for each in before if each.startswith("--")]
+    if not found or "=" not in word or word.startswith("-") or not options:
+        return ""
+    option = options[-1].partition("=")[0]
+    return f"each value needs its own option, {option} {word}; "
 
 
 def _described(lines: list[str]) -> list[str]:

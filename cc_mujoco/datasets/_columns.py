@@ -179,6 +179,8 @@ def _missing_column(
             f"{where} has no column {name!r} for {channel}{hint}: {listing}."
         )
     missing = f"{where} has no column {channel!r}, only {listing}"
+    if twice := [n for n in dict.fromkeys(names) if names.count(n) > 1]:
+        missing += f" ({' and '.join(map(repr, twice))} more than once)"
     measured = channels.kind_of(channel)
     taken = {
         own for other in channels.REQUIRED_CHANNELS for own in channels.spellings(other)

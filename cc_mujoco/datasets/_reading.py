@@ -121,15 +121,21 @@ def read_parts(
     start = f"{axis}." if axis else ""
     others = others or {}
     logged = {column: channels.other_angle(joint) for joint, column in others.items()}
-    homes = {
-        f"{table.part.key}.{column}"
-        if len(parts) > 1
-        else logged.get(column, column.removeprefix(start)): (table, column)
+    placed = [
+        (
+            f"{table.part.key}.{column}"
+            if len(parts) > 1
+            else logged.get(column, column.removeprefix(start)),
+            (table, column),
+        )
         for table in tabled
         for column in table.names
         if len(parts) == 1 or column != table.time
-    }
-    found = columns.channel_sources(where, list(homes), file, others)
+    ]
+    homes = dict(placed)
+    # With what is there twice, which may be why another is missing.
+    names = [column for column, _ in placed]
+    found = columns.channel_sources(where, names, file, others)
     for column in further:
         if places := columns.columns_named(column, list(homes)):
             found[channels.further(column)] = places[0]

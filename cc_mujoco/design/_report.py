@@ -250,7 +250,7 @@ def _page(
     return page(
         f"What if: {finding.plan.protocol.scene}",
         "named" if finding.best is not None else "fix-data",
-        report_text.header(finding, answer),
+        report_text.header(finding, answer, folder),
         page_sections(SECTION_TITLES, there),
     )
 

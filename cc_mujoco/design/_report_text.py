@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -164,8 +166,11 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
     return tuple(Objective(name, metric_of(name).high) for name in chosen)
 
 
-def header(found: RankedStudy, picture: Html) -> Html:
-    """State the answer, show it, and give the next command; then the question."""
+def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
+    """State the answer, show it, and give the next command; then the question.
+
+    `folder` is that of the study.
+    """
     meaning = found.plan.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
@@ -184,7 +189,9 @@ def header(found: RankedStudy, picture: Html) -> Html:
     lead = paragraph(answer_sentence(found), kind="lead")
     if found.best is None:
         return element("header", title, lead, *_least_violating(found), *request)
-    return element("header", title, lead, picture, _summary_answer(found), *request)
+    return element(
+        "header", title, lead, picture, _summary_answer(found, folder), *request
+    )
 
 
 def answer_sentence(found: RankedStudy) -> str:
@@ -202,11 +209,12 @@ def answer_sentence(found: RankedStudy) -> str:
     return f"{first} is design {best['design']}, {_setting_text(found, best)}: {gives}."
 
 
-def _summary_answer(found: RankedStudy) -> Html:
+def _summary_answer(found: RankedStudy, folder: Path) -> Html:
     """State the certainty and the next step, for readers who stop here."""
     row, edges = found.best, variables_at_ends(found)
     assert row is not None
-    show = element("code", f"cc-mujoco whatif-show STUDY {row['design']}")
+    study = shlex.quote(str(folder.resolve()))
+    show = element("code", f"cc-mujoco whatif-show {study} {row['design']}")
     sure = join_pieces([element("b", "How sure: "), f"{near_best_sentence(found)}."])
     items: list[Html] = [sure]
     if edges:

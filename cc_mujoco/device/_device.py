@@ -31,6 +31,7 @@ from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.plugin._spec import error_sentence
 
 _ONE = threading.Lock()
 
@@ -228,7 +229,7 @@ def _load_spec(scene: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(scene))
     except ValueError as error:
-        reason = " ".join(str(error).split())
+        reason = error_sentence(error)
         raise CableError(f"scene {scene} does not load: {reason}") from None
 
 

@@ -201,6 +201,15 @@ class AxisModel:
         # No controller knows a cable of which other joints wind a part.
         self._unknown = self.winding is None
 
+    def describe_pull(self, cable: str) -> str:
+        """Return how the motor winds a driven cable, and where that turns the joint."""
+        winds = "positive" if self._proximal[cable] < 0.0 else "negative"
+        turns = "positive" if self._distal[cable] < 0.0 else "negative"
+        return (
+            f"cable {cable} is wound as {self.axis.drum} turns in the {winds} sense, "
+            f"and pulls {self.axis.joint} towards {turns} angles"
+        )
+
     @property
     def plain(self) -> bool:
         """True if nothing but cables and a wearer of gear 1 acts on the joint."""

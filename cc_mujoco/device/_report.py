@@ -169,7 +169,9 @@ def account(device: Device) -> str:
         if others := axis.crossed:
             lines.append(f"    its cables also cross joint {', '.join(others)}")
         for name in axis.axis.cables:
-            if name not in axis.driven:
+            if name in axis.driven:
+                lines.append(f"    {axis.describe_pull(name)}")
+            else:
                 lines.append(
                     f"    its cable {name} pulls {device.ends[name][1].target}, whose "
                     "torque is not measured; `joint` in [axis] chooses"

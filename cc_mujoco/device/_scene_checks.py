@@ -15,6 +15,7 @@ from cc_mujoco.device._derived_values import ASSUMED, GIVEN, DescriptionReader
 from cc_mujoco.device._description import FREE_ROOTS
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.plugin._spec import error_sentence
 
 MAX_RANGE = 6.0 * math.pi
 """Range of a driven hinge that looks like degrees [rad]."""
@@ -30,7 +31,7 @@ def compile_scene(spec: mujoco.MjSpec, scene: str) -> mujoco.MjModel:
         # A copy, as elements of what was compiled cannot all be taken out later.
         return spec.copy().compile()
     except ValueError as error:
-        reason = " ".join(str(error).split())
+        reason = error_sentence(error)
         raise CableError(f"scene {scene} does not compile: {reason}") from None
 
 

@@ -219,7 +219,10 @@ def gap_sentence(name: str, gap: Gap) -> str:
     within = ""
     if math.isfinite(low) and math.isfinite(high):
         within = f" (95 % interval {format_share(low)} to {format_share(high)})"
-    return f"{text}{ground}; {format_share(closed)} of the gap is closed{within}."
+    return (
+        f"{text}{ground}; {format_share(closed)} of the RMS error above it is gone"
+        f"{within}."
+    )
 
 
 def _decimal_places(value: float, digits: int) -> int:

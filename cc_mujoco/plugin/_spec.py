@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -10,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._engine import PLUGIN
 
@@ -18,6 +20,8 @@ _OWN = {
     "path", "plugin", "signature", "userdata",
 }  # fmt: skip
 """Fields of an element that no default gives it."""
+_UNKNOWN_KEY = re.compile(rf"unrecognized attribute 'plugin:(.*?)' for plugin {PLUGIN}")
+"""MuJoCo's words for a key that the plugin does not have."""
 
 
 def add_element(owner: Any, kind: str, **fields: Any) -> Any:
@@ -100,7 +104,7 @@ def plain_errors() -> Iterator[None]:
     except CableError:
         raise
     except ValueError as error:
-        raise CableError(_error_sentence(error)) from None
+        raise CableError(error_sentence(error)) from None
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -113,8 +117,10 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.compile()
 
 
-def _error_sentence(error: ValueError) -> str:
+def error_sentence(error: ValueError) -> str:
     """Return MuJoCo's message, once, or the plugin's own sentence within it."""
     message = " ".join(dict.fromkeys(str(error).split("\n")))
+    if misspelt := _UNKNOWN_KEY.search(message):
+        return str(CableError.unknown("key", misspelt[1], KEYS, "a cable"))
     _, found, own = message.partition(f"plugin `{PLUGIN}`, instance ")
     return f"cable {own}" if found else message

@@ -238,6 +238,12 @@ summary { cursor: pointer; font-size: .88rem; color: $blue; }
 .bar { display: block; width: 6rem; height: .5rem; margin-top: .2rem;
   background: #eee; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .bar span { display: block; height: 100%; background: $blue; }
+@media (max-width: 30rem) {
+  table { font-size: .8rem; }
+  th, td { padding-right: .4rem; }
+  td { overflow-wrap: anywhere; }
+  .bar { width: 100%; min-width: 2rem; }
+}
 @media (prefers-color-scheme: dark) {
   body { background: #16181c; color: #e6e6e6; }
   h2 { border-color: #3a3d44; }

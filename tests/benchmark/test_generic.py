@@ -164,7 +164,7 @@ def test_a_file_is_benchmarked_and_verified_until_it_changes(
     words += ["--conditions", "ordinary-rough", "--duration", "1.05", "--workers", "1"]
     assert cli.main(words) == 0
     shown = capsys.readouterr().out
-    assert "The safe torque at knee of knee is unknown" in shown
+    assert "The safe torque of device knee at joint knee is unknown" in shown
     assert "nan" not in shown
     results = Path("runs", "benchmark", "results.parquet")
     table = pq.read_table(results)

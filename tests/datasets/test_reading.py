@@ -280,6 +280,10 @@ def test_tensions_and_temperature_are_taken_along(tmp_path: Path) -> None:
         (text("12:00:01.5,1,2,3,4\n"), "'12:00:01.5' must be a number"),
         (text("0,1,2,3,4,maybe\n", f"{TOP},valid"), "'maybe' must be a number"),
         (text("0,1,2,3,4,9\n", f"{TOP},time_s"), "2 columns time_s"),
+        (
+            text("0,1,2,3,4\n", TOP.replace("joint_torque", "motor_torque")),
+            r"no column 'joint_torque_nm'.*\('motor_torque_nm' more than once\)",
+        ),
         (text("0,1,2,3,4,9\n", f"{TOP},motor_angle_deg"), "say in dataset.toml which"),
         (b"PK\x03\x04\x00\x00\xff\xfe\x00\x01" * 50, "run.csv"),
         (bytes(range(256)) * 40, "run.csv"),

@@ -29,6 +29,7 @@ from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
 from cc_mujoco.report._html import Html
 
 GOALS = ("rms_torque_error", "peak_tension")
+FOLDER = Path("/runs/liner")
 
 
 def finding(
@@ -149,19 +150,19 @@ def test_a_best_design_at_the_end_of_a_range_is_said_to_be(
     found, _ = finding(errors, [1.0] * 4, goals=GOALS[:1])
     text = said(confidence(found))
     assert ends in text and ("wider range" in text) == bool(ends)
-    top = said(header(found, Html()))
+    top = said(header(found, Html(), FOLDER))
     assert ("vary friction and pretension further" in top) == bool(ends)
 
 
 def test_the_first_screen_says_how_sure_it_is_and_what_is_next() -> None:
     errors = [1.0, 1.01, 3.0, 4.0]
-    top = said(header(finding(errors, [1.0] * 4, goals=GOALS[:1])[0], Html()))
+    top = said(header(finding(errors, [1.0] * 4, goals=GOALS[:1])[0], Html(), FOLDER))
     top = " ".join(top.split())
     assert "How sure: 1 other design is as good to within 5%" in top
     assert "Next: " in top
-    assert "cc-mujoco whatif-show STUDY 0" in top
+    assert "cc-mujoco whatif-show /runs/liner 0" in top
     lone, _ = finding([1.0, 2.0, 3.0, 4.0], [1.0] * 4, goals=GOALS[:1])
-    alone = said(header(lone, Html()))
+    alone = said(header(lone, Html(), FOLDER))
     assert "No other design is" in alone and "stands alone" in alone
 
 

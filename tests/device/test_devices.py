@@ -165,6 +165,39 @@ def test_what_nobody_says_is_unknown_and_listed_as_missing(tmp_path: Path) -> No
         assert key in missing
 
 
+@pytest.mark.parametrize(
+    ("gear", "sense"), [("-0.02", "positive"), ("0.02", "negative")]
+)
+def test_an_account_says_which_way_a_cable_pulls(
+    tmp_path: Path, gear: str, sense: str
+) -> None:
+    text = account(Device(knee(tmp_path, gear=gear)))
+    assert f"cable cord is wound as drum turns in the {sense} sense" in text
+    # The lever is in front of the knee, whose axis points to the left.
+    assert "and pulls knee towards negative angles" in text
+
+
+@pytest.mark.parametrize(
+    ("written", "sentence"),
+    [
+        ('"friction" value="-1"', "'-1'; it must be a number in [0, 5]"),
+        ('"frictoin" value="0.1"', "'frictoin' in a cable: did you mean 'friction'"),
+    ],
+)
+def test_a_bad_key_of_a_cable_is_one_sentence_once(
+    tmp_path: Path, written: str, sentence: str
+) -> None:
+    path = knee(tmp_path)
+    xml = path.read_text().replace('"friction" value="0.1"', written)
+    path.write_text(xml)
+    with pytest.raises(CableError) as caught:
+        Device(path)
+    message = str(caught.value)
+    assert sentence in message, message
+    assert message.count("it must be") <= 1
+    assert "plugin->init" not in message and "Element" not in message
+
+
 def test_a_written_description_reads_as_the_same_device(tmp_path: Path) -> None:
     path = knee(tmp_path)
     before = Device(path)

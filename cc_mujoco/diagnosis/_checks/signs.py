@@ -40,8 +40,8 @@ _UNIT_CHECK_CORRELATION = 0.9
 _MIN_GENERATED_SHARE, _LARGE_GENERATED_SHARE = (
     0.03,
     0.06,
-)  # share of the power that passes, made of nothing
-_CLEAR_WORK_SHARE = 0.2  # share of the net works, made of nothing
+)  # energy gained, as a share of what passes
+_CLEAR_WORK_SHARE = 0.2  # energy gained, as a share of the net works
 _MIN_TRIALS = 3  # trials in which torques cannot oppose each other by chance
 # Share of the power lost from which on both sides may be driving.
 _MAX_FRICTION_SHARE = 0.6
@@ -143,8 +143,8 @@ def check_signs(group: Group) -> list[DataFinding]:
     made = friction < -max(3.0 * m.doubt, _MIN_GENERATED_SHARE * m.scale)
     if made:
         contradictions.append(
-            f"the transmission makes {-friction / m.scale:.0%} of the power that "
-            "passes of nothing"
+            f"more energy leaves the transmission than enters, by "
+            f"{-friction / m.scale:.0%} of what passes"
         )
     if not contradictions:
         return []

@@ -298,7 +298,8 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
         if found.form:
             title += f", {found.form}"
         if found.refinement:
-            title += f" (refines; takes {format_share(found.share)} of the gap)"
+            takes = f"takes {format_share(found.share)} of the squared error"
+            title += f" (refines; {takes} above the noise floor)"
         elif found.ordinary:
             title += " (no more than any rig may have)"
         parts += [element("h3", title), _values(found.parameters)]

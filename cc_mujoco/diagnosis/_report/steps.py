@@ -131,7 +131,10 @@ def _certainty_sentence(found: FoundEffect, names: Names) -> str:
         + f" (95 %: {format_interval(each)})"
         for name, each in (surely or found.parameters).items()
     ]
-    takes = f"It takes {format_share(found.share)} of the gap"
+    takes = (
+        f"It takes {format_share(found.share)} of the squared error above the noise "
+        "floor"
+    )
     best = f"is the best candidate in {format_share(found.confidence)} of resamplings"
     return f"{capitalise(names(found.id))}: {list_words(sizes)}. {takes} and {best}."
 

@@ -36,7 +36,10 @@ def test_an_inverted_channel_is_found(tmp_path: Path, channel: str, seed: int) -
 @pytest.mark.parametrize(
     ("channels", "sentence"),
     [
-        (("motor_torque_nm", "joint_torque_nm"), "makes .* of nothing; invert motor"),
+        (
+            ("motor_torque_nm", "joint_torque_nm"),
+            "leaves the transmission than enters, by .*; invert motor",
+        ),
         (("motor_torque_nm", "joint_angle_rad"), "invert motor_torque_nm and joint_an"),
     ],
 )

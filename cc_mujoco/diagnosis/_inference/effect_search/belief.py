@@ -12,6 +12,7 @@ the library does not have.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
@@ -129,11 +130,11 @@ def _worded(
         "outside": "something else acts",
         "small": "an effect is too small for these data",
     }
-    rest = [
-        f"{words.get(each.id) or EFFECTS[each.id].title} "
-        f"({format_odds(each.probability)})"
-        for each in shown
-    ]
+
+    def name(other: Alternative) -> str:
+        return words.get(other.id) or EFFECTS[other.id].title
+
+    rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
     subject = {
         "named": "this is what is missing, and all of it",
         "tie": "one of the tied effects acts",
@@ -141,6 +142,10 @@ def _worded(
         "unknown": "something acts that the library does not have",
     }[kind]
     statement = f"Odds {format_odds(probability)} that {subject}"
+    if len(shown) == 1 and math.isclose(
+        shown[0].probability, 1.0 - probability, abs_tol=_MIN_SHOWN
+    ):
+        rest = [name(shown[0])]
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

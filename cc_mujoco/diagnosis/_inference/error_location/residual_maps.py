@@ -209,8 +209,9 @@ def describe_map(drawn: Map) -> str:
         f"{error[k]:+.3g} N m at {format_number(place[k], step)}{unit}"
         for k in (low, high)
     )
+    sense = " (1 is forwards, \u22121 backwards)" if drawn.unit == "1" else ""
     return (
         f"{format_share(drawn.share)} of the squared {_CHANNEL_NAMES[drawn.channel]} "
         f"error lies along {drawn.axis} (chance gives {format_share(drawn.chance)}): "
-        f"measured minus simulated is {first} and {last}."
+        f"measured minus simulated is {first} and {last}{sense}."
     )

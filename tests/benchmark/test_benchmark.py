@@ -148,6 +148,7 @@ def test_references_give_the_scores_a_scale() -> None:
         error[name] = played.scores["rms_torque_error"][0]
         effort[name] = played.scores["rms_motor_torque"][0]
         if name == "unplugged":
+            assert played.scores["slack_under_load"][0] == 0.0
             trace = played.trace
             asked = trace["desired_torque_nm"][trace["time_s"] >= 0.5]
             assert np.abs(trace["joint_torque_nm"]).max() < 1e-4

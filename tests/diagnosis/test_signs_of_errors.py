@@ -86,5 +86,7 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     statement = describe_map(speed)
     assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} N m" in statement
     assert f"and {max(0.0, side) * MORE:+.3g} N m" in statement
+    turning = next(m for m in drawn if m.axis == "direction of motion")
+    assert "(1 is forwards, \u22121 backwards)" in describe_map(turning)
     nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))
     assert SIGN_NOTE in str(sections.maps(Evidence((trace,), drawn, nothing)))

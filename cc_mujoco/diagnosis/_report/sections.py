@@ -170,7 +170,11 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
         items.append(
             join_pieces([each.statement, element("span", note, class_="small")])
         )
-    return bullet_list(items, ranked=True)
+    note = (
+        "Noise floors are counted here after a fit to all data; errors on data held "
+        "out, above, are larger."
+    )
+    return join_pieces([bullet_list(items, ranked=True), paragraph(note, kind="small")])
 
 
 def unknown(diagnosis: Diagnosis) -> Html | None:

@@ -19,9 +19,11 @@ from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
 from cc_mujoco.diagnosis._inference.effect_search.belief import (
     MEETING_FORM_SHARE,
     RELIABILITY,
+    _worded,
     probabilities,
 )
 from cc_mujoco.diagnosis._phrases import format_odds
+from cc_mujoco.diagnosis._verdict import Alternative
 
 BLOCKS = 64
 NOISE = np.tile([0.5, 1.5], BLOCKS // 2)
@@ -81,3 +83,11 @@ def test_rates_are_those_of_the_page() -> None:
 )
 def test_odds_are_never_certain(probability: float, words: str) -> None:
     assert format_odds(probability) == words
+
+
+def test_odds_of_one_alternative_are_said_once() -> None:
+    other = Alternative("outside", 0.05)
+    lone = _worded("named", 0.95, [other]).statement
+    assert lone.endswith("and all of it; otherwise something else acts.")
+    two = _worded("named", 0.8, [other, Alternative("nothing", 0.15)]).statement
+    assert "nothing is missing (odds 15:85) or something else acts (odds 5:95)" in two

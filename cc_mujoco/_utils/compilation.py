@@ -53,7 +53,7 @@ class _NoEnvironment:
         """Note nothing: no function of an `_InlinedLibrary` has a Python side."""
 
 
-class _InlinedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
+class _InlinedLibrary(codegen.JITCodeLibrary):
     """Code of a function that others compile into themselves.
 
     They optimise it there, so it is not optimised here and never becomes machine code:
@@ -66,7 +66,7 @@ class _InlinedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
         """Leave that to the callers."""
 
     def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -74,13 +74,13 @@ class _InlinedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
         return 0
 
 
-class _InlinedCompiler(compiler.Compiler):  # type: ignore[misc]
+class _InlinedCompiler(compiler.Compiler):
     """Numba's compiler, with an `_InlinedLibrary` for its result."""
 
     def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        state = self.state
-        state.library = _InlinedLibrary(state.targetctx.codegen(), "inlined")
+        super().__init__(*given)  # type: ignore[no-untyped-call]
+        state, make = self.state, cast("Callable[..., Any]", _InlinedLibrary)
+        state.library = make(state.targetctx.codegen(), "inlined")
         state.library.enable_object_caching()
 
 

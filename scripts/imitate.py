@@ -65,9 +65,9 @@ BENCH_LINER = {"friction": (0.08, 0.18), "break_away": (1.0, 1.6)}
 AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
 """Amounts of an effect over those of suite `v2`; probability that a plant has it. The
 teacher swings a finger with more of `viscous`."""
-BANDWIDTH = 150.0
-"""Default bandwidth of the plans of `predictive` [rad/s]. What follows a faster one is
-harder to tell from late measurements."""
+BANDWIDTH = 400.0
+"""Default bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
+slower plan leaves of a tremor, too."""
 WIDTHS = 128, 128
 """Units of the hidden layers."""
 RATE, LAST_RATE = 1e-3, 3e-4

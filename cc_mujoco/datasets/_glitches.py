@@ -17,6 +17,9 @@ from cc_mujoco.datasets._quantization import resolution
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
 
+_LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
+_COMPARED = (channels.ANGLE, *_LOADS)
+"""Kinds of readings that a model is compared with; others lose a column by a gap."""
 _LONGEST = 2
 """Most readings in a row that are one glitch: longer ones may be a pulse."""
 _CHANGE_QUANTILE, _CHANGE_RATIO = 0.98, 8.0
@@ -46,11 +49,12 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
     """
     values, findings = dict(recording.values), []
     for channel, readings in recording.values.items():
-        if channel in (channels.TIME, channels.VALID):
+        kind = channels.kind_of(channel)
+        if kind not in _COMPARED:
             continue
         time = recording.clocks.get(channel, recording.values[channels.TIME])
         lone, frozen = _lone(readings), []
-        if channels.kind_of(channel) in _LOADS:
+        if kind in _LOADS:
             lone = lone[~_impacts(recording, channel, lone)]
             frozen = _frozen(readings)
         if not lone.size and not frozen:
@@ -85,9 +89,6 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
     if not findings:
         return recording, []
     return replace(recording, values=values), findings
-
-
-_LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
 
 
 def _usual_change(readings: FloatArray) -> float:
@@ -168,9 +169,7 @@ def _impacts(
         return felt
     for other, readings in recording.values.items():
         same = other != channel and other not in recording.clocks
-        if not same or other in (channels.TIME, channels.VALID):
-            continue
-        if channels.kind_of(other) not in _LOADS:
+        if not same or channels.kind_of(other) not in _LOADS:
             continue
         moved = np.abs(readings[rows] - readings[rows - 1])
         felt |= moved > _COMMON_RATIO * max(_usual_change(readings), 1e-300)

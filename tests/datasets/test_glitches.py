@@ -112,6 +112,13 @@ def test_an_angle_that_leaps_for_a_reading_is_a_glitch():
     assert "motor_angle_rad reads -3 at 2.468 s" in finding.statement
 
 
+def test_a_column_that_is_not_compared_is_left_alone():
+    values = recording(**{TORQUE: swing(11)})
+    values.values[channels.TEMPERATURE] = np.where(TIME == TIME[500], 200.0, 21.0)
+    values.values[channels.further("load")] = swing(12) + 1e3 * (TIME == TIME[9])
+    assert not drop_glitches(values)[1]
+
+
 @given(
     seed=st.integers(0, 2**31),
     start=st.integers(0, TIME.size - 200),

@@ -6,9 +6,9 @@
 
 The teacher, `predictive` by default, has the true parameters and exact, prompt
 measurements of each plant. The policy sees the sensors of the device, late and noisy,
-over the last 20 ms. It plays more and more itself while the teacher says at every step
-what it would do, and is fitted to all that was said so far: S. Ross, G. Gordon, D.
-Bagnell, "A reduction of imitation learning and structured prediction to no-regret
+over the last 20 ms. It plays more and more itself, while the teacher gives at every
+step the action that it would take, and is fitted to all of these: S. Ross, G. Gordon,
+D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret
 online learning", AISTATS 2011. A torque depends on more than the sensors show; the
 policy learns a mean of what is possible.
 

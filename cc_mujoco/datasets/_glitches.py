@@ -32,6 +32,8 @@ _BESIDE, _BESIDE_QUANTILE = 10, 0.7
 _COMMON_RATIO = 3.0
 """Usual large changes by which another load moves where both feel a real impact."""
 _MIN_READINGS = 50
+_MAX_COUNTED = 100_000
+"""Most readings from which sizes are estimated."""
 _MIN_FROZEN = 8
 """Equal readings in a row that noise does not give."""
 _MAX_REPEATS = 0.1
@@ -63,7 +65,7 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
         if lone.size:
             first, end = int(lone[0]), int(lone[0]) + 1
             end += end in lone
-            more = f", and {lone.size - 1} more are alike" if lone.size > 1 else ""
+            more = f", and {lone.size - 1} more" if lone.size > 1 else ""
             message = (
                 f"{recording.column(channel)} reads {readings[first]:.4g} at "
                 f"{time[first]:.6g} s (row {first + 1}), between "
@@ -76,15 +78,14 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
             longest = max(frozen, key=lambda rows: rows.stop - rows.start)
             more = f", and {len(frozen) - 1} times more" if len(frozen) > 1 else ""
             message = (
-                f"{recording.column(channel)} reads {readings[longest.start]:.4g} in "
-                f"{longest.stop - longest.start} rows in a row from "
-                f"{time[longest.start]:.6g} s (row {longest.start + 1}){more}: its "
-                "noise stops there, so the repeats are left out; check the sensor and "
-                "its driver."
+                f"{recording.column(channel)} repeats {readings[longest.start]:.4g} in "
+                f"{longest.stop - longest.start} rows from {time[longest.start]:.6g} s "
+                f"(row {longest.start + 1}) on{more}: its noise stops there, so these "
+                "are left out; check the sensor and its driver."
             )
             findings.append(warning(message, recording.name, channel))
             for rows in frozen:
-                kept[rows.start + 1 : rows.stop] = np.nan
+                kept[rows] = np.nan
         values[channel] = kept
     if not findings:
         return recording, []
@@ -92,20 +93,28 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
 
 
 def _usual_change(readings: FloatArray) -> float:
-    """Return a large change from one reading to the next, as it is usual."""
-    change = np.abs(np.diff(readings))
-    return float(np.nanquantile(change, _CHANGE_QUANTILE)) if change.size else 0.0
+    """Return a usual large change from one reading to the next, infinite if unknown."""
+    change = np.abs(np.diff(readings))[:: max(1, readings.size // _MAX_COUNTED)]
+    change = change[np.isfinite(change)]
+    return float(np.quantile(change, _CHANGE_QUANTILE)) if change.size else np.inf
+
+
+def _least_size(readings: FloatArray) -> float:
+    """Return the least size of what no motion explains, infinite for few readings."""
+    known = readings[:: max(1, readings.size // _MAX_COUNTED)]
+    known = known[np.isfinite(known)]
+    if known.size < _MIN_READINGS:
+        return np.inf
+    low, high = np.quantile(known, (0.01, 0.99))
+    change = _CHANGE_RATIO * _usual_change(readings)
+    return max(change, _MIN_RANGE_SHARE * float(high - low))
 
 
 def _lone(readings: FloatArray) -> NDArray[np.intp]:
     """Return the rows of lone readings that are far off."""
-    known = readings[np.isfinite(readings)]
-    if known.size < _MIN_READINGS:
+    least = _least_size(readings)
+    if np.isinf(least):
         return np.empty(0, dtype=np.intp)
-    low, high = np.quantile(known, (0.01, 0.99))
-    least = max(
-        _CHANGE_RATIO * _usual_change(readings), _MIN_RANGE_SHARE * float(high - low)
-    )
     found = np.zeros(readings.size, dtype=bool)
     for length in range(1, _LONGEST + 1):
         inside = np.lib.stride_tricks.sliding_window_view(readings[1:-1], length)
@@ -127,14 +136,8 @@ def leaps(readings: FloatArray) -> NDArray[np.intp]:
 
     An encoder that slips or is zeroed does that, and no joint with inertia.
     """
-    known = readings[np.isfinite(readings)]
-    if known.size < _MIN_READINGS:
-        return np.empty(0, dtype=np.intp)
-    low, high = np.quantile(known, (0.01, 0.99))
+    least = _least_size(readings)
     change = np.abs(np.diff(readings))
-    least = max(
-        _CHANGE_RATIO * _usual_change(readings), _MIN_RANGE_SHARE * float(high - low)
-    )
     rows = np.flatnonzero(change > least)
     if not rows.size:
         return rows
@@ -172,15 +175,15 @@ def _impacts(
         if not same or channels.kind_of(other) not in _LOADS:
             continue
         moved = np.abs(readings[rows] - readings[rows - 1])
-        felt |= moved > _COMMON_RATIO * max(_usual_change(readings), 1e-300)
+        felt |= moved > _COMMON_RATIO * _usual_change(readings)
     return felt
 
 
 def _frozen(readings: FloatArray) -> list[slice]:
-    """Return the stretches over which a noisy load repeats one reading.
+    """Return the rows in which a noisy load repeats a reading.
 
-    Those at an extreme of the channel are clipped, which another check finds. An angle
-    may rest.
+    The first of equal readings is none of them, unless the load leaps to it. Without a
+    leap those at an extreme are clipped, which another check finds. An angle may rest.
     """
     if np.count_nonzero(np.isfinite(readings)) < _MIN_READINGS:
         return []
@@ -195,5 +198,10 @@ def _frozen(readings: FloatArray) -> list[slice]:
     third = np.abs(np.diff(readings, 3))
     if usual > _MAX_REPEATS or np.nanmedian(third) < _MIN_NOISE_SHARE * (high - low):
         return []
-    ends = np.nanmin(readings), np.nanmax(readings)
-    return [slice(int(a), int(b) + 1) for a, b in runs if readings[a] not in ends]
+    ends, least = (np.nanmin(readings), np.nanmax(readings)), _least_size(readings)
+    found = []
+    for first, last in runs.tolist():
+        leaps_there = first > 0 and abs(readings[first] - readings[first - 1]) > least
+        if leaps_there or readings[first] not in ends:
+            found.append(slice(first + (not leaps_there), last + 1))
+    return found

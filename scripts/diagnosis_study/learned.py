@@ -1,7 +1,7 @@
 """Policies that learnt on a simulated bench, on rigs that they do not know.
 
     python scripts/train_policy.py --scene bench --algorithm sac --out runs/bench
-    python scripts/imitate.py --scene bench --hold 1 --bandwidth 400 --out runs/one
+    python scripts/imitate.py --scene bench --hold 1 --out runs/one
     python scripts/diagnosis_study/learned.py --out runs/learned \
         --controllers pi stiction predictive runs/bench/0.safetensors runs/one/0...
 

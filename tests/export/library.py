@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -21,6 +23,14 @@ GUARD = 64
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+
+
+@functools.cache
+def device(scene: str) -> Any:
+    """Return the environment of a device."""
+    return gymnasium.make(
+        "cc_mujoco/Device-v1", device=scene, disable_env_checker=True, duration=3.0
+    ).unwrapped
 
 
 class Library:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, TARGETS, ExportPlan, write
-from export.library import COMPILER, GUARD, STRICT, Library, needs_compiler, run
+from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 from hardware.devices import ARM, written
 from shared_folder import SHARED
 
@@ -29,13 +28,6 @@ Made = Callable[[str, str], tuple[Path, ExportPlan]]
 CASES = SHARED / "cases" / "device"
 COUPLED = "hand", "bilateral"
 STEPS = 300
-
-
-@functools.cache
-def device(scene: str) -> Any:
-    return gymnasium.make(
-        "cc_mujoco/Device-v1", device=scene, disable_env_checker=True, duration=3.0
-    ).unwrapped
 
 
 @functools.cache

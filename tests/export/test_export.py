@@ -14,7 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
@@ -35,7 +34,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, EXPORTED, TARGETS, ExportPlan, Target, write
 from cc_mujoco.export import _files as files
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
-from export.library import COMPILER, GUARD, STRICT, Library, needs_compiler, run
+from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 
 DEVICES = ("wrist", "ankle", "finger", "exosuit")
 Array = NDArray[np.float64]
@@ -69,13 +68,6 @@ FROM_C = {
     "memset", "memcpy", "memmove",
     "sin", "cos", "exp", "log", "pow", "expm1", "log1p",
 }  # fmt: skip
-
-
-@functools.cache
-def device(scene: str) -> Any:
-    return gymnasium.make(
-        "cc_mujoco/Device-v1", device=scene, disable_env_checker=True, duration=3.0
-    ).unwrapped
 
 
 @functools.cache

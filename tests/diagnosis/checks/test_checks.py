@@ -113,9 +113,9 @@ def test_a_glitch_and_a_frozen_torque_split_the_trial(tmp_path: Path) -> None:
     (trial,) = dataset.trials
     ends = slice(0, 3000), slice(3001, 6001), slice(6100, 10_000)
     assert trial.segments == ends
-    told = " ".join(f.statement for f in findings)
-    assert "reads 1000 at 6 s (row 3001)" in told
-    assert "in 100 rows in a row from 12 s (row 6001)" in told
+    text = " ".join(f.statement for f in findings)
+    assert "reads 1000 at 6 s (row 3001)" in text
+    assert "in 99 rows from 12.002 s (row 6002) on" in text
 
 
 def test_a_copy_is_no_repeat(tmp_path: Path) -> None:

@@ -35,7 +35,6 @@ from cc_mujoco.plugin._registration import (
     DIGEST_NAME,
     NEEDED_STAGE,
     PLUGIN_LIBRARY,
-    PYTHON_FUNCTIONS,
     code_digest,
     compiled_callbacks,
     file_of,
@@ -153,14 +152,13 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
     linker = _linker()
     callbacks = compiled_callbacks()
     functions = bitcode_of({**CALLBACKS, **callbacks})
-    visible = {DIGEST_NAME, *(f"cc_mujoco_{name}" for name in PYTHON_FUNCTIONS)}
     content = emit(
         _TARGET,
         _interface(list(callbacks)),
         functions,
         _RUNTIME,
         _PROVIDED,
-        frozenset(visible),
+        frozenset({DIGEST_NAME, *CALLBACKS}),
         passes=1,
     )
     with atomic_io.replacing_folder(folder) as partial:

@@ -69,6 +69,7 @@ from cc_mujoco.plugin._ffi import (
     allocate,
     append,
     assign,
+    call_by_name,
     clear,
     copy,
     copy_words,
@@ -160,16 +161,16 @@ _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 # The large functions are compiled once each and called by name; as Numba functions they
 # would be compiled again inside every callback that calls them.
 _REFUSED_SIGNATURE = types.int32(types.intp, types.int32)
-_refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED_SIGNATURE)
+_refused = call_by_name("cc_mujoco_refused", _REFUSED_SIGNATURE)
 _TURN_SIGNATURE = types.float64(types.intp, types.intp, types.int32)
 _WRAP_SIGNATURE = types.void(types.intp, types.intp, types.int32, types.intp)
-_limits = types.ExternalFunction("cc_mujoco_limits", _WRAP_SIGNATURE)
-_aim = types.ExternalFunction("cc_mujoco_aim", _WRAP_SIGNATURE)
+_limits = call_by_name("cc_mujoco_limits", _WRAP_SIGNATURE)
+_aim = call_by_name("cc_mujoco_aim", _WRAP_SIGNATURE)
 _CHECK_SIGNATURE = types.void(types.intp, types.intp, types.int32)
-_warn_missed = types.ExternalFunction("cc_mujoco_missed", _CHECK_SIGNATURE)
-_undo_early = types.ExternalFunction("cc_mujoco_undo_early", _CHECK_SIGNATURE)
-_pull_early = types.ExternalFunction("cc_mujoco_pull_early", _CHECK_SIGNATURE)
-_check = types.ExternalFunction("cc_mujoco_check", _CHECK_SIGNATURE)
+_warn_missed = call_by_name("cc_mujoco_missed", _CHECK_SIGNATURE)
+_undo_early = call_by_name("cc_mujoco_undo_early", _CHECK_SIGNATURE)
+_pull_early = call_by_name("cc_mujoco_pull_early", _CHECK_SIGNATURE)
+_check = call_by_name("cc_mujoco_check", _CHECK_SIGNATURE)
 
 
 def compile_callbacks(cache: bool) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._ffi import (
+    call_by_name,
     copy_words,
     fill,
     floats,
@@ -55,7 +56,7 @@ from cc_mujoco.plugin._routing import follow
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 PACK = types.int32(types.intp, types.intp, types.int32)
-repack = types.ExternalFunction("cc_mujoco_pack", PACK)
+repack = call_by_name("cc_mujoco_pack", PACK)
 
 
 @internal

@@ -24,6 +24,7 @@ from cc_mujoco._utils.compilation import internal as internal
 from cc_mujoco._utils.compilation import types as types
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._mj_offsets import offset, structure
+from cc_mujoco.plugin._registration import address_in_library
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -47,6 +48,18 @@ def export_callback(name: str, code: Any) -> None:
     """Let compiled code find a compiled function by name, and keep it."""
     export(name, code.address)
     CALLBACKS[name] = code
+
+
+def call_by_name(name: str, signature: Any) -> Any:
+    """Return a function of the plugin as compiled code calls it, by name.
+
+    Raises:
+        ImportError: The plugin is that of a shared library without this function.
+    """
+    address = address_in_library(name)
+    if address is not None:
+        export(name, address)
+    return types.ExternalFunction(name, signature)
 
 
 ENGINE_FUNCTIONS = (

@@ -90,11 +90,31 @@ def register() -> None:
 def plugin_function(name: str) -> Any:
     """Return a compiled function of the registered plugin, see `PYTHON_FUNCTIONS`."""
     kind, symbol = PYTHON_FUNCTIONS[name], f"cc_mujoco_{name}"
-    if _library is not None:
-        return kind((symbol, _library))
-    import llvmlite.binding  # type: ignore[import-untyped]
+    address = address_in_library(symbol)
+    if address is None:
+        import llvmlite.binding  # type: ignore[import-untyped]
 
-    return kind(llvmlite.binding.address_of_symbol(symbol))
+        address = llvmlite.binding.address_of_symbol(symbol)
+    return kind(address)
+
+
+def address_in_library(symbol: str) -> int | None:
+    """Return the address of a function in the shared library of the plugin.
+
+    It is None where the plugin is compiled in this process.
+
+    Raises:
+        ImportError: The library has no such function.
+    """
+    if _library is None:
+        return None
+    try:
+        return ctypes.cast(getattr(_library, symbol), ctypes.c_void_p).value
+    except AttributeError:
+        raise ImportError(
+            f"{_library._name} lacks the function `{symbol}`; write it anew with "
+            "`cc-mujoco plugin`."
+        ) from None
 
 
 def code_digest() -> str:
@@ -106,13 +126,19 @@ def _load_carried() -> ctypes.CDLL | None:
     """Load the shared library in this package, if it fits; that registers the plugin.
 
     It runs on every x86-64 processor; a system with an older glibc than the one it was
-    linked with, or without glibc, cannot load it.
+    linked with, or without glibc, cannot load it. A line on standard error then gives
+    the loader's reason.
     """
     if not _CARRIED.is_file() or code_digest().encode() not in _CARRIED.read_bytes():
         return None
     try:
         library = ctypes.CDLL(str(_CARRIED))
-    except OSError:
+    except OSError as error:
+        if sys.stderr is not None:
+            sys.stderr.write(
+                f"cc_mujoco: the compiled plugin does not load ({error}); it is "
+                "compiled anew, for one to two minutes.\n"
+            )
         return None
     return library if plugin_slot() >= 0 else None
 

@@ -23,6 +23,7 @@ from cc_mujoco.plugin._ffi import (
     Floats,
     add,
     assign,
+    call_by_name,
     evaluate_bodies,
     evaluate_tendons,
     export_callback,
@@ -67,11 +68,11 @@ _PULL_SIGNATURE = _REFER_SIGNATURE = types.void(types.intp, types.intp, types.in
 _SURVEY_SIGNATURE = types.void(
     types.intp, types.intp, types.intp, types.intp, types.intp
 )
-follow = types.ExternalFunction("cc_mujoco_follow", _FOLLOW_SIGNATURE)
-lay = types.ExternalFunction("cc_mujoco_lay", _LAY_SIGNATURE)
-pull = types.ExternalFunction("cc_mujoco_pull", _PULL_SIGNATURE)
-set_reference = types.ExternalFunction("cc_mujoco_refer", _REFER_SIGNATURE)
-_survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY_SIGNATURE)
+follow = call_by_name("cc_mujoco_follow", _FOLLOW_SIGNATURE)
+lay = call_by_name("cc_mujoco_lay", _LAY_SIGNATURE)
+pull = call_by_name("cc_mujoco_pull", _PULL_SIGNATURE)
+set_reference = call_by_name("cc_mujoco_refer", _REFER_SIGNATURE)
+_survey = call_by_name("cc_mujoco_survey", _SURVEY_SIGNATURE)
 
 
 @internal

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import ctypes
 import shutil
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import _plugin_library, write_plugin
 from cc_mujoco.plugin import _registration as registration
+from cc_mujoco.plugin._ffi import ENGINE_FUNCTIONS, call_by_name
 from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
 
 ROOT = Path(__file__).parents[2]
@@ -83,6 +86,19 @@ SETTLED = """
 import cc_mujoco
 cc_mujoco.plugin.settle(model, data)
 assert not {"numba", "llvmlite"} & set(sys.modules)
+"""
+
+CALLED = """
+import ctypes, sys
+import mujoco
+mujoco.mj_loadPluginLibrary(sys.argv[1])
+from cc_mujoco.plugin import cables
+from cc_mujoco.plugin._path_table import moving_joints
+library = ctypes.CDLL(sys.argv[1])
+assert [name for name in sys.argv[3:] if not hasattr(library, name)] == []
+model = mujoco.MjModel.from_xml_path(sys.argv[2])
+for name in cables(model):
+    assert moving_joints(model, name, poses=1)
 """
 
 STALE = """
@@ -209,15 +225,53 @@ def test_library_in_the_package_takes_the_place_of_numba(
 
 
 def test_library_in_the_package_that_does_not_fit_is_left_alone(
-    library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    library: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     digest = code_digest().encode()
     stale = library.read_bytes().replace(digest, b"0" * len(digest))
-    for content in (stale, b"no library: " + digest):
+    for content, reason in ((stale, ""), (b"no library: " + digest, "ELF header")):
         file = tmp_path / PLUGIN_LIBRARY
         file.write_bytes(content)
         monkeypatch.setattr(registration, "_CARRIED", file)
         assert registration._load_carried() is None
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == bool(reason)
+        assert all(str(file) in line and reason in line for line in lines)
+
+
+def called_functions() -> set[str]:
+    """Return the names by which compiled code of the package calls functions."""
+    names = set()
+    for file in (ROOT / "cc_mujoco").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = ast.unparse(node.func).rpartition(".")[2]
+            if called in ("ExternalFunction", "call_by_name"):
+                names.add(ast.unparse(node.args[0]))
+    return {ast.literal_eval(name) for name in names - {"name"}}
+
+
+def test_library_has_every_function_that_compiled_code_calls(
+    library: Path, tmp_path: Path
+) -> None:
+    names = called_functions()
+    assert {"cc_mujoco_follow", "mj_kinematics"} < names
+    own = {name for name in names if name.startswith("cc_mujoco_")}
+    assert names - own == set(ENGINE_FUNCTIONS)
+    scene = scene_path("wrist")
+    run(sys.executable, "-P", "-c", CALLED, library, scene, *own, cwd=tmp_path)
+
+
+def test_library_without_a_function_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(registration, "_library", ctypes.CDLL(None))
+    with pytest.raises(ImportError, match="lacks the function `cc_mujoco_absent`"):
+        call_by_name("cc_mujoco_absent", None)
 
 
 def test_library_refuses_a_configuration_as_python_does(

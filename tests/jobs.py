@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from cc_mujoco._utils import user_code
 from cc_mujoco._workers.job import Tick
 
 
@@ -25,3 +26,11 @@ class Doubling:
     def do(self, piece: float, tick: Tick) -> tuple[float, int]:
         """Return twice the number, and the process."""
         return 2.0 * piece, os.getpid()
+
+
+class NamesAllowed(Doubling):
+    """Job that returns the names of code that its process may import."""
+
+    def do(self, piece: float, tick: Tick) -> Any:
+        """Return the names."""
+        return user_code.allowed()

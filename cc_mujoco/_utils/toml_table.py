@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.errors import CableError
 
 
@@ -55,6 +56,11 @@ class Table:
         if value is not None and not isinstance(value, str):
             raise self.wrong(key, "a text in quotes")
         return value
+
+    def code(self, key: str, free: Container[str] = ()) -> str | None:
+        """Return a text that may name allowed code, or None if it is absent."""
+        value = self.text(key)
+        return value and named_in_file(value, self.where, key, free=free)
 
     def flag(self, key: str) -> bool | None:
         """Return true or false, or None if it is absent."""

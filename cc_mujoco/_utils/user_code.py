@@ -5,6 +5,12 @@
         make(drive)
 
 An exception inside becomes a `CableError` with file and line, and is its cause.
+
+A name in a call is imported. A name in a file, which goes through `named_in_file`, is
+imported only if a call has allowed it:
+
+    allow("my_module:my_function")             # also by `--allow` or `allow=`
+    named_in_file(text, "study.json", "task")
 """
 
 from __future__ import annotations
@@ -12,10 +18,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import re
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -30,6 +37,78 @@ _FOREIGN_FOLDERS = tuple(
 """Folders of code that is not the user's."""
 _FILE_MODULE_PREFIX = "cc_mujoco_user_"
 """Beginning of the name under which the file of a user is a module."""
+_CODE = re.compile(r":[^\W\d]\w*(?!\w|\s*=)")
+"""End of `MODULE:NAME`; a parameter, as in `sine:frequency=2`, is no such end."""
+_ALLOWED: set[str] = set()
+"""Names that calls of this process have allowed in files."""
+_REFUSED = re.compile(r" \{refused: (.*?)\}", re.DOTALL)
+"""Mark of a name that no call has allowed; no such name can be imported."""
+
+
+def allow(names: str | Iterable[str]) -> None:
+    """Let this process import `MODULE:NAME` also where a file names it.
+
+    Args:
+        names: Names, or texts with names in them such as the words of a command.
+    """
+    for name in [names] if isinstance(names, str) else names:
+        _ALLOWED.update((name, *_parts(name)))
+
+
+def allowed() -> tuple[str, ...]:
+    """Return the names that `allow` was called with, for another process."""
+    return tuple(sorted(_ALLOWED))
+
+
+def named_in_file(
+    text: str,
+    where: str | Path,
+    key: str,
+    *,
+    free: Container[str] = (),
+    deferred: bool = False,
+) -> str:
+    """Return a text of a file, of which the code that it names may be imported.
+
+    Args:
+        text: Name with or without code: `sine`, `MODULE:NAME`, `hip=MODULE:NAME`.
+        where: The file, for the error.
+        key: The key of the text in the file, for the error.
+        free: Names of the package, which may have something behind a colon.
+        deferred: Return a refused text with a mark, by which `named_object` raises the
+            error, for a text that need not be used.
+
+    Raises:
+        CableError: It names code that no call has allowed.
+    """
+    refused = [
+        part
+        for part in _parts(text)
+        if _CODE.search(part)
+        and part not in _ALLOWED
+        and part.partition(":")[0] not in free
+    ]
+    if not refused or text in _ALLOWED:
+        return text
+    sentence = (
+        f"{where}, {key} names code, {refused[0]!r}, which runs only if the call names "
+        f"it as well: give --allow {refused[0]}, in Python allow={refused[0]!r}, if "
+        "you trust it."
+    )
+    if deferred:
+        return _CODE.sub(lambda found: f"{found[0]} {{refused: {sentence}}}", text)
+    raise CableError(sentence)
+
+
+def without_mark(text: str) -> str:
+    """Return a text of `named_in_file` as the file has it."""
+    return _REFUSED.sub("", text)
+
+
+def _parts(text: str) -> list[str]:
+    """Return the names in a text: those behind `=` and between commas."""
+    parts = [part.strip() for part in text.split(",")]
+    return [re.sub(r"^[\w-]+=", "", part) for part in parts]
 
 
 def named_object(kind: str, name: str, form: str) -> Any:
@@ -41,14 +120,19 @@ def named_object(kind: str, name: str, form: str) -> Any:
         form: What Python calls such an object, for error messages.
 
     Raises:
-        CableError: There is no such module or object, or the module raises.
+        CableError: There is no such module or object, the module raises, or a file
+            names it and no call has allowed it.
     """
+    if refused := _REFUSED.search(name):
+        raise CableError(refused[1])
     place, _, inside = name.rpartition(":")
-    if place.endswith(_FILE_ENDING):
-        module, called = _module_of_file(kind, name, place), "file"
-    else:
+    is_file = place.endswith(_FILE_ENDING)
+    if not is_file:
         place, _, inside = name.partition(":")
-        module, called = _module(kind, name, place), "module"
+    if not _CODE.fullmatch(f":{inside}"):
+        raise CableError(f"{kind} {name!r} must be MODULE:NAME or FILE.py:NAME.")
+    find = _module_of_file if is_file else _module
+    module, called = find(kind, name, place), "file" if is_file else "module"
     try:
         return getattr(module, inside)
     except AttributeError:

@@ -15,6 +15,7 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any
 
+from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import code_provenance, provenance_differences
 from cc_mujoco._workers.job import Job, Progress
 from cc_mujoco.errors import CableError
@@ -64,7 +65,8 @@ def run_on_cluster(
             "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
         ) from None
     _require_scheduler(distributed, scheduler)
-    makers, pickled_job = pickle.dumps(job.made_by()), pickle.dumps(job)
+    makers = pickle.dumps(job.made_by())
+    pickled_job = pickle.dumps((user_code.allowed(), job))
     ask = _portable()
     lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
     done = 0
@@ -110,14 +112,14 @@ def answer_piece(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
 
     Args:
         makers: what makes the results, by the client; pickled.
-        job: pickled.
+        job: code that the client has allowed, and the job; pickled.
         piece: pickled; without one the worker is only checked.
     """
     if why := _refusal_reason(makers, job):
         return None, why
     if piece is None:
         return None, ""
-    return pickle.loads(job).do(pickle.loads(piece), lambda share: None), ""
+    return pickle.loads(job)[1].do(pickle.loads(piece), lambda share: None), ""
 
 
 @lru_cache(maxsize=8)
@@ -126,7 +128,8 @@ def _refusal_reason(makers: bytes, job: bytes) -> str:
     theirs = pickle.loads(makers)
     other = provenance_differences({**theirs, "files": {}}, code_provenance())
     if not other:
-        found: Job = pickle.loads(job)
+        names, found = pickle.loads(job)
+        user_code.allow(names)
         try:
             found.rehearse()
         except CableError as error:

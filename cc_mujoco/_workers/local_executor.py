@@ -16,7 +16,11 @@ from concurrent.futures import (
 )
 from typing import Any
 
+from cc_mujoco._utils import user_code
 from cc_mujoco._workers.job import Job, Progress
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""Variable by which a new interpreter takes no module from the current folder."""
 
 
 class _StoppedError(Exception):
@@ -71,9 +75,16 @@ def run_here(
         return job.do(pieces[number], tick)
 
     pool: Executor
+    unsafe = _SAFE_PATH not in os.environ
     if processes:
+        os.environ[_SAFE_PATH] = "1"
         # A fresh interpreter each: threads of the parent would not survive a fork.
-        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"))
+        pool = ProcessPoolExecutor(
+            count,
+            multiprocessing.get_context("spawn"),
+            initializer=user_code.allow,
+            initargs=(user_code.allowed(),),
+        )
     else:
         pool = ThreadPoolExecutor(count)
     # Never more in the queue than is under way, so that an end comes soon.
@@ -98,6 +109,8 @@ def run_here(
     finally:
         stopped.set()
         pool.shutdown(wait=True, cancel_futures=True)
+        if processes and unsafe:
+            del os.environ[_SAFE_PATH]
 
 
 def _ignore_tick(share: float) -> None:

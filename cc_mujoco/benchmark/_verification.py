@@ -10,11 +10,13 @@ from __future__ import annotations
 import dataclasses
 import os
 import random
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import provenance_differences
 from cc_mujoco.benchmark._cell import Cell, play
 from cc_mujoco.benchmark._conditions import Condition
@@ -26,7 +28,9 @@ from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.errors import CableError, look_up
 
 
-def verify(path: str | os.PathLike[str], count: int) -> str:
+def verify(
+    path: str | os.PathLike[str], count: int, allow: str | Iterable[str] = ()
+) -> str:
     """Play random rows of a file of results again, each with the others of its cell.
 
     Computing times are not compared. Of every row of the file the normalised error is
@@ -35,6 +39,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
     Args:
         path: Of the file.
         count: How many rows to draw.
+        allow: `MODULE:NAME` of controllers that the file may name.
 
     Returns:
         A sentence that says how much was compared.
@@ -49,7 +54,11 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
             f"--rows must be 1 to {len(table):,}, the rows of {path}, not {count:,}."
         )
     rows = table.to_pylist()
-    laws = dict.fromkeys(row["controller"] for row in rows)
+    user_code.allow(allow)
+    laws = dict.fromkeys(
+        user_code.named_in_file(law, os.fspath(path), "column controller")
+        for law in dict.fromkeys(row["controller"] for row in rows)
+    )
     conditions = _conditions(path, about)
     plan = BenchmarkPlan(
         tuple(law for law in laws if law not in REFERENCES),

@@ -28,6 +28,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
 from cc_mujoco import __version__
+from cc_mujoco._utils.user_code import allow
 from cc_mujoco.errors import CableError
 
 PROGRAM = "cc-mujoco"
@@ -60,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if list(words) == ["--version"]:
                 print(f"{PROGRAM} {__version__}")
             else:
+                allow(words)
                 command = parse(PROGRAM, words)
                 left = command.interrupted
                 from cc_mujoco.cli._options import plain_warnings

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, Names, option_help, progress_options
+from cc_mujoco.cli._options import Allowed, Flag, Names, option_help, progress_options
 from cc_mujoco.errors import CableError, look_up
 
 Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]
@@ -58,6 +58,8 @@ class Benchmark:
     """A file of results of which random rows are played again, instead of playing."""
     rows: int = 5
     """Number of rows that --verify draws; all of their cells are compared."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Play what is not done yet; print the best controllers."""

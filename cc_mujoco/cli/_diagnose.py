@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, option_help, progress_options
+from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_options
 from cc_mujoco.errors import CableError
 
 
@@ -47,6 +47,8 @@ class Diagnose:
     """Motor's largest angle to either side with --plan; default by the joint."""
     speed: Annotated[float | None, option_help("RAD/S")] = None
     """Motor's largest speed with --plan; default 3."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Diagnose, write, and print the verdict.

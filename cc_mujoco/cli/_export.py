@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, option_help
+from cc_mujoco.cli._options import Allowed, Flag, option_help
 from cc_mujoco.errors import CableError, look_up
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ class Export:
     """Write a package of ROS 2 with a plugin of ros2_control around it."""
     allow_active: Flag = False
     """Write also a controller that gives a passive wearer energy in simulation."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Compile and write; print what was written and how to build it.

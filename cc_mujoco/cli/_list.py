@@ -153,12 +153,15 @@ def _wrapped(first: str, text: str, later: str = "  ") -> str:
 
 def _plays(device: Device) -> str:
     """Return what a device is and what is played on it."""
+    from cc_mujoco._utils.user_code import without_mark
+
     about = device.description
     tasks = {
         f"{axis.name}={axis.task}" if len(about.axes) > 1 else axis.task
         for axis in about.axes
     }
-    return f"{about.meaning}; plays {about.trajectory}, {', '.join(sorted(tasks))}"
+    played = f"{about.trajectory}, {', '.join(sorted(tasks))}"
+    return f"{about.meaning}; plays {without_mark(played)}"
 
 
 def _parts(device: Device) -> dict[str, dict[str, str]]:

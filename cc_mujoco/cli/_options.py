@@ -31,6 +31,10 @@ Names = Annotated[tuple[str, ...], option_help("[NAME ...]")]
 Added = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="NAME")
 ]
+Allowed = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="MODULE:NAME")
+]
+"""Code that files may name; the words of a command allow it, see `cli.main`."""
 Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], option_help()]
 
 

@@ -15,6 +15,7 @@ import tyro
 
 from cc_mujoco.cli._options import (
     Added,
+    Allowed,
     Flag,
     Name,
     option_help,
@@ -70,6 +71,8 @@ class Play:
     live: Flag = False
     """Play in a window, in real time, until it is closed, and write nothing; its keys
     change friction, pretension and controller."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import option_help
+from cc_mujoco.cli._options import Allowed, option_help
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ class RunRig:
     """Instead of a controller: play the trials that `diagnose --plan` wrote there."""
     trial: Annotated[int | None, option_help("NUMBER")] = None
     """Only trial of --plan to play; else all that are not recorded yet, one by one."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Run; print why it ended and how punctual it was.

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, option_help, progress_options
+from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_options
 from cc_mujoco.design._study_spec import Execution, StudySpec
 from cc_mujoco.errors import CableError
 
@@ -31,6 +31,8 @@ class WhatIf:
     execution: tyro.conf.OmitArgPrefixes[Execution] = field(default_factory=Execution)
     out: Annotated[Path | None, option_help("DIR")] = None
     """Folder for the results; runs/whatif-SCENE unless given."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Run what is not done yet; print the best designs and where the rest is."""

@@ -8,7 +8,13 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, option_help, progress_bar, video_progress_bar
+from cc_mujoco.cli._options import (
+    Allowed,
+    Flag,
+    option_help,
+    progress_bar,
+    video_progress_bar,
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,8 @@ class WhatIfShow:
     """Write video.mp4, too: the scene beside torques and tensions."""
     html: Flag = False
     """Write episode.html, too: a page that plays the episode in any browser."""
+    allow: Allowed = ()
+    """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from cc_mujoco._utils.provenance import (
     read_provenance,
     with_provenance,
 )
+from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.design._evaluation import DesignResult
 from cc_mujoco.design._plan import VALUES_KEY, Plan
 from cc_mujoco.design._protocol import EpisodeProtocol
@@ -43,6 +44,7 @@ from cc_mujoco.design._study_metrics import (
 )
 from cc_mujoco.device._variables import describe
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import TASKS, TRAJECTORIES
 
 STUDY_FILE, PARTS_FOLDER, TABLE_FILE = "study.json", "parts", "table.parquet"
 _DESIGN_COLUMN = "design_json"
@@ -280,6 +282,23 @@ def read_study(folder: Path) -> dict[str, Any]:
             f"{folder} holds no study; give the folder of `cc-mujoco whatif --out`."
         ) from None
     return found
+
+
+def read_protocol(folder: Path) -> dict[str, Any]:
+    """Read the protocol of the study in a folder, to play it again.
+
+    Raises:
+        CableError: there is none, or it names code that no call has allowed.
+    """
+    protocol: dict[str, Any] = read_study(folder)["protocol"]
+    free: dict[str, Container[str]]
+    free = {"trajectory": TRAJECTORIES, "task": TASKS, "controllers": (), "own": ()}
+    for key, names in free.items():
+        given = protocol.get(key, ())
+        texts = given.values() if isinstance(given, dict) else given
+        for text in [given] if isinstance(given, str) else texts:
+            named_in_file(str(text), folder / STUDY_FILE, key, free=names)
+    return protocol
 
 
 def read_table(folder: Path) -> pa.Table:

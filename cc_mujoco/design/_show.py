@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
 import mujoco
 
-from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils import atomic_io, user_code
 from cc_mujoco._utils.provenance import (
     code_provenance,
     is_user_controller,
@@ -22,7 +22,12 @@ from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
-from cc_mujoco.design._results_store import CONTROLLER_COLUMN, read_study, read_table
+from cc_mujoco.design._results_store import (
+    CONTROLLER_COLUMN,
+    read_protocol,
+    read_study,
+    read_table,
+)
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX, Across, Case
 from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._sensors import PERFECT_SENSING
@@ -47,6 +52,7 @@ def show(
     row: int,
     progress: Callable[[float], object] | None = None,
     case: int | None = None,
+    allow: str | Iterable[str] = (),
 ) -> tuple[EpisodeLog, mujoco.MjModel]:
     """Play a design of a study in the whole scene.
 
@@ -56,6 +62,7 @@ def show(
         progress: called with the simulated time [s].
         case: of a study over several, which, counted from 0; by default that in which
             the first metric is worst, or the first where the design failed.
+        allow: `MODULE:NAME` of code that the files of the study may name.
 
     Returns:
         The log of its episode, bit for bit the one that the study measured, and the
@@ -65,10 +72,10 @@ def show(
         CableError: there is no finished study or no such row, its code or files have
             changed, or the design fails.
     """
+    user_code.allow(allow)
     folder = Path(folder)
-    about = read_study(folder)
-    design = _design(folder, row, about["variables"])
-    protocol = about["protocol"]
+    design = _design(folder, row, read_study(folder)["variables"])
+    protocol = read_protocol(folder)
     device = load_device(protocol["scene"], protocol["timestep"])
     axes = [axis.name for axis in device.description.axes]
     for kind, registry in (("trajectory", TRAJECTORIES), ("task", TASKS)):
@@ -157,7 +164,7 @@ def find_user_metrics(folder: str | Path) -> None:
     Raises:
         CableError: There is no such study or metric, or it was given as an object.
     """
-    for name, known in read_study(Path(folder))["protocol"]["own"].items():
+    for name, known in read_protocol(Path(folder))["own"].items():
         if not is_user_controller(known):
             raise CableError(
                 f"the study in {folder} measures metric {name!r}, which was given as a "

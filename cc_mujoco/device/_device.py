@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from typing import Any
 import mujoco
 
 from cc_mujoco import plugin
+from cc_mujoco._utils import user_code
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
@@ -30,7 +31,7 @@ from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Wearer
+from cc_mujoco.human import TASKS, TRAJECTORIES, Wearer
 from cc_mujoco.plugin._spec import error_sentence
 
 _ONE = threading.Lock()
@@ -195,7 +196,7 @@ class Device(Nominal):
                 f"device {self.name!r} was made of a specification, which another "
                 "process cannot have: write it to a file and give its path."
             )
-        return _restored, (self.name, self.timestep, self._given)
+        return _restored, (self.name, self.timestep, self._given, user_code.allowed())
 
     @property
     def frame_skip(self) -> int:
@@ -261,32 +262,39 @@ def find_device(source: str | Path | Device) -> Device:
     return load_device(source)
 
 
-def load_device(source: str | Path, timestep: float | None = None) -> Device:
+def load_device(
+    source: str | Path, timestep: float | None = None, allow: str | Iterable[str] = ()
+) -> Device:
     """Return a device, that of the call before where no file has changed since.
 
     Args:
         source: As of `Device`.
         timestep: As of `Device`.
+        allow: `MODULE:NAME` of code that the file of the device may name.
 
     Raises:
         CableError: There is no such device.
     """
+    user_code.allow(allow)
     name, scene, table = locate(source)
     files: Iterable[Path] = ()
     if name not in SCENES:
         beside = (one for one in (table, hysteresis_path(scene)) if one is not None)
         files = [*_files_of(scene), *beside]
     stamps = tuple((str(f), f.stat().st_mtime_ns, f.stat().st_size) for f in files)
-    return _load(name, timestep, stamps)
+    return _load(name, timestep, (stamps, user_code.allowed()))
 
 
 @lru_cache(maxsize=32)
-def _load(name: str, timestep: float | None, stamps: tuple[Any, ...]) -> Device:
+def _load(name: str, timestep: float | None, _key: tuple[Any, ...]) -> Device:
     return Device(name, timestep)
 
 
-def _restored(name: str, timestep: float | None, given: dict[str, Any]) -> Device:
-    """Return a device in another process."""
+def _restored(
+    name: str, timestep: float | None, given: dict[str, Any], names: tuple[str, ...]
+) -> Device:
+    """Return a device in another process, which may import the same code."""
+    user_code.allow(names)
     return Device(name, timestep, **given) if given else load_device(name, timestep)
 
 
@@ -331,19 +339,29 @@ def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
 
 
 def _resolved(table: Table, folder: Path) -> Table:
-    """Return a description whose motion and torques are files beside it."""
+    """Return a description whose motion and torques are files beside it.
 
-    def beside(given: Any) -> Any:
-        is_file = isinstance(given, str) and (folder / given).is_file()
-        return str(folder / given) if is_file else given
+    Code that it names stays unless a call has allowed it, see `named_in_file`.
+    """
+
+    def beside(given: Any, key: str, free: Container[str]) -> Any:
+        if not isinstance(given, str):
+            return given
+        if (folder / given).is_file():
+            return str(folder / given)
+        return user_code.named_in_file(
+            given, table.where, key, free=free, deferred=True
+        )
 
     content = dict(table.content)
     if "trajectory" in content:
-        content["trajectory"] = beside(content["trajectory"])
+        content["trajectory"] = beside(
+            content["trajectory"], "trajectory", TRAJECTORIES
+        )
     axes = content.get("axis")
     listed = axes if isinstance(axes, list) else [axes]
     changed = [
-        {**axis, "task": beside(axis["task"])}
+        {**axis, "task": beside(axis["task"], "task", TASKS)}
         if isinstance(axis, dict) and "task" in axis
         else axis
         for axis in listed

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.user_code import without_mark
 from cc_mujoco.device._derivation import UNITS
 from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE
 from cc_mujoco.device._description import Axis
@@ -53,8 +54,9 @@ def properties(device: Device) -> Iterator[Property]:
     def top(key: str, value: object, unit: str, meaning: str) -> Property:
         return Property("", key, value, unit, meaning, origin(key, SCENE))
 
+    motion = without_mark(found.trajectory)
     yield top("meaning", found.meaning, "", "the device in a line")
-    yield top("trajectory", found.trajectory, "", "nominal motion of the wearer")
+    yield top("trajectory", motion, "", "nominal motion of the wearer")
     yield top("period", found.period, "s", "time between two calls of a controller")
     if "root" in found.sources:
         held = "held" if not _free(device) else "free"
@@ -112,7 +114,8 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     yield own("motor", axis.motor, "", f"actuator that turns {axis.drum}")
     yield own("joint", axis.limb, "", "joint that the cables drive")
     yield own("torque", axis.torque, "N m", "largest torque of the motor")
-    yield own("task", axis.task, "", "what the wearer should feel by default", ASSUMED)
+    task = without_mark(axis.task)
+    yield own("task", task, "", "what the wearer should feel by default", ASSUMED)
     yield own("reach", axis.reach, "rad", "largest excursion of named motions")
     yield own("centre", axis.centre, "rad", "angle about which they move")
     yield own(

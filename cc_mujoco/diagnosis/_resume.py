@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._folders import data_files, find_dataset_file
@@ -82,7 +83,10 @@ class Earlier(NamedTuple):
             here[scene["path"]],
             here[dataset["path"]] if dataset["path"] else None,
             scene.get("axis"),
-            tuple(map(str, provenance.get("effects", ()))),
+            tuple(
+                named_in_file(str(effect), place, "effects")
+                for effect in provenance.get("effects", ())
+            ),
             _proposed_file(Path(folder), verdict.get("next_experiment")),
         )
 

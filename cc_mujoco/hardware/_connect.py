@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
-import os
 import socket
-import sys
 
 from cc_mujoco._utils.toml_table import Table
+from cc_mujoco._utils.user_code import named_object, user_errors
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import (
     Address,
@@ -49,7 +47,7 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
     """
     address = rig_address(table)
     if address is None:
-        return _user_rig(table, table.text("class") or "")
+        return _user_rig(table, table.code("class") or "")
     try:
         if isinstance(address, UdpAddress):
             return UdpRig(address.host, address.port)
@@ -154,21 +152,10 @@ def _drive(address: DriveAddress, buses: CanBuses) -> MotorDrive:
 
 def _user_rig(table: Table, name: str) -> Rig:
     """Return a rig of a class that is importable, also from the current folder."""
-    place, _, attribute = name.partition(":")
-    here = os.getcwd()
-    sys.path.insert(0, here)
     others = {key: value for key, value in table.content.items() if key != "class"}
-    try:
-        made = getattr(importlib.import_module(place), attribute)(**others)
-    except CableError:
-        raise
-    except Exception as error:  # of the user's code, which may raise anything
-        raise CableError(
-            f"{table.where}, class {name!r} cannot be made: "
-            f"{type(error).__name__}: {error}"
-        ) from error
-    finally:
-        sys.path.remove(here)
+    kind = named_object(f"{table.where}, class", name, "class")
+    with user_errors(f"{table.where}, class {name!r}"):
+        made = kind(**others)
     if not isinstance(made, Rig):
         raise CableError(
             f"{table.where}, class {name!r} makes no rig; it needs read(), "

@@ -127,18 +127,15 @@ def read_rows(path: Path) -> dict[str, Array]:
             # A process that is killed while it writes may leave a part of a line.
             whole = content[: content.rfind(b"\n") + 1]
             table = pyarrow.csv.read_csv(pa.BufferReader(whole))
-    except (OSError, pa.ArrowInvalid) as error:
+        names = table.column_names
+    except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
     required = [
         TIME_COLUMN.name,
-        *(
-            prefix + name
-            for prefix in _prefixes(table.column_names)
-            for name in REQUIRED_COLUMNS
-        ),
+        *(prefix + name for prefix in _prefixes(names) for name in REQUIRED_COLUMNS),
     ]
-    missing = [name for name in required if name not in table.column_names]
+    missing = [name for name in required if name not in names]
     if missing:
         raise CableError(
             f"{path} has no column {', '.join(missing)}; it must be a log that "

@@ -69,11 +69,12 @@ import dataclasses
 import itertools
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cc_mujoco._utils import user_code
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
@@ -93,6 +94,7 @@ from cc_mujoco.hardware._references import (
 from cc_mujoco.hardware._rig import Rig
 from cc_mujoco.hardware._servo import Stiffness
 from cc_mujoco.hardware._watchdog import Watchdog
+from cc_mujoco.human import TASKS
 
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
@@ -214,7 +216,7 @@ class Settings:
         if (file := table.text("csv")) is not None:
             return course_from_csv(self.path.parent / file)
         try:
-            if (name := table.text("name")) is not None:
+            if (name := table.code("name", TASKS)) is not None:
                 return Virtual.named(name)
             shape = table.text("trajectory") or ""
             return course_from_trajectory(
@@ -224,13 +226,17 @@ class Settings:
             raise CableError(f"{table.where}: {error}") from None
 
 
-def read_settings(path: str | Path) -> Settings:
+def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
     """Read a `rig.toml` that drives one axis.
+
+    Args:
+        path: Of the file.
+        allow: As of `read_axes`.
 
     Raises:
         CableError: As `read_axes`, or it drives several.
     """
-    first, *others = read_axes(path)
+    first, *others = read_axes(path, allow)
     if others:
         names = ", ".join(str(each.axis) for each in (first, *others))
         raise CableError(
@@ -240,8 +246,14 @@ def read_settings(path: str | Path) -> Settings:
     return first
 
 
-def read_axes(path: str | Path) -> tuple[Settings, ...]:
+def read_axes(
+    path: str | Path, allow: str | Iterable[str] = ()
+) -> tuple[Settings, ...]:
     """Read a `rig.toml`.
+
+    Args:
+        path: Of the file.
+        allow: `MODULE:NAME` of code that it may name.
 
     Returns:
         The settings of every axis that it drives.
@@ -250,6 +262,7 @@ def read_axes(path: str | Path) -> tuple[Settings, ...]:
         CableError: It cannot be read, lacks a key, or has one or a value that cannot
             be; says where. Or two axes have the same rig.
     """
+    user_code.allow(allow)
     path = Path(path)
     try:
         content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))

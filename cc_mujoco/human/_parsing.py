@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from cc_mujoco._utils.tables import is_table
-from cc_mujoco._utils.user_code import named_object, user_errors
+from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
 from cc_mujoco.errors import CableError, look_up
 
 Entry = TypeVar("Entry")
@@ -109,7 +109,7 @@ def user_object(
             class.
     """
     place, _, name = text.partition(":")
-    if not name.isidentifier():
+    if not name.isidentifier() and text == without_mark(text):
         raise CableError.unknown(kind, place, registry)
     found = named_object(kind, text, "object")
     if not isinstance(found, base):

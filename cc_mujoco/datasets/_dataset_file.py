@@ -103,7 +103,7 @@ from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
-_MAX_DELAY = 1.0
+MAX_DELAY = 2.0
 """Delay of a channel that is no slip of the pen [s]."""
 
 
@@ -365,8 +365,8 @@ def _source(table: Table, channel: str) -> Source:
     if scale is not None and scale <= 0.0:
         raise table.wrong("scale", "above 0 (`sign = -1` turns a channel round)")
     delay = table.number("delay") or 0.0
-    if abs(delay) > _MAX_DELAY:
-        raise table.wrong("delay", f"at most {_MAX_DELAY:g} s (milliseconds are 0.001)")
+    if abs(delay) > MAX_DELAY:
+        raise table.wrong("delay", f"at most {MAX_DELAY:g} s (milliseconds are 0.001)")
     return Source(
         name=table.text("name"),
         unit=table.choice("unit", units),

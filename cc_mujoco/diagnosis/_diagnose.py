@@ -143,7 +143,8 @@ def _infer(
     known = bench.known(dataset.constants)
     if dataset.has_motor_angle:
         findings += check_bench(dataset.trials, known)
-        findings += check_lead(dataset.trials, known)
+        if not errors(findings):
+            findings += check_lead(dataset.trials, known)
     findings += check_known_torques(dataset) + check_load_cells(dataset, known)
     notes = [finding.statement for finding in findings]
     wrong = errors(findings)

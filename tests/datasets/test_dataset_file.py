@@ -77,7 +77,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("[columns.motor_angle_rad]\nunits = 'deg'", "'units' .*did you mean 'unit'"),
         ("[columns.motor_angle_rad]\nunit = 'Nm'", "unknown unit 'Nm' in"),
         ("[columns.motor_torque_nm]\nsign = 2", "sign must be 1 or -1, not 2"),
-        ("[columns.motor_torque_nm]\ndelay = 4", "delay must be at most 1 s .*not 4"),
+        ("[columns.motor_torque_nm]\ndelay = 4", "delay must be at most 2 s .*not 4"),
         ("[columns.motor_torque_nm]\ndelay = '4 ms'", "delay must be a finite number"),
         ("[columns.motor_torque_nm]\nnoise = -1", "noise must be .* at least 0"),
         ("[columns.motor_torque_nm]\noffset = nan", "offset must be a finite number"),

@@ -147,6 +147,31 @@ def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
     assert proximal.severity == "warning"
 
 
+@pytest.mark.parametrize("ratio", [0.5, 0.8, 1.25, 3.0])
+def test_a_ratio_that_is_the_inverse_of_the_scene_s_is_a_swap(ratio: float) -> None:
+    trials = [
+        replace(
+            trial,
+            joint_angle=trial.joint_angle / ratio,
+            joint_torque=trial.joint_torque * ratio,
+        )
+        for trial in recorded.dataset(chosen=(0, 2)).trials
+    ]
+    assert check_bench(trials, geared(ratio)) == []
+    (wrong,) = check_bench(trials, geared(1.0 / ratio))
+    assert wrong.severity == "error" and "swapped with the joint's" in wrong.statement
+    turned = replace(
+        trials[0],
+        name="turned",
+        motor_angle=trials[0].joint_angle,
+        joint_angle=trials[0].motor_angle,
+        motor_torque=trials[0].joint_torque,
+        joint_torque=trials[0].motor_torque,
+    )
+    found = errors(check_bench([turned, *trials], geared(ratio)))
+    assert [each.trial for each in found] == ["turned"]
+
+
 def test_friction_stays_what_a_cable_can_have() -> None:
     records, _ = recorded_records()
     most = {t.name: t.value(t.high) for t in baseline_parameters(BENCH, records, {})}

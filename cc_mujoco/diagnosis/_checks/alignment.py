@@ -120,13 +120,13 @@ def _windows(trial: Trial) -> list[_Window]:
             scale = math.sqrt(float((one @ one) * (other @ other)))
             if len(rows) <= 2 * reach or speed < 0.2 * usual or not scale > 0.0:
                 continue
-            match = _correlation(other, one, reach) / scale
+            match = correlation(other, one, reach) / scale
             sign = 1.0 if match.max() >= -match.min() else -1.0
             windows.append(_Window(trial.time[rows].mean(), speed, sign * match))
     return windows
 
 
-def _correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
+def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
     """Return the cross-correlation for lags of the first signal, -reach to reach."""
     size = 1 << (2 * early.size).bit_length()
     product = np.fft.rfft(late, size) * np.conj(np.fft.rfft(early, size))

@@ -24,7 +24,7 @@ from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.alignment import check_alignment
-from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
+from cc_mujoco.diagnosis._checks.mechanics import Mechanics, measure_mechanics
 from cc_mujoco.diagnosis._checks.signs import (
     check_ratios,
     check_signs,
@@ -34,6 +34,7 @@ from cc_mujoco.diagnosis._checks.signs import (
     wrong_unit,
 )
 from cc_mujoco.errors import CableError
+from cc_mujoco.report._html import list_words
 
 MAX_JOINT_TURNS, MAX_MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
@@ -43,6 +44,8 @@ _LOCKED_RANGE = 0.05  # range of an angle that was held fast [rad]
 _MAX_WIND_UP, _MAX_LEAD, _IMPOSSIBLE_LEAD = 2.0, 1.3, 1.5
 """A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
 _MIN_TRIALS = 3
+_UNEQUAL, _INVERSE = 0.15, 0.1
+"""Logarithm of a ratio whose inverse is another one, and by which it may be missed."""
 _COPY_TOLERANCE = 1e-9
 """Share of a motion by which an angle is no copy of another."""
 _MIN_CLIP_LENGTH = 5  # samples at an extreme that are one clipped stretch
@@ -156,10 +159,43 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
         default=None,
     )
     several = len(certain) >= _MIN_TRIALS
-    findings = check_ratio(closest, ratio, several) if closest else []
+    findings = _check_inverse(certain, [found[t.name] for t in certain], ratio)
+    if closest and not findings:
+        findings = check_ratio(closest, ratio, several)
     for trial in trials:
         findings += _check_overload(trial, bench) + _check_known_range(trial, bench)
     return findings
+
+
+def _check_inverse(
+    trials: Sequence[Trial], known: Sequence[Mechanics], ratio: float
+) -> list[DataFinding]:
+    """Find trials in which the angles turn by the inverse ratio of a scene.
+
+    A joint that turns further than its pulleys is impossible. One that turns less may
+    be held by a soft cable, which all trials or the torques must rule out.
+    """
+    if abs(math.log(ratio)) < _UNEQUAL:
+        return []
+
+    def inverse(found: float) -> bool:
+        return found > 0.0 and abs(math.log(found / ratio)) < _INVERSE
+
+    turned = [
+        (trial, m) for trial, m in zip(trials, known, strict=True) if inverse(m.ratio)
+    ]
+    certain = ratio > 1.0 or (len(turned) == len(trials) > 1)
+    wrong = [(t, m) for t, m in turned if certain or inverse(m.torque_ratio)]
+    if not wrong:
+        return []
+    trial, first = wrong[0]
+    message = (
+        f"{list_words([t.path for t, _ in wrong])}: the motor turns "
+        f"{1.0 / first.ratio:.3g} rad per joint radian, but the inverse, {ratio:.3g}, "
+        "in the scene; the motor's columns are swapped with the joint's, or the "
+        "pulleys of the scene are."
+    )
+    return [error(message, trial.name if len(wrong) == 1 else "")]
 
 
 def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:

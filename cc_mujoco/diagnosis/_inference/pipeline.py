@@ -51,6 +51,7 @@ from cc_mujoco.diagnosis._inference.error_location.occasion_report import (
     compare_occasions,
 )
 from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
+    exchanged_torques,
     find_outlier_trial,
     misfits,
     trial_errors,
@@ -149,6 +150,8 @@ def run_inference(
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)
     if baseline_fit.change > MAX_NUMERICAL_ERROR:
         return _numerics_diagnosis(bench, baseline_fit)
+    if wrong := exchanged_torques(baseline_fit.problem, baseline_fit.whole.x):
+        return _empty_diagnosis(bench, wrong)
     able = baseline_fit.problem.plant.library.effects
     wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
     names = tuple(name for name in wanted if name in able)

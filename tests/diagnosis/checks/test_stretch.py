@@ -1,14 +1,21 @@
-"""A cable that pulls is longer: angles that deny it are those of the other side."""
+"""A cable that pulls is longer: what denies it is swapped, what follows it is late."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
 
 from cc_mujoco.datasets import Bench, Trial
 from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.diagnosis import load
 from cc_mujoco.diagnosis._checks.lead_check import check_lead
 from diagnosis.instrumented import ANKLE, SPRING, loaded, walked
 from diagnosis.recorded import BENCH, dataset
+
+CHANNELS = ("motor_angle_rad", "joint_angle_rad", "motor_torque_nm", "joint_torque_nm")
 
 
 def sprung() -> list[Trial]:
@@ -31,12 +38,67 @@ def test_angles_of_the_other_side_are_told_though_pulleys_are_alike() -> None:
     assert "motor_angle_rad and joint_angle_rad are swapped" in wrong.statement
 
 
-def test_a_single_trial_is_a_warning_and_a_mixture_says_nothing() -> None:
+def late(trial: Trial, channel: str, by: float) -> Trial:
+    """Return a trial in which a channel comes later by `by` seconds."""
+    moved = np.interp(trial.time - by, trial.time, trial.channel(channel))
+    return replace(trial, **{channel.rsplit("_", 1)[0]: moved})
+
+
+def delay_in(statement: str) -> float:
+    """Return the delay that a sentence advises to declare [s]."""
+    return float(statement.partition("delay = ")[2].partition(")")[0])
+
+
+def test_a_single_trial_is_a_warning_and_of_a_mixture_the_swapped_are_named() -> None:
     trials = sprung()
     (told,) = check_lead([swapped(trials[0])], BENCH)
     assert told.severity == "warning"
     assert told.trial == trials[0].name
-    assert not check_lead([swapped(trials[0]), *trials[1:]], BENCH)
+    (wrong,) = errors(check_lead([swapped(trials[0]), *trials[1:]], BENCH))
+    assert wrong.trial == trials[0].name
+    assert "but not in the other trials" in wrong.statement
+
+
+@pytest.mark.parametrize("by", [-1.9, -0.3, 0.3, 1.2])
+@pytest.mark.parametrize("channel", CHANNELS[1:])
+def test_a_channel_beyond_the_delay_of_any_sensor_is_late(
+    channel: str, by: float
+) -> None:
+    trials = dataset(duration=10.0).trials
+    assert not check_lead(trials, BENCH)
+    (wrong,) = errors(check_lead([late(t, channel, by) for t in trials], BENCH))
+    assert wrong.channel == channel
+    assert delay_in(wrong.statement) == pytest.approx(by, abs=0.06)
+
+
+def test_a_single_late_trial_is_named() -> None:
+    first, *rest = dataset(duration=10.0).trials
+    (wrong,) = errors(check_lead([late(first, CHANNELS[3], 0.6), *rest], BENCH))
+    assert first.path in wrong.statement and "later" in wrong.statement
+    assert delay_in(wrong.statement) == pytest.approx(0.6, abs=0.06)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("make", ["bristles", "guides", "elements"])
+@pytest.mark.parametrize("trials", ["rich", "human", "restful", "ramps"])
+def test_of_a_rig_only_the_late_channel_is_late(
+    make: str, trials: str, tmp_path: Path
+) -> None:
+    from rig.generate import generate
+
+    generate(tmp_path / "rig", [], 0.0, trials, 41, make)
+    bench = BENCH.known({})
+    known = load([tmp_path / "rig" / "data"], None, bench)[0].trials
+    assert not errors(check_lead(known, bench))
+    random = np.random.default_rng(5)
+    for channel in CHANNELS:
+        by = float(random.choice([-1.0, 1.0]) * random.uniform(0.2, 1.9))
+        (wrong,) = errors(check_lead([late(t, channel, by) for t in known], bench))
+        lag = delay_in(wrong.statement)
+        if channel == CHANNELS[0]:  # either of the angles may be
+            channel, lag = CHANNELS[1], -lag
+        assert wrong.channel == channel
+        assert lag == pytest.approx(by, abs=0.06)
 
 
 def test_a_lever_s_own_shape_is_no_lead() -> None:

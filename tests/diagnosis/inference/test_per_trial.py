@@ -128,6 +128,21 @@ def test_what_a_large_effect_leaves_is_no_contradiction() -> None:
     assert find_outlier_trial(found.problem, found.whole.x, larger) is None
 
 
+@pytest.mark.parametrize("wrong", ["run_0", "run_1"])
+def test_exchanged_torques_are_found_before_any_search(wrong: str) -> None:
+    data = recorded()
+    trials = [
+        replace(t, motor_torque=t.joint_torque, joint_torque=t.motor_torque)
+        if t.name == wrong
+        else t
+        for t in data.trials
+    ]
+    found = run_inference(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    assert found.verdict == "fix-data"
+    assert f"The torque columns of trial {wrong} are swapped" in found.statement
+    assert not found.runner_ups
+
+
 @pytest.fixture(scope="module")
 def alike() -> BaselineFit:
     """Return the baseline fit of four trials of one rig."""

@@ -35,6 +35,8 @@ MAX_SUSPECTS = 2
 MAX_REMAINING_RATIO = 1.25
 """Error that such a trial may keep with a constant of its own, over that of the rest:
 what a constant does not mend is in the model, and shows most where most moves."""
+MAX_EXCHANGED_SHARE = 0.2
+"""Share of its error that a trial keeps at most whose torques were exchanged."""
 TILT_GRID_POINTS = 8
 """Angles around the joint's axis that are tried before the best is refined."""
 MIN_REMAINING_SHARE = 0.3
@@ -114,6 +116,60 @@ class Odd(NamedTuple):
             f" It looks as if {self.own}. If so, declare it in dataset.toml "
             f"([trials.{self.trials[0]!r}] pretension, tilt), or leave the trial out."
         )
+
+
+def exchanged_torques(problem: Problem, x: FloatArray) -> str:
+    """Return which trials have their torque columns exchanged, as a sentence or "".
+
+    That is, trials that the others predict once their torques are exchanged.
+
+    Args:
+        problem: the baseline, with both torques.
+        x: its parameters, fitted to all.
+    """
+    records = problem.plant.records
+    places = {
+        name: own
+        for name, own in _record_indices(problem).items()
+        if len(records[own[0]].measured) == 2
+        and not (records[own[0]].unhooked or records[own[0]].load_cell)
+    }
+
+    def by_exchange(at: FloatArray, name: str) -> tuple[float, float]:
+        own = places[name]
+        plant = problem.plant
+        shown = plant.simulate(problem.values(at), problem.effects, own)
+        found = []
+        for order in (slice(None), slice(None, None, -1)):
+            pairs = zip(own, shown, strict=True)
+            errors = [records[k].measured[order] - torque for k, torque in pairs]
+            found.append(_misfit(problem, own, errors))
+        return found[0], found[1]
+
+    def suspicious(at: FloatArray, least: float, share: float) -> tuple[str, ...]:
+        sizes = {name: by_exchange(at, name) for name in places}
+        return tuple(
+            name
+            for name, (off, exchanged) in sizes.items()
+            if off > least and exchanged < share * off
+        )
+
+    names = suspicious(x, OUTLIER_FLOOR_RATIO, 0.5)
+    if not names or 2 * len(names) > len(places):
+        return ""
+    suspect, there = _leave_out(problem, x, names, _record_indices(problem))
+    least = max(OUTLIER_FLOOR_RATIO, OUTLIER_RATIO * suspect.rest)
+    names = suspicious(there, least, MAX_EXCHANGED_SHARE)
+    if not names:
+        return ""
+    several = len(names) > 1
+    return (
+        f"The torque columns of trial{'s' * several} {list_words(names)} are swapped: "
+        f"{'they are' if several else 'it is'} {format_number(suspect.misfit)} times "
+        "the noise floor off by what the other trials determine, and fit"
+        f"{'' if several else 's'} once motor_torque_nm and joint_torque_nm are "
+        "exchanged; exchange them, or declare `swapped = true` if the sensors were."
+    )
 
 
 def find_outlier_trial(

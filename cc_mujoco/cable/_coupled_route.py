@@ -233,8 +233,13 @@ def _interpolate_row(
 
 @internal
 def _table_position(tables: _Tables, joint: float) -> tuple[int, float]:
-    """Return the table row at or before an angle, and the fraction to the next."""
+    """Return the table row at or before an angle, and the fraction to the next.
+
+    Of an angle that is no number, the fraction is none.
+    """
     at = (joint - tables.first) / tables.step
+    if math.isnan(at):
+        return 0, at
     at = min(max(at, 0.0), tables.distal.size - 1.0)
     row = min(int(at), tables.distal.size - 2)
     return row, at - row

@@ -151,7 +151,8 @@ def solve_by_graph(
         keep = -1
         while keep + 1 < count and y[keep + 1] <= 0.0:
             keep += 1
-        if keep < 0 and proximal > 0.0:
+        # There are two knots to spare; states that are no numbers could take more.
+        if keep < 0 and proximal > 0.0 and count < 2 * s + 5:
             for i in range(count, 0, -1):
                 x[i], y[i], label[i] = x[i - 1], y[i - 1], label[i - 1]
             x[0] -= y[0] / proximal

@@ -8,6 +8,7 @@ and hold no lock; nothing here checks bounds.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -112,8 +113,14 @@ MESSAGE_CAPACITY = structure("mjLogMessage").subject.size
 MAX_QUOTED = 90
 """Longest name or value quoted in full; MuJoCo keeps 500 bytes of a message."""
 _QUOTE = np.frombuffer(b"'", np.uint8)
+_NO_CHARACTER = np.frombuffer(b"?", np.uint8)
 _ELLIPSIS = np.frombuffer(b"...", np.uint8)
 _DECIMAL_POINT = np.frombuffer(b".", np.uint8)
+_MINUS = np.frombuffer(b"-", np.uint8)
+_EXPONENT = np.frombuffer(b"e", np.uint8)
+_INF, _NAN = np.frombuffer(b"inf", np.uint8), np.frombuffer(b"nan", np.uint8)
+_SCIENTIFIC = 1e9
+"""Number from which its thousandths are given with an exponent."""
 _MILLISECONDS = np.frombuffer(b" ms", np.uint8)
 _MILLIMETRES = np.frombuffer(b" mm", np.uint8)
 
@@ -319,13 +326,13 @@ def clear(address: int, size: int) -> None:
 
 @internal
 def append(message: Bytes, used: int, part: Bytes) -> int:
-    """Append text to a message, truncated to its capacity.
+    """Append text to a message, truncated to its capacity; nothing outside of it.
 
     Returns:
         The new length.
     """
     for i in range(part.size):
-        if used < message.size - 1:
+        if 0 <= used < message.size - 1:
             message[used] = part[i]
             used += 1
     return used
@@ -335,63 +342,107 @@ def append(message: Bytes, used: int, part: Bytes) -> int:
 def quote(message: Bytes, used: int, part: Bytes) -> int:
     """Add text in quotes, at most `MAX_QUOTED` bytes of it and no split character.
 
+    What is no character in UTF-8 becomes a question mark.
+
     Returns:
         The new length.
     """
-    end = part.size
-    if end > MAX_QUOTED:
-        end = MAX_QUOTED
-        while end > 0 and part[end] & 0xC0 == 0x80:
-            end -= 1
     used = append(message, used, _QUOTE)
-    used = append(message, used, part[:end])
-    if end < part.size:
-        used = append(message, used, _ELLIPSIS)
+    at = 0
+    while at < part.size:
+        size = _character_size(part, at)
+        if at + max(size, 1) > MAX_QUOTED or used + size >= message.size:
+            used = append(message, used, _ELLIPSIS)
+            break
+        if size == 0:
+            used = append(message, used, _NO_CHARACTER)
+        else:
+            used = append(message, used, part[at : at + size])
+        at += max(size, 1)
     return append(message, used, _QUOTE)
 
 
 @internal
+def _character_size(part: Bytes, at: int) -> int:
+    """Return the bytes of the UTF-8 character at a place, 0 where there is none."""
+    first, size = part[at], 1
+    low, high = 0x80, 0xBF  # of the second byte
+    if first >= 0x80:
+        size = 2 if first < 0xE0 else 3 if first < 0xF0 else 4
+        low = 0xA0 if first == 0xE0 else 0x90 if first == 0xF0 else low
+        high = 0x9F if first == 0xED else 0x8F if first == 0xF4 else high
+    if 0x80 <= first < 0xC2 or first > 0xF4 or at + size > part.size:
+        return 0
+    for k in range(1, size):
+        if not low <= part[at + k] <= high:
+            return 0
+        low, high = 0x80, 0xBF
+    return size
+
+
+@internal
 def append_integer(message: Bytes, used: int, value: int) -> int:
-    """Add a number >= 0 in decimal digits.
+    """Add a number in decimal digits.
 
     Returns:
         The new length.
     """
     digits = np.zeros(20, np.uint8)
-    start = digits.size
-    while True:
+    start, negative = digits.size, value < 0
+    while start > 1:
+        digit = value % 10
+        if negative and digit > 0:
+            digit -= 10
         start -= 1
-        digits[start] = 48 + value % 10
-        value //= 10
+        digits[start] = 48 + abs(digit)
+        value = (value - digit) // 10
         if value == 0:
             break
+    if negative:
+        start -= 1
+        digits[start] = 45
     return append(message, used, digits[start:])
 
 
 @internal
 def append_thousandths(message: Bytes, used: int, value: float, unit: Bytes) -> int:
-    """Add a number >= 0 of a base unit in its thousandth, rounded down to three digits.
+    """Add a number of a base unit in its thousandth, rounded down to three digits.
 
     Returns:
         The new length.
     """
+    if value < 0.0:
+        used = append(message, used, _MINUS)
+    value, exponent = abs(value), 0
+    if not value < math.inf:
+        used = append(message, used, _INF if value > 0.0 else _NAN)
+        return append(message, used, unit)
+    if value >= _SCIENTIFIC:
+        exponent = 3
+        while value >= 10.0:
+            value /= 10.0
+            exponent += 1
+        value *= 1e-3
     millionths = int(1e6 * value * (1.0 + 1e-12))
     used = append_integer(message, used, millionths // 1000)
     used = append(message, used, _DECIMAL_POINT)
     for digit in (100, 10, 1):
         used = append_integer(message, used, millionths // digit % 10)
+    if exponent > 0:
+        used = append(message, used, _EXPONENT)
+        used = append_integer(message, used, exponent)
     return append(message, used, unit)
 
 
 @internal
 def append_milliseconds(message: Bytes, used: int, seconds: float) -> int:
-    """Add a time >= 0 in milliseconds, rounded down to a microsecond."""
+    """Add a time in milliseconds, rounded down to a microsecond."""
     return append_thousandths(message, used, seconds, _MILLISECONDS)
 
 
 @internal
 def append_millimetres(message: Bytes, used: int, metres: float) -> int:
-    """Add a length >= 0 in millimetres, rounded down to a micrometre."""
+    """Add a length in millimetres, rounded down to a micrometre."""
     return append_thousandths(message, used, metres, _MILLIMETRES)
 
 

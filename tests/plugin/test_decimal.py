@@ -1,15 +1,22 @@
-"""The compiled number reader accepts decimal numbers only and rounds as Python does."""
+"""Decimal numbers in compiled code: read as Python reads them, written in any case."""
 
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco._utils.compilation import compiled
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _parse_float as parse_float
+
+ANY_INTEGER = st.integers(-(2**63), 2**63 - 1)
+MARGIN = 40
+"""Bytes around a message that no writer may touch."""
 
 
 def read(text: str) -> float:
@@ -49,3 +56,78 @@ def test_reads_every_way_to_write_a_number(text: str) -> None:
 )  # fmt: skip
 def test_refuses_what_is_no_finite_number(text: str) -> None:
     assert math.isnan(read(text))
+
+
+@compiled
+def write(what: int, message: ffi.Bytes, used: int, whole: int, real: float) -> int:
+    if what == 0:
+        return ffi.append_integer(message, used, whole)
+    if what == 1:
+        return ffi.append_milliseconds(message, used, real)
+    if what == 2:
+        return ffi.append_millimetres(message, used, real)
+    if what == 3:
+        return ffi.append_thousandths(message, used, real, message[:5])
+    if what == 4:
+        return ffi.quote(message, used, message[5:])
+    return ffi.append(message, used, message[:9])
+
+
+def written(what: int, whole: int = 0, real: float = 0.0) -> str:
+    """Return what a writer appends to an empty message."""
+    message = np.zeros(500, np.uint8)
+    return bytes(message[: write(what, message, 0, whole, real)]).decode()
+
+
+@given(ANY_INTEGER)
+def test_every_integer_is_written(value: int) -> None:
+    assert written(0, whole=value) == str(value)
+
+
+@given(st.floats())
+def test_every_float_is_written_in_thousandths(value: float) -> None:
+    for what, unit in ((1, " ms"), (2, " mm")):
+        text = written(what, real=value)
+        if not math.isfinite(value):
+            assert text == f"{abs(value) if math.isnan(value) else value}{unit}"
+            continue
+        number = float(Decimal(text.removesuffix(unit)) / 1000)
+        assert math.isclose(number, value, rel_tol=1e-3, abs_tol=1e-6)
+        assert abs(number) <= abs(value) * (1.0 + 1e-11)
+
+
+@given(
+    st.integers(0, 5), ANY_INTEGER, st.floats(), ANY_INTEGER | st.integers(-9, 99),
+    st.binary(min_size=9, max_size=60),
+)  # fmt: skip
+def test_no_writer_leaves_its_message(
+    what: int, whole: int, real: float, used: int, content: bytes
+) -> None:
+    size = len(content)
+    memory = np.full(size + 2 * MARGIN, 7, np.uint8)
+    message = memory[MARGIN : MARGIN + size]
+    message[:] = np.frombuffer(content, np.uint8)
+    end = write(what, message, used, whole, real)
+    assert (memory[:MARGIN] == 7).all() and (memory[MARGIN + size :] == 7).all()
+    assert end == used or used < end < size
+
+
+@given(st.binary(max_size=200))
+def test_quoted_bytes_are_text(content: bytes) -> None:
+    message = np.zeros(500, np.uint8)
+    end = quote(message, np.frombuffer(content, np.uint8))
+    text = bytes(message[:end]).decode()
+    assert text.startswith("'") and text.endswith("'")
+    try:
+        whole = content.decode()
+    except UnicodeDecodeError:
+        assert "?" in text or text.endswith("...'")
+    else:
+        assert text == f"'{whole}'" or (
+            text.endswith("...'") and whole.startswith(text[1:-4])
+        )
+
+
+@compiled
+def quote(message: ffi.Bytes, part: ffi.Bytes) -> int:
+    return ffi.quote(message, 0, part)

@@ -46,6 +46,8 @@ _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
 _AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _PRM_SIZE = 10  # of gain and bias of an actuator
 _REST_TOLERANCE = 1e-9
+_MAX_LENGTH = float(mujoco.mjMAXVAL)
+"""Length from which MuJoCo takes a number for bad [m]."""
 _AUTO_NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_AUTO_NEVER)
 _NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
 _ALLOWED = int(mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED)
@@ -77,6 +79,10 @@ _ACTUATOR_DRAG = (constant(" has a `damping`"), constant(" has an `armature`"))
 _ACTUATOR_DRAG_END = constant(
     ", its own or that of a default, which would act beside the cable; take it away "
     "there, and say it of the joint"
+)
+NO_LENGTH = constant(
+    " has no length in the pose `qpos0` that MuJoCo can use; it must be finite and at "
+    "most 1e10 m"
 )
 _WRONG_RADIUS = constant(
     " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
@@ -149,6 +155,12 @@ def output_index(model: int, actuator: int) -> int:
 def pulley_radius(model: int, out: int) -> float:
     """Return an end's signed pulley radius [m] by its `actuator_length` index."""
     return mj_struct.real(model, mj_struct.ACTUATOR_GEAR, 6 * out)
+
+
+@internal
+def is_length(metres: float) -> bool:
+    """Return whether a length is a finite number that MuJoCo does not take for bad."""
+    return abs(metres) <= _MAX_LENGTH
 
 
 @internal
@@ -226,6 +238,10 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
             used = name_actuator(message, used, model, actuator)
             used = append(message, used, _CLAMPED[clamped])
             return append(message, used, _CLAMPED_END)
+        output = output_index(model, actuator)
+        if not is_length(mj_struct.real(model, mj_struct.ACTUATOR_LENGTH0, output)):
+            used = name_actuator(message, used, model, actuator)
+            return append(message, used, NO_LENGTH)
     if _hold_same_target(model, first, second):
         used = name_actuator(message, used, model, second)
         return append(message, used, _SAME_TARGET)

@@ -74,6 +74,7 @@ from cc_mujoco.plugin._ffi import (
     copy,
     copy_words,
     export_callback,
+    fill,
     floats,
     load_real,
     load_word,
@@ -89,7 +90,6 @@ from cc_mujoco.plugin._instance_data import (
     CHECKED_STIFFNESS,
     CHECKED_TIMESTEP,
     DISTAL,
-    DOFS,
     EARLY_KEPT,
     EARLY_PULL,
     EARLY_REPLACED,
@@ -101,11 +101,12 @@ from cc_mujoco.plugin._instance_data import (
     GUIDED,
     INPUT_POSITIONS,
     INPUTS,
-    INSTANCE,
     MOCAP_POSES,
     MOUTH,
+    OTHER_KIND,
     PASSIVE_FRESH,
     PATH_EVALUATION,
+    PATH_KIND,
     POSITION_CHANGED,
     PREDICTION_AREA,
     PROXIMAL,
@@ -113,6 +114,7 @@ from cc_mujoco.plugin._instance_data import (
     REFERENCE_STAGE,
     RESULT_VALID,
     ROUTE,
+    ROUTE_DIGEST,
     SEGMENTS,
     SHAPE_BYTES,
     STAGE_SIZE,
@@ -121,9 +123,12 @@ from cc_mujoco.plugin._instance_data import (
     TEXT_CAPACITY,
     TEXT_SIZE,
     TIED_ENDS,
+    acting_block,
     before_at,
+    block_of,
     committed_time_at,
     displacement,
+    fits,
     guides_at,
     invalidate,
     is_open,
@@ -134,6 +139,7 @@ from cc_mujoco.plugin._instance_data import (
     proximal_winding,
     pulls_at,
     rest_displacement,
+    save_sizes,
     shape_at,
     text_at,
 )
@@ -142,11 +148,14 @@ from cc_mujoco.plugin._slack_passage import evaluate_prediction
 from cc_mujoco.plugin._warnings import (
     ACTUATION_DISABLED,
     GROUP_DISABLED,
+    ITS_ROUTE,
     NO_PASSIVE,
+    NO_TIMESTEP,
     begin_message,
     has_no_passive,
     refuse_open_path,
     save_ends,
+    warn_cannot_act,
     warn_cannot_pull,
     warn_jump,
     warn_no_effect,
@@ -167,6 +176,7 @@ _WRAP_SIGNATURE = types.void(types.intp, types.intp, types.int32, types.intp)
 _limits = call_by_name("cc_mujoco_limits", _WRAP_SIGNATURE)
 _aim = call_by_name("cc_mujoco_aim", _WRAP_SIGNATURE)
 _CHECK_SIGNATURE = types.void(types.intp, types.intp, types.int32)
+_warn_cannot_act = call_by_name("cc_mujoco_cannot_act", _CHECK_SIGNATURE)
 _warn_missed = call_by_name("cc_mujoco_missed", _CHECK_SIGNATURE)
 _undo_early = call_by_name("cc_mujoco_undo_early", _CHECK_SIGNATURE)
 _pull_early = call_by_name("cc_mujoco_pull_early", _CHECK_SIGNATURE)
@@ -189,6 +199,8 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         start = begin_message(message, model, instance)
         used = attachments.explain(message, start, model, instance)
         attributes = mj_struct.attributes(model, instance)
+        if not mj_struct.has_timestep(model):
+            used = append(message, start, NO_TIMESTEP)
         if used == start:
             values = np.empty(config.SCALARS)
             sections = np.empty((MAX_SECTIONS, 2))
@@ -211,6 +223,11 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
                     model, tendon
                 ):
                     key = config.BEND
+                elif not attachments.is_length(
+                    mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
+                ):
+                    used = append(message, start, ITS_ROUTE)
+                    used = append(message, used, attachments.NO_LENGTH)
                 elif config.is_open(attributes):
                     key, used = refuse_open_path(
                         message, start, model, instance, tendon
@@ -229,6 +246,13 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         return used > start
 
     export_callback("cc_mujoco_refused", refused)
+
+    @cfunc(_CHECK_SIGNATURE, **options)
+    def cannot_act(model: int, data: int, instance: int) -> None:
+        """Warn, once, why a cable does not pull, or with no finite tension."""
+        warn_cannot_act(model, data, instance)
+
+    export_callback("cc_mujoco_cannot_act", cannot_act)
 
     @cfunc(_REFUSED_SIGNATURE, **options)
     def route(model: int, instance: int) -> int:
@@ -254,12 +278,19 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         invalidate(block)
         store_word(block + PATH_EVALUATION, 0)
         store_word(block + TEXT_SIZE, 0)
-        if key != config.VALID_CONFIGURATION or config.segment_count(attributes) != n:
+        store_word(block + OTHER_KIND, 0)
+        if key != config.VALID_CONFIGURATION:
+            return 0
+        kind, free = config.path_kind(attributes), config.is_open(attributes)
+        if config.segment_count(attributes) != n or kind != load_word(
+            block + PATH_KIND
+        ):
+            store_word(block + OTHER_KIND, 1)
             return 0
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         kernel.pack(values, sections[:count], n, prm)
         tendon, mouth, guided = -1, 0, n
-        follows, free = config.bends_with_route(attributes), config.is_open(attributes)
+        follows = config.bends_with_route(attributes)
         if follows or free:
             route = config.key_text(attributes, config.ROUTE)
             tendon = attachments.find_route(model, instance, route)
@@ -283,7 +314,12 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             at_guides = floats(guides_at(block, n), n)
             if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
                 return 0
+        for end in range(2):
+            actuator = load_word(block + END_ACTUATORS + 8 * end)
+            tied = free and attachments.is_tied(model, actuator, tendon)
+            store_word(block + TIED_ENDS + 8 * end, 1 if tied else 0)
         store_word(block + ROUTE, tendon)
+        store_word(block + ROUTE_DIGEST, path.digest(model, tendon))
         store_word(block + BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
         store_word(block + MOUTH, mouth)
         store_word(block + GUIDED, guided)
@@ -310,7 +346,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def wrap(model: int, data: int, instance: int, out: int) -> None:
         """Wrap angles of the segments of an instance at the last position."""
-        block = mj_struct.block(data, instance)
+        block = acting_block(model, data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
         follow(block, model, data, mj_struct.state(model, data, instance))
@@ -323,7 +359,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def compliance(model: int, data: int, instance: int, out: int) -> None:
         """Write an instance's node compliances [m/N], then its elastic energy [J]."""
-        block = mj_struct.block(data, instance)
+        block = acting_block(model, data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
         if is_open(block) and load_word(block + REFERENCE_KNOWN) == 0:
@@ -351,6 +387,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     @cfunc(_WRAP_SIGNATURE, **options)
     def limits(model: int, data: int, instance: int, out: int) -> None:
         """Write the longest stable time steps of an instance (3,) [s] to an address."""
+        fill(floats(out, 3), np.inf)
+        if acting_block(model, data, instance) == 0:
+            return
         follow_all_paths(model, data, instance)
         stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
@@ -360,7 +399,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     def aim(model: int, data: int, instance: int, out: int) -> None:
         """Write the prediction of an instance's ends (`predict_ends`) to an address."""
         kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-        lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
+        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
         area = lead + load_word(lead + PREDICTION_AREA)
         if implicit_ends.is_unknown(area):
             follow_other_paths(
@@ -441,7 +480,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             return
         if not update_parameters(block, model, instance):
             return
-        lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
+        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
         state, dt = origin(block, model, data, instance)
         follow(block, model, data, state)
         store_word(block + PATH_EVALUATION, load_word(lead + EVALUATION_COUNT) + 1)
@@ -477,7 +516,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         for other in range(mj_struct.plugins(model) - 1, -1, -1):
             block = 0
             if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-                block = mj_struct.block(data, other)
+                block = block_of(model, data, other)
             if block == 0 or load_word(block + EARLY_PULL) != EARLY_REPLACED:
                 continue
             n = load_word(block + SEGMENTS)
@@ -497,7 +536,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
     @cfunc(types.void(types.intp, types.intp, types.int32), **options)
     def settle(model: int, data: int, instance: int) -> None:
         """Lay the cable at rest, with its ends where they are at the last position."""
-        block = mj_struct.block(data, instance)
+        block = acting_block(model, data, instance)
+        if block == 0:
+            _warn_cannot_act(model, data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
         proximal_length = displacement(data, block, PROXIMAL)
@@ -543,7 +584,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         kept, area, poses = own, 0, 0
         own += 8 * (kernel.state_size(n) + STATE_PATH)
         own += 8 * open_path.memory_size(n) if free else 0
-        if implicit_ends.first_cable(model, instance) == instance:
+        if mj_struct.first_cable(model, instance) == instance:
             area, poses = (
                 implicit_ends.area_size(model),
                 jump_warnings.poses_size(model),
@@ -553,25 +594,10 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         store_word(block + FIRST_STAGE_STATE, kept)
         store_word(block + PREDICTION_AREA, own if area > 0 else 0)
         store_word(block + MOCAP_POSES, own + area if poses > 0 else 0)
-        _, first, second = attachments.find_actuators(model, instance)
         store_word(block + SEGMENTS, n)
         store_word(block + SHAPE_BYTES, shape)
-        store_word(block + INSTANCE, instance)
-        store_word(block + DOFS, mj_struct.dofs(model))
-        store_word(block + PROXIMAL, attachments.output_index(model, first))
-        store_word(block + DISTAL, attachments.output_index(model, second))
-        store_word(block + END_ACTUATORS, first)
-        store_word(block + END_ACTUATORS + 8, second)
-        if free:
-            route = config.key_text(attributes, config.ROUTE)
-            tendon = attachments.find_route(model, instance, route)
-            store_word(
-                block + TIED_ENDS, 1 if attachments.is_tied(model, first, tendon) else 0
-            )
-            store_word(
-                block + TIED_ENDS + 8,
-                1 if attachments.is_tied(model, second, tendon) else 0,
-            )
+        store_word(block + PATH_KIND, config.path_kind(attributes))
+        save_sizes(block, model, instance)
         repack(block, model, instance)
         mj_struct.set_block(data, instance, block)
         return 0
@@ -585,7 +611,11 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, address, integer), **options)
     def reset(model: int, state: int, block: int, instance: int) -> None:
-        if block == 0 or not update_parameters(block, model, instance):
+        if block == 0 or not (
+            mj_struct.has_timestep(model) and fits(block, model, instance)
+        ):
+            return
+        if not update_parameters(block, model, instance):
             return
         store_real(block + CHECKED_TIMESTEP, 0.0)
         store_real(block + CHECKED_STIFFNESS, 0.0)
@@ -601,8 +631,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:
-        block = mj_struct.block(data, instance)
+        block = acting_block(model, data, instance)
         if block == 0:
+            _warn_cannot_act(model, data, instance)
             return
         if capability == _PASSIVE:
             store_word(block + PASSIVE_FRESH, 1)
@@ -610,16 +641,19 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             if is_open(block):
                 _pull_early(model, data, instance)
             return
-        lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
+        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
         if lead == block:
             implicit_ends.begin_evaluation(lead)
             _undo_early(model, data, instance)
+        usable = update_parameters(block, model, instance)
+        if load_word(block + OTHER_KIND) != 0:
+            _warn_cannot_act(model, data, instance)
+            return
         cut = is_open(block) and has_no_passive(model)
-        if mj_struct.enabled(model, _SLEEP):
+        if usable and mj_struct.enabled(model, _SLEEP):
             route = load_word(block + ROUTE) if is_open(block) else -1
             attachments.keep_awake(model, instance, route, load_word(block + MOUTH))
         n = load_word(block + SEGMENTS)
-        fits = update_parameters(block, model, instance)
         state, dt = origin(block, model, data, instance)
         begins = state == mj_struct.state(model, data, instance)
         u_proximal, lever = proximal_winding(
@@ -627,7 +661,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         )
         u_distal = displacement(data, block, DISTAL)
         looks = False
-        if fits:
+        if usable:
             evaluation = load_word(lead + EVALUATION_COUNT)
             if load_word(block + PATH_EVALUATION) != evaluation:
                 follow(block, model, data, state)
@@ -650,11 +684,11 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             warn_once(model, instance, NO_PASSIVE)
         save_motion(block, data, u_proximal, u_distal)
         known = False
-        if fits and not cut and looks:
+        if usable and not cut and looks:
             aim = np.empty(8)
             _aim(model, data, instance, aim.ctypes.data)
             known = evaluate_prediction(block, state, aim, dt)
-        elif fits and not cut:
+        elif usable and not cut:
             known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
         if known:
             tension = new_at(block, n) + 8 * kernel.STATE_HEADER
@@ -663,9 +697,11 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         else:
             # MuJoCo sees the bad acceleration, warns and resets, as for any other.
             proximal, distal = np.nan, np.nan
+        if usable and not cut and not np.isfinite(proximal + distal):
+            _warn_cannot_act(model, data, instance)
         mj_struct.set_force(data, load_word(block + PROXIMAL), proximal)
         mj_struct.set_force(data, load_word(block + DISTAL), -distal)
-        if is_open(block) and load_word(block + EARLY_PULL) == 0:
+        if usable and is_open(block) and load_word(block + EARLY_PULL) == 0:
             pull(block, model, data)
         store_word(block + EARLY_PULL, 0)
         if mj_struct.integrator(model) == RK4:
@@ -685,7 +721,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
 
     @cfunc(types.void(address, address, integer), **options)
     def advance(model: int, data: int, instance: int) -> None:
-        block = mj_struct.block(data, instance)
+        block = acting_block(model, data, instance)
         if block == 0 or not update_parameters(block, model, instance):
             return
         state = mj_struct.state(model, data, instance)

@@ -160,6 +160,12 @@ def is_open(block: int) -> bool:
 
 
 @internal
+def path_kind(block: int) -> int:
+    """Return the place of the `path` in `PATHS`."""
+    return int(is_open(block)) + int(is_mixed(block))
+
+
+@internal
 def is_explicit(block: int) -> bool:
     """Return whether the ends are never to be implicit."""
     return equal_text(key_text(block, ENDS_KEY), _EXPLICIT)

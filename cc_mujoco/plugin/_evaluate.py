@@ -8,6 +8,7 @@ import numpy as np
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import (
     call_by_name,
     copy_words,
@@ -33,9 +34,12 @@ from cc_mujoco.plugin._instance_data import (
     PATH_EVALUATION,
     PROXIMAL,
     RESULT_VALID,
+    ROUTE,
+    ROUTE_DIGEST,
     SEGMENTS,
     SHAPE_BYTES,
     TEXT_SIZE,
+    block_of,
     committed_time_at,
     end_at,
     first_stage_at,
@@ -64,7 +68,7 @@ def update_parameters(block: int, model: int, instance: int) -> bool:
     """Update the packed parameters by the configuration of the model.
 
     They are unless a batch gives its simulations different models; then the text of the
-    configuration differs from the copy that was packed last.
+    configuration differs from the copy that was packed last, or its route does.
     """
     attributes = mj_struct.attributes(model, instance)
     seen = text_at(block, load_word(block + SEGMENTS))
@@ -74,10 +78,23 @@ def update_parameters(block: int, model: int, instance: int) -> bool:
         i += 8
     while i < size and load_byte(seen + i) == load_byte(attributes + i):
         i += 1
-    if size > 0 and i == size:
+    route = path.digest(model, load_word(block + ROUTE))
+    if size > 0 and i == size and route == load_word(block + ROUTE_DIGEST):
         return True
     packed: bool = repack(block, model, instance) == 1
     return packed
+
+
+@internal
+def packed_block(model: int, data: int, instance: int) -> int:
+    """Return the block of an instance, its parameters up to date; 0 if there is none.
+
+    There is none either where the model or its configuration does not fit the block.
+    """
+    block = block_of(model, data, instance)
+    if block != 0 and not update_parameters(block, model, instance):
+        block = 0
+    return block
 
 
 @internal
@@ -265,7 +282,7 @@ def follow_all_paths(model: int, data: int, instance: int) -> None:
     for other in range(mj_struct.plugins(model)):
         kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
         if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
-            block = mj_struct.block(data, other)
+            block = packed_block(model, data, other)
             if block != 0 and is_open(block):
                 state = origin(block, model, data, other)[0]
                 follow(block, model, data, state)
@@ -277,7 +294,7 @@ def follow_other_paths(model: int, data: int, instance: int, evaluation: int) ->
     for other in range(mj_struct.plugins(model)):
         kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
         if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
-            block = mj_struct.block(data, other)
+            block = packed_block(model, data, other)
             walked = block == 0 or load_word(block + PATH_EVALUATION) == evaluation
             if not walked and is_open(block):
                 state = origin(block, model, data, other)[0]

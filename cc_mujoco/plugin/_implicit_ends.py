@@ -46,7 +46,7 @@ from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_G
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._evaluate import origin
+from cc_mujoco.plugin._evaluate import origin, packed_block
 from cc_mujoco.plugin._ffi import (
     add,
     apply_force,
@@ -85,6 +85,7 @@ from cc_mujoco.plugin._instance_data import (
     SEGMENTS,
     STIFFNESS,
     TIED_ENDS,
+    block_of,
     displacement,
     is_open,
     parameters_at,
@@ -118,16 +119,6 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
 """State of knowledge of the step: nothing; the acceleration, by MuJoCo's own factor of
 the inertia; by a factor with constraints; with dampers after them."""
-
-
-@internal
-def first_cable(model: int, instance: int) -> int:
-    """Return the first instance of the plugin that this instance belongs to."""
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-    other = 0
-    while mj_struct.integer(model, mj_struct.PLUGIN, other) != kind:
-        other += 1
-    return other
 
 
 @internal
@@ -292,7 +283,7 @@ def _smooth_forces(
     for instance in range(mj_struct.plugins(model)):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, instance) == kind:
-            block = mj_struct.block(data, instance)
+            block = packed_block(model, data, instance)
         if block == 0:
             continue
         n = load_word(block + SEGMENTS)
@@ -614,7 +605,7 @@ def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
     for other in range(mj_struct.plugins(model)):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = mj_struct.block(data, other)
+            block = block_of(model, data, other)
         for end in range(2 if block != 0 else 0):
             if load_word(block + TIED_ENDS + 8 * end) == 0:
                 arm = _end_position(model, data, block, end)[1]

@@ -70,7 +70,15 @@ FIRST_STAGE_STATE = (
     STAGES + 4 * STAGE_SIZE
 )  # where the state after the first stage of RK4 is
 FIRST_STAGE_VALID = FIRST_STAGE_STATE + 8  # whether there is one
-HEADER_SIZE = FIRST_STAGE_VALID + 8
+# For what model it was made, see `fits`, and for what `path`.
+STATE_ADDRESS = FIRST_STAGE_VALID + 8
+STATE_SIZE = STATE_ADDRESS + 8
+MOCAPS = STATE_SIZE + 8
+LEAD = MOCAPS + 8
+PATH_KIND = LEAD + 8
+OTHER_KIND = PATH_KIND + 8  # whether the configuration has another, or other segments
+ROUTE_DIGEST = OTHER_KIND + 8  # of the places of `ROUTE` when it was packed
+HEADER_SIZE = ROUTE_DIGEST + 8
 TEXT_CAPACITY = 4096
 EARLY_KEPT, EARLY_REPLACED = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""
@@ -81,6 +89,83 @@ a checksum of its pose, of the displacements of both ends in it [m], of the velo
 of both ends and of the path [m/s], and of what an open cable remembers of its path.
 
 The displacements in the kernel's state are those that the step looked ahead to."""
+
+
+@internal
+def save_sizes(block: int, model: int, instance: int) -> None:
+    """Save for what model a block is made, see `fits`."""
+    _, first, second = attachments.find_actuators(model, instance)
+    store_word(block + INSTANCE, instance)
+    store_word(block + END_ACTUATORS, first)
+    store_word(block + END_ACTUATORS + 8, second)
+    store_word(block + PROXIMAL, attachments.output_index(model, first))
+    store_word(block + DISTAL, attachments.output_index(model, second))
+    store_word(block + DOFS, mj_struct.dofs(model))
+    store_word(block + MOCAPS, mj_struct.mocaps(model))
+    store_word(block + LEAD, mj_struct.first_cable(model, instance))
+    for where, field in (
+        (STATE_ADDRESS, mj_struct.STATE_ADDRESS),
+        (STATE_SIZE, mj_struct.STATE_SIZE),
+    ):
+        store_word(block + where, mj_struct.integer(model, field, instance))
+
+
+@internal
+def fits(block: int, model: int, instance: int) -> bool:
+    """Return whether a block was made for an instance as this model has it.
+
+    With a model of other sizes, or in another order, a cable would write beyond its
+    block or its state.
+    """
+    for end in range(2):
+        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        if (
+            actuator >= mj_struct.actuators(model)
+            or mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) != instance
+            or attachments.output_index(model, actuator) != output
+        ):
+            return False
+    address = mj_struct.integer(model, mj_struct.STATE_ADDRESS, instance)
+    size = mj_struct.integer(model, mj_struct.STATE_SIZE, instance)
+    return (
+        load_word(block + STATE_ADDRESS) == address
+        and load_word(block + STATE_SIZE) == size
+        and load_word(block + DOFS) == mj_struct.dofs(model)
+        and load_word(block + MOCAPS) == mj_struct.mocaps(model)
+        and load_word(block + LEAD) == mj_struct.first_cable(model, instance)
+    )
+
+
+@internal
+def block_of(model: int, data: int, instance: int) -> int:
+    """Return the block of an instance, or 0 where data have none that fits the model.
+
+    `instance` is one of the plugin.
+    """
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
+    if not mj_struct.is_plugin(data, instance, kind):
+        return 0
+    block = mj_struct.block(data, instance)
+    return block if block != 0 and fits(block, model, instance) else 0
+
+
+@internal
+def acting_block(model: int, data: int, instance: int) -> int:
+    """Return the block of an instance, or 0 where the cable cannot act.
+
+    The first cable of the model must fit too, which keeps what all of them share, and
+    the time step must be one.
+    """
+    if not mj_struct.has_timestep(model):
+        return 0
+    block, lead = (
+        block_of(model, data, instance),
+        mj_struct.first_cable(model, instance),
+    )
+    if block != 0 and lead != instance and block_of(model, data, lead) == 0:
+        return 0
+    return block
 
 
 @internal

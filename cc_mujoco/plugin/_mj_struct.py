@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 
 from cc_mujoco.plugin._ffi import (
     Bytes,
@@ -52,9 +53,12 @@ _GEOM_NAME = _model("name_geomadr")
 _TENDON_NAME = _model("name_tendonadr")
 _PLUGIN_ATTR = _model("plugin_attr")
 _PLUGIN_ATTRADR = _model("plugin_attradr")
-_PLUGIN_STATEADR = _model("plugin_stateadr")
+STATE_ADDRESS = _model("plugin_stateadr")
+STATE_SIZE = _model("plugin_statenum")
 PLUGIN_STATE = _data("plugin_state")
 _PLUGIN_DATA = _data("plugin_data")
+_DATA_PLUGIN = _data("plugin")
+_DATA_NPLUGIN = _data("nplugin")
 _TIME = _data("time")
 
 PLUGIN = _model("plugin")
@@ -198,6 +202,12 @@ def set_force(data: int, output: int, force: float) -> None:
 def timestep(model: int) -> float:
     """Return the time step of the model [s]."""
     return load_real(model + _TIMESTEP)
+
+
+@internal
+def has_timestep(model: int) -> bool:
+    """Return whether the time step of the model is a positive finite number."""
+    return 0.0 < timestep(model) < math.inf
 
 
 @internal
@@ -358,14 +368,33 @@ def attributes(model: int, instance: int) -> int:
 @internal
 def state(model: int, data: int, instance: int) -> int:
     """Return the address of the state of a plugin instance."""
-    start = integer(model, _PLUGIN_STATEADR, instance)
+    start = integer(model, STATE_ADDRESS, instance)
     return load_word(data + PLUGIN_STATE) + 8 * start
+
+
+@internal
+def first_cable(model: int, instance: int) -> int:
+    """Return the first instance of the plugin that this instance belongs to."""
+    kind = integer(model, PLUGIN, instance)
+    other = 0
+    while integer(model, PLUGIN, other) != kind:
+        other += 1
+    return other
 
 
 @internal
 def block(data: int, instance: int) -> int:
     """Return the address that `plugin_data` holds for an instance."""
     return load_word(load_word(data + _PLUGIN_DATA) + 8 * instance)
+
+
+@internal
+def is_plugin(data: int, instance: int, kind: int) -> bool:
+    """Return whether data were made with an instance of the plugin of this number."""
+    return (
+        instance < load_integer(data + _DATA_NPLUGIN)
+        and integer(data, _DATA_PLUGIN, instance) == kind
+    )
 
 
 @internal

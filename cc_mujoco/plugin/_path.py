@@ -34,6 +34,25 @@ def has_branches(model: int, tendon: int) -> bool:
 
 
 @internal
+def digest(model: int, tendon: int) -> int:
+    """Return a digest of the places of a spatial tendon's path; 0 for tendon -1."""
+    if tendon < 0:
+        return 0
+    if tendon >= mj_struct.tendons(model):
+        return -1
+    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
+    found = tendon
+    for i in range(
+        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    ):
+        found = found * 1099511628211 + mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
+        found = found * 1099511628211 + mj_struct.integer(
+            model, mj_struct.WRAP_OBJID, i
+        )
+    return found
+
+
+@internal
 def read_places(model: int, data: int, tendon: int) -> Floats:
     """Return the places of a spatial tendon's path, see `cable/_path_geometry.py`.
 

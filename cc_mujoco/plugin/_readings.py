@@ -164,7 +164,7 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
     if cable.bend == BENDS[0] and cable.path == PATHS[0]:
         return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
     call = plugin_function("wrap")
-    out = np.empty(cable.segments)
+    out = np.full(cable.segments, np.nan)
     call(model._address, data._address, instance, out.ctypes.data)
     return out
 
@@ -185,7 +185,7 @@ def _node_compliance(
 ) -> Floats:
     """Return the compliance of the nodes [m/N], then the elastic energy [J]."""
     call = plugin_function("compliance")
-    out = np.empty(segments + 2)
+    out = np.full(segments + 2, np.nan)
     call(model._address, data._address, instance, out.ctypes.data)
     return out
 

@@ -29,6 +29,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._config import constant
+from cc_mujoco.plugin._evaluate import packed_block
 from cc_mujoco.plugin._ffi import (
     Bytes,
     append,
@@ -87,12 +88,12 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
     kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            count += _spring_count(mj_struct.block(data, other))
+            count += _spring_count(packed_block(model, data, other))
     moment = np.zeros((count, nv))
     begin = end = row = 0  # of the rows of this instance
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = mj_struct.block(data, other)
+            block = packed_block(model, data, other)
             rows = _spring_count(block)
             if rows > 0 and nv > 0:
                 _end_moments(model, data, block, moment[row : row + 2])

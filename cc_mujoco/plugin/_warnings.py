@@ -11,7 +11,6 @@ from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
-from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
@@ -39,12 +38,14 @@ from cc_mujoco.plugin._instance_data import (
     END_ACTUATORS,
     EXPLICIT_ENDS,
     MOUTH,
+    OTHER_KIND,
     POSITION_CHANGED,
     PROXIMAL,
     REFERENCE_STAGE,
     ROUTE,
     SEGMENTS,
     TIED_ENDS,
+    acting_block,
     end_at,
     guides_at,
     is_open,
@@ -83,6 +84,19 @@ NO_PASSIVE = constant(
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
 
+NO_TIMESTEP = constant(
+    "the `timestep` must be a positive finite number; with another one the cable does "
+    "not pull"
+)
+_OTHER_MODEL = constant(
+    "its data were made by a model with other sizes or another kind of path, so the "
+    "cable does not pull; make new data of this model"
+)
+_NOT_FINITE = constant(
+    "its tension is no finite number: its part of `plugin_state` or the motion of an "
+    "end is none; reset the data"
+)
+ITS_ROUTE = constant("its route")
 _KEY_PREFIX = constant("key `")
 _CANNOT_PULL = (
     constant(
@@ -124,13 +138,33 @@ def begin_message(message: Bytes, model: int, instance: int) -> int:
 
 
 @internal
-def warn_once(model: int, instance: int, told: Bytes) -> None:
+def warn_once(model: int, instance: int, sentence: Bytes) -> None:
     """Warn, once, of something about an instance."""
     message = np.zeros(MESSAGE_CAPACITY, np.uint8)
     used = begin_message(message, model, instance)
-    used = append(message, used, told)
+    used = append(message, used, sentence)
     if not warned_once(message, used, mj_struct.signature(model)):
         warn(message, used)
+
+
+@internal
+def warn_cannot_act(model: int, data: int, instance: int) -> None:
+    """Warn, once, why a cable does not pull, or does so with no finite tension.
+
+    Data on which MuJoCo has called no `init` have no cables.
+    """
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
+    if mj_struct.is_plugin(data, instance, kind) and not mj_struct.block(
+        data, instance
+    ):
+        return
+    block = acting_block(model, data, instance)
+    if not mj_struct.has_timestep(model):
+        warn_once(model, instance, NO_TIMESTEP)
+    elif block == 0 or load_word(block + OTHER_KIND) != 0:
+        warn_once(model, instance, _OTHER_MODEL)
+    else:
+        warn_once(model, instance, _NOT_FINITE)
 
 
 @internal
@@ -176,7 +210,7 @@ def warn_jump(
     if load_word(block + EXPLICIT_ENDS) != 0:  # which joints that are led by hand need
         return
     n, route = load_word(block + SEGMENTS), load_word(block + ROUTE)
-    lead = mj_struct.block(data, implicit_ends.first_cable(model, instance))
+    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     by_hand = load_word(block + POSITION_CHANGED) != 0
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     node = layout.tensions(floats(state, kernel.state_size(n)), n)
@@ -251,7 +285,7 @@ def refuse_open_path(
     if mouth == 0:
         length = config.length(attributes)
         true = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
-        if abs(length - true) > _LENGTH_TOLERANCE * true:
+        if not abs(length - true) <= _LENGTH_TOLERANCE * true:
             used = append(message, start, _WRONG_LENGTH)
             used = append_millimetres(message, used, true)
             return config.VALID_CONFIGURATION, append(message, used, _WRONG_LENGTH_END)

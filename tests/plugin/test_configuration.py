@@ -145,6 +145,25 @@ def test_configuration_inside_an_actuator_has_no_partner() -> None:
         from_mjcf(model("", inline))
 
 
+@pytest.mark.parametrize("step", [math.nan, math.inf, 0.0, -1e-3])
+def test_time_step_that_is_none_is_refused(step: float) -> None:
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    spec.option.timestep = step
+    with pytest.raises(ValueError, match="`timestep` must be a positive finite number"):
+        spec.compile()
+
+
+@pytest.mark.parametrize("place", ["1e13", "1e200", "nan", "inf"])
+def test_length_that_is_none_is_refused(place: str) -> None:
+    ends = end("near", "flexor", 'joint="motor"', -0.02)
+    ends += end("far", "flexor", 'tendon="path"', 0.5)
+    keys = CONFIG | {"route": "path"}
+    for config in (CONFIG, keys | {"bend": "route"}, keys | {"path": "open"}):
+        xml = model(instance("flexor", config), ends)
+        with pytest.raises(ValueError, match="has no length in the pose `qpos0`"):
+            build(xml.replace('pos="0 0 1"', f'pos="0 0 {place}"', 1))
+
+
 @pytest.mark.parametrize("name", ["%s%n%d", "x" * 3000, "übung"])
 def test_names_of_any_kind_are_quoted(name: str) -> None:
     with pytest.raises(ValueError, match="plugin->init failed") as caught:

@@ -5,6 +5,8 @@ Each script runs in a process of its own, so that a crash fails one test.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from plugin.processes import Ended, processes
@@ -13,8 +15,14 @@ from plugin.scenes import pull_pull
 SLEDGE = 'type="slide" axis="1 0 0" damping="1" stiffness="50"'
 LIMITED = pull_pull().replace(SLEDGE, SLEDGE + ' limited="true" range="-0.2 0.2"')
 ASLEEP = pull_pull(extra='<option><flag sleep="enable"/></option>')
+DAMAGE = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from plugin import damage
+"""
 START = f"""
 import ctypes
+from pathlib import Path
 import mujoco
 import numpy as np
 import cc_mujoco
@@ -31,6 +39,10 @@ def works(m, d, steps=50):
     mujoco.mj_step(m, d, steps)
     ends = d.actuator_force[1:5]
     assert np.isfinite(ends).all() and (ends[::2] > 0).any(), ends
+def warnings():
+    log = Path("MUJOCO_LOG.TXT")
+    lines = log.read_text().splitlines() if log.exists() else []
+    return [line for line in lines if "plugin `cc_mujoco" in line]
 def state(m, d):
     out = np.empty(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_INTEGRATION))
     mujoco.mj_getState(m, d, out, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -121,6 +133,50 @@ mujoco.mj_resetData(m, d)
 works(m, d)
 works(m, mujoco.MjData(m))
 """,
+    "time step that is none": """
+m, d = build()
+works(m, d)
+kept, before = m.opt.timestep, d.plugin_state.copy()
+for step in (np.nan, -1.0, 0.0, np.inf, 1e300):
+    m.opt.timestep = step
+    mujoco.mj_step(m, d, 3)
+    cc_mujoco.plugin.settle(m, d)
+    assert step == 1e300 or np.isinf(cc_mujoco.plugin.step_limits(m, d)["flexor"]).all()
+none = [line for line in warnings() if "`timestep` must be" in line]
+assert len(none) == 2 and "'flexor'" in none[0] and "'extensor'" in none[1], none
+m.opt.timestep = kept
+mujoco.mj_resetData(m, d)
+works(m, d)
+""",
+    "state that is no number": """
+m, d = build()
+for value in (np.nan, np.inf, -1e14, 1e300, -5.0):
+    mujoco.mj_resetData(m, d)
+    d.plugin_state[:] = value
+    mujoco.mj_step(m, d, 3)
+none = [line for line in warnings() if "no finite number" in line]
+assert len(none) == 2 and "`plugin_state`" in none[0], warnings()
+mujoco.mj_resetData(m, d)
+works(m, d)
+""",
+    "data of another kind of path": f"""{DAMAGE}
+for one in damage.KINDS:
+    for two in damage.KINDS:
+        own, other = damage.scene(one), damage.scene(two)
+        d = mujoco.MjData(own)
+        mujoco.mj_step(own, d, 2)
+        before, count = d.plugin_state.copy(), len(warnings())
+        mujoco.mj_step(other, d, 3)
+        same = damage.path_of(one) == damage.path_of(two)
+        size = own.plugin_statenum[0]
+        assert same == d.actuator_force[:2].any(), (one, two, d.actuator_force)
+        assert same != np.array_equal(d.plugin_state[:size], before[:size])
+        mujoco.mj_resetData(own, d)
+        mujoco.mj_step(own, d, 2)
+        assert np.array_equal(d.plugin_state, before)
+other = [line for line in warnings() if "another kind of path" in line]
+assert 2 <= len(other) <= len(damage.KINDS) * 2, other
+""",
     "print": """
 m, d = build()
 works(m, d)
@@ -189,6 +245,18 @@ works(m, d)
 }
 
 
+DAMAGES = ("random_state", "edited_text", "other_model")
+
+
+SCRIPTS |= {
+    f"{kind} a hundred times": f"""{DAMAGE}
+for seed in range(100):
+    damage.{kind}(seed)
+"""
+    for kind in DAMAGES
+}
+
+
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
     return processes(START, SCRIPTS, tmp_path_factory.mktemp("scripts"))
@@ -197,3 +265,15 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_survives(name: str, ended: dict[str, Ended]) -> None:
     assert ended[name].code == 0, ended[name].said
+    # Python prints so what compiled code raises where nobody can catch it.
+    assert "Exception ignored" not in ended[name].said
+
+
+@pytest.mark.study
+def test_survives_damage_ten_thousand_times(tmp_path: Path) -> None:
+    scripts = {
+        kind: f"for seed in range(3400): damage.{kind}(seed)" for kind in DAMAGES
+    }
+    for kind, end in processes(DAMAGE, scripts, tmp_path).items():
+        assert end.code == 0, f"{kind}: {end.said[-2000:]}"
+        assert "Exception ignored" not in end.said, kind

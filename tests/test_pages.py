@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,11 +15,14 @@ import pytest
 from PIL import Image
 
 import cc_mujoco
+import page_blocks
+from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets import _dataset_file
 from cc_mujoco.datasets._dataset_file import Source
 from cc_mujoco.datasets._rig_table import RIG_CONSTANTS
 from cc_mujoco.datasets._trials import Facts
 from cc_mujoco.plugin import CableReading
+from page_blocks import PAGES, ROOT, found
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts" / "figures"))
@@ -26,34 +30,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts" / "figures"))
 import demo_film
 import fill_readme
 
-ROOT = Path(__file__).parents[1]
-MADE = {"build", "dist", "runs"}
-
-
-def found(pattern: str) -> dict[str, Path]:
-    """Files of the project by their place in it, without what is made."""
-    return {
-        path.relative_to(ROOT).as_posix(): path
-        for path in sorted(ROOT.rglob(pattern))
-        if not any(
-            part in MADE or (part.startswith(".") and part != ".github")
-            for part in path.relative_to(ROOT).parts
-        )
-    }
-
-
-PAGES = {place: path.read_text("utf-8") for place, path in found("*.md").items()}
 FRONT = PAGES["README.md"]
 CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.M | re.S)
-LINK = re.compile(r"(!?)\[[^\]]*\]\(([^)\s]+)\)")
-OWN_TEST = ("scripts/examples/README.md", "cc_mujoco/warp/README.md")
-"""Pages that a test of their own runs: with its files, or where it has the time."""
-BLOCKS = [
-    pytest.param(place, code, id=f"{place}-{number}")
-    for place, text in PAGES.items()
-    if place not in OWN_TEST
-    for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, re.S))
+NOT_ALWAYS = [
+    block
+    for block in page_blocks.every_block()
+    if block.group not in ("text", "wheel", "checkout")
 ]
+LINK = re.compile(r"(!?)\[[^\]]*\]\(([^)\s]+)\)")
 
 
 def links(place: str, pictures: bool) -> list[tuple[Path, str]]:
@@ -185,12 +169,68 @@ def test_every_field_of_a_reading_is_on_the_page_of_the_engine() -> None:
     assert sorted(named) == sorted(fields)
 
 
-@pytest.mark.parametrize(("place", "code"), BLOCKS)
-def test_python_runs(
-    place: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "text",
+    [
+        "```bash\nls\n```\n",
+        "```\nls\n```\n",
+        "```sh\n# in a checkout, 3 lightyears\nls\n```\n",
+        "~~~sh\nls\n~~~\n",
+        "One does\n\n    cc-mujoco play wrist\n",
+    ],
+)
+def test_a_block_that_nobody_can_run_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^page\.md"):
+        page_blocks.blocks_of("page.md", text)
+
+
+def test_the_first_line_of_a_block_says_where_it_runs() -> None:
+    def only(text: str, kind: str = "sh") -> page_blocks.Block:
+        (block,) = page_blocks.blocks_of("page.md", f"\n```{kind}\n{text}\n```\n")
+        return block
+
+    assert only("ls").group == only("# any remark\nls").group == "wheel"
+    assert only("ls").place == "page.md:2"
+    assert only("# in a checkout\nls").group == "checkout"
+    assert only("# in a checkout, 3 minutes\nls").seconds == 180.0
+    assert only("# 40 s\nls").group == "wheel, study"
+    assert only("# 2 hours\nls").group == "hours"
+    assert only("# with a network\nls").group == "with a network"
+    assert only('# in another terminal until "a b"\nls').until == "a b"
+    assert only("<!-- wrist.xml -->\n<mujoco/>", "xml").file == "wrist.xml"
+    assert only("# mine.py\nx = 1", "python").file == "mine.py"
+
+
+@pytest.mark.parametrize("block", NOT_ALWAYS, ids=lambda block: block.place)
+def test_a_block_that_does_not_always_run_has_commands_that_exist(
+    block: page_blocks.Block,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, place, "exec"), {})
+    if block.kind == "python":
+        compile(block.code, block.place, "exec")
+    for words in block.commands("cc-mujoco"):
+        parse("cc-mujoco", words)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    "block",
+    [block for block in NOT_ALWAYS if "study" not in block.group],
+    ids=lambda block: block.place,
+)
+def test_a_block_that_does_not_run_here_has_options_that_exist(
+    block: page_blocks.Block,
+) -> None:
+    folder = re.search(r"^cd (\S+)$", block.code, re.M)
+    for name, *words in block.commands("python"):
+        options = {word for word in words if word.startswith("--")}
+        place = ROOT / (folder[1] if folder else "") / name
+        shown = subprocess.run(
+            [sys.executable, place if place.is_file() else ROOT / name, "--help"],
+            capture_output=True,
+            check=True,
+            text=True,
+        )
+        assert options <= set(re.findall(r"--[\w-]+", shown.stdout)), name
 
 
 def test_mjcf_loads_and_pulls() -> None:

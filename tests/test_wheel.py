@@ -14,8 +14,8 @@ import pytest
 import wheel_backend
 
 from cc_mujoco.plugin._registration import code_digest
+from page_blocks import BLOCKS, ROOT, Block, Reader
 
-ROOT = Path(__file__).parents[1]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 SOURCES = ("cc_mujoco", "envs", "assets")
 LIBRARY = "cc_mujoco/plugin/libcc_mujoco_cable.so"
@@ -212,3 +212,38 @@ def test_installed_wheel_makes_environments_and_plays(
 @pytest.mark.wheel
 def test_installed_command_starts(installed: Path, tmp_path: Path) -> None:
     run(installed / "cc-mujoco", "play", "--help", cwd=tmp_path)
+
+
+def run_blocks(blocks: list[Block], installed: Path, folder: Path) -> None:
+    """Run blocks of a page in their order, with the installed wheel."""
+    reader = Reader(folder, installed, Path(sys.executable).parent)
+    try:
+        for block in blocks:
+            reader.run(block)
+    finally:
+        reader.close()
+
+
+def runnable(place: str, study: bool) -> list[Block]:
+    """Return the blocks of a page that run here, in a study or always."""
+    groups = ["wheel", "checkout"]
+    groups += [f"{group}, study" for group in groups if study]
+    return [block for block in BLOCKS[place] if block.group in groups]
+
+
+@pytest.mark.wheel
+@pytest.mark.skipif(os.name == "nt", reason="the commands of the pages are for bash")
+@pytest.mark.parametrize(
+    "place", [place for place in BLOCKS if runnable(place, study=False)]
+)
+def test_blocks_of_a_page_run(place: str, installed: Path, tmp_path: Path) -> None:
+    run_blocks(runnable(place, study=False), installed, tmp_path)
+
+
+@pytest.mark.study
+@pytest.mark.skipif(os.name == "nt", reason="the commands of the pages are for bash")
+@pytest.mark.parametrize(
+    "place", [p for p in BLOCKS if runnable(p, True) != runnable(p, False)]
+)
+def test_long_blocks_of_a_page_run(place: str, installed: Path, tmp_path: Path) -> None:
+    run_blocks(runnable(place, study=True), installed, tmp_path)

@@ -15,11 +15,11 @@ from cc_mujoco.benchmark import REFERENCES, SUITES
 from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._runner import FIGURE_STEMS
 from cc_mujoco.report import figure
+from page_blocks import BLOCKS
 
 ROOMS = Path(__file__).parents[2] / "cc_mujoco"
 PAGE = (ROOMS / "benchmark" / "README.md").read_text(encoding="utf-8")
 BLOCK = PAGE.partition("<!-- benchmark: begin -->")[2].partition("<!-- benchmark")[0]
-CONTROL = (ROOMS / "control" / "README.md").read_text(encoding="utf-8")
 NUMBER = r"-?\d+(?:\.\d+)?"
 
 
@@ -63,19 +63,16 @@ def test_the_page_has_every_row_condition_and_score() -> None:
 def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    section = CONTROL.partition("## A new controller in fifteen lines")[2]
-    code = section.partition("```python\n")[2].partition("```")[0]
-    command = section.partition("```sh\n")[2].partition("\n```")[0]
-    assert len(code.splitlines()) <= 15
-    (tmp_path / "my_controller.py").write_text(code)
+    blocks = BLOCKS["cc_mujoco/control/README.md"]
+    (code,) = (block for block in blocks if block.file == "my_controller.py")
+    command = blocks[blocks.index(code) + 1].commands("cc-mujoco")[0]
+    assert len(code.code.splitlines()) <= 15
+    (tmp_path / code.file).write_text(code.code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
     for stem in FIGURE_STEMS:  # what it scores is drawn as all else is
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
-    short = "--conditions ordinary-rough --seeds 1 --duration 1.05 --workers 1"
-    program, *words = f"{command} {short}".split()
-    assert program == "cc-mujoco"
-    assert cli.main(words) == 0
+    assert cli.main([*command, "--duration", "1.05", "--workers", "1"]) == 0
     overview = tables(capsys.readouterr().out)[0]
     entries = ["none", "pi", "stiction", "my_controller:lead"]
     assert list(overview) == [*REFERENCES, *entries]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._fronts import overcome_direction
 
@@ -115,8 +116,10 @@ def write_coefficients(
             spring = law.bristle_stiffness(values, coefficient, angle, mean, drag[j])
             force = at.bristle_forces(state, n)[j]
             stretch = at.bristle_stretches(state, n)[j]
-            at.row(work, n, at.SPRING)[j] = spring
             at.row(work, n, at.HELD)[j] = law.bristle_force(force, stretch, spring)
+            # Bristles bend by the way on the surface, slip is of unstretched cable.
+            spring *= moving_path.surface_ratio(prm, tension[j], tension[j + 1])
+            at.row(work, n, at.SPRING)[j] = spring
         # A segment that goes on slipping the same way has already broken away.
         hold_distal[j] = growth[j] if slip > 0.0 else distal_hold
         hold_proximal[j] = growth_proximal[j] if slip < 0.0 else proximal_hold

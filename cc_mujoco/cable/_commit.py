@@ -7,6 +7,7 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._pre_step import loses_stretch
 
 POSITION, TENSION = 0, 1
 """Quantity prescribed at an end."""
@@ -66,13 +67,13 @@ def commit(
     slipped, has_bristles = shift, prm[_BRISTLE] > 0.0
     if has_bristles:
         slipped = at.row(work, n, at.SLIPPED)
-        _commit_bristles(n, state, new_state, work)
+        _commit_bristles(prm, n, state, tension, new_state, work)
     values = at.scalars(prm)
     remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
     ages = prm[_AGEING] > 0.0
     before_slip, slip = at.slips(state, n), at.slips(new_state, n)
-    if prm[at.PATH_LENGTHENS] != 0.0:
-        # While the path lengthens the cable slips, so friction was that of before.
+    if prm[at.PATH_LENGTHENS] != 0.0 or loses_stretch(prm):
+        # The cable slips as its path lengthens, so friction was that of before.
         tension = at.tensions(state, n)
     low, low_before = max(node[0], 0.0), max(tension[0], 0.0)
     for j in range(n):
@@ -83,11 +84,12 @@ def commit(
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         mean = 0.5 * (force + before)
         taken = (mean if before * moved > 0.0 else force) * moved
-        if taken != 0.0 and prm[at.PATH_LENGTHENS] != 0.0:
-            taken *= moving_path.heating(prm, node[j], node[j + 1])
+        ratio = moving_path.surface_ratio(prm, node[j], node[j + 1])
+        taken *= ratio
         if has_bristles:
             # What the elastic part of the motion takes and the bristles do not keep.
-            taken += mean * (shift[j] - moved) + at.row(work, n, at.RELEASED_ENERGY)[j]
+            kept = mean * (shift[j] - moved) * ratio
+            taken += kept + at.row(work, n, at.RELEASED_ENERGY)[j]
         lost += max(taken, 0.0)
         same = moved * before_slip[j] > 0.0
         slip[j] = moved + before_slip[j] if same else moved
@@ -115,7 +117,12 @@ def commit(
 
 @internal
 def _commit_bristles(
-    n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    tension: FloatArray,
+    new_state: FloatArray,
+    work: FloatArray,
 ) -> None:
     """Write force and stretch of the bristles, and the energy that they released."""
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
@@ -125,10 +132,12 @@ def _commit_bristles(
     new_stretches = at.bristle_stretches(new_state, n)
     for j in range(n):
         force, stretch, now = forces[j], stretches[j], 0.0
-        start = law.bristle_force(force, stretch, spring[j])
-        elastic = start + spring[j] * (shift[j] - slipped[j])
-        if spring[j] > 0.0:
-            now = min(max(held[j], -abs(elastic)), abs(elastic)) / spring[j]
+        ratio = moving_path.surface_ratio(prm, tension[j], tension[j + 1])
+        own = spring[j] / ratio
+        elastic = law.bristle_force(force, stretch, own)
+        elastic += own * ratio * (shift[j] - slipped[j])
+        if own > 0.0:
+            now = min(max(held[j], -abs(elastic)), abs(elastic)) / own
         before = 0.5 * abs(force * stretch)
         at.row(work, n, at.RELEASED_ENERGY)[j] = before - 0.5 * abs(held[j] * now)
         new_forces[j] = held[j]

@@ -32,6 +32,7 @@ from cc_mujoco._utils.compilation import (
     exported,
     internal,
 )
+from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
@@ -58,7 +59,6 @@ from cc_mujoco.cable._layout import state_size as state_size
 from cc_mujoco.cable._layout import work_size as work_size
 from cc_mujoco.cable._nodes import end_stiffness as end_stiffness
 from cc_mujoco.cable._nodes import slack_length as slack_length
-from cc_mujoco.cable._nodes import stored_energy as stored_energy
 from cc_mujoco.cable._nodes import total_stretch as total_stretch
 from cc_mujoco.cable._pack import expect_change as expect_change
 from cc_mujoco.cable._pack import expect_lengthening as expect_lengthening
@@ -100,6 +100,23 @@ def advance(
     return step(
         prm, n, state, POSITION, u_proximal, POSITION, u_distal, dt, new_state, work
     )
+
+
+@compiled
+def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Return the elastic energy of the cable and of the bristles on it [J].
+
+    That of the rope on the drums of a path that lengthens counts from its mounting.
+    """
+    total = nodes.elastic_energy(prm, n, at.tensions(state, n))
+    if prm[_BRISTLE] > 0.0:
+        force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
+        for j in range(n):
+            total += 0.5 * abs(force[j] * stretched[j])
+    if prm[at.PATH_LENGTHENS] != 0.0:
+        total += drum.wound_energy(prm, n, state, 0)
+        total += drum.wound_energy(prm, n, state, 1)
+    return total
 
 
 @internal
@@ -180,8 +197,7 @@ def _tension_to_move(
     """Return the node tensions from which the ends move, see `_pre_step.py`."""
     tension = at.tensions(state, n)
     if (
-        prm[_STRESS_RELAXATION] > 0.0
-        or before.clamps_slide(prm)
+        before.loses_stretch(prm)
         or prm[at.PATH_LENGTHENS] != 0.0
         or prm[at.YIELD_PROXIMAL] > 0.0
         or prm[at.YIELD_DISTAL] > 0.0
@@ -225,15 +241,21 @@ def begin_step(
     growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
     hold_distal, hold_proximal = growth, growth
     tension = at.tensions(state, n)
-    if prm[_STRESS_RELAXATION] > 0.0:
-        tension = before.relax_stress(prm, n, state, dt, new_state, work)
-    if before.clamps_slide(prm):
-        tension = before.slide_in_clamps(prm, n, tension, dt, new_state, work)
+    if before.loses_stretch(prm):
+        tension, lost = before.begin_losses(n, state, work)
+        if prm[_STRESS_RELAXATION] > 0.0:
+            before.relax_stress(prm, n, state, dt, new_state, tension, lost)
+        if before.clamps_slide(prm):
+            before.slide_in_clamps(prm, n, dt, new_state, tension, lost)
     if lengthens:
         tension = before.stretch_by_path(
-            prm, n, tension, proximal_moved, distal_moved, work
+            prm, n, state, tension, proximal_moved, distal_moved, work
         )
     yielding = yield_proximal > 0.0 or yield_distal > 0.0
+    if yielding and lengthens:
+        # The springs are of unstretched rope, as the nodes.
+        yield_proximal /= drum.passing_ratio(prm, n, state, 0, proximal_moved)
+        yield_distal /= drum.passing_ratio(prm, n, state, 1, -distal_moved)
     if yielding:
         tension = before.add_end_springs(
             prm, n, state, tension, yield_proximal, yield_distal, new_state, work
@@ -349,6 +371,8 @@ def finish_step(
         prm, n, state, _tension_to_move(prm, n, state, work), proximal_kind,
         proximal_value, distal_kind, distal_value, dt, new_state, work,
     )  # fmt: skip
+    if before.loses_stretch(prm):
+        new_state[2] += before.heat_of_losses(prm, n, state, new_state, work)
     if yield_proximal > 0.0 or yield_distal > 0.0:
         before.remove_end_springs(
             prm, n, state, yield_proximal, yield_distal, new_state
@@ -358,6 +382,14 @@ def finish_step(
         moving_path.apply_material_law(
             prm, n, at.tensions(state, n), at.tensions(new_state, n)
         )
+        for end in range(2):
+            sense, value = 1.0, proximal_value
+            if end == 1:
+                sense, value = -1.0, distal_value
+            ratio = drum.passing_ratio(prm, n, state, end, sense * (value - state[end]))
+            new_state[end] = value + ratio * (new_state[end] - value)
+            paid = sense * (new_state[end] - state[end])
+            new_state[2] += drum.turn(prm, n, state, new_state, end, paid, ratio)
 
 
 @exported(

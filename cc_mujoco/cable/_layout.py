@@ -22,6 +22,8 @@ State vector:
     8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
     8 + 4 n : 8 + 5 n  stretch of these bristles [m]
     8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `_friction.age_after_step`
+    8 + 6 n :          rope on the drum of either end, see `_drum.py`; 0 where the path
+                       cannot lengthen
 """
 
 from __future__ import annotations
@@ -45,6 +47,9 @@ STATE_HEADER = 7
 """Numbers before the tensions."""
 TIME, TRAVEL, HEAT = 4, 5, 6
 _SEGMENT_STATE = 5
+DRUM_LAYERS = 6
+"""Strains that the rope on a drum may have."""
+_DRUM_SIZE = 2 + 2 * DRUM_LAYERS
 _SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
 (
     SHIFT, SLIPPED, GROWTH, GROWTH_PROXIMAL, HOLD_DISTAL, HOLD_PROXIMAL, DRAG,
@@ -53,14 +58,14 @@ _SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
 """Rows of scratch, one number per segment, behind that: see `row`."""
 RELEASED_ENERGY = SPRING
 _STEP_WORK = 11
-# Per node, behind that: tension before the step, and `_nonlinear_elasticity.py`.
-_NODE_WORK = 3
+# Per node, behind that: `_pre_step.py` and `_nonlinear_elasticity.py`.
+_NODE_WORK = 4
 
 
 @compiled
 def state_size(n: int) -> int:
     """Return the length of the state vector of a cable of n segments."""
-    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
+    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + 2 * _DRUM_SIZE
 
 
 @compiled
@@ -178,6 +183,13 @@ def bristle_stretches(state: FloatArray, n: int) -> FloatArray:
 def contact_ages(state: FloatArray, n: int) -> FloatArray:
     """Return the contact age of every segment (n,), see `_friction.age_after_step`."""
     return _segment_row(state, n, 4)
+
+
+@internal
+def drum(state: FloatArray, n: int, end: int) -> FloatArray:
+    """Return the memory of the rope on the drum of an end (0, 1), see `_drum.py`."""
+    start = STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + _DRUM_SIZE * end
+    return state[start : start + _DRUM_SIZE]
 
 
 @compiled

@@ -15,13 +15,14 @@ spring of EA (1 + strain)^2 / l, and what its path gained counts divided by 1 + 
 A node that was slack is one of EA / l, that of cable which becomes taut, and has the
 length left that the law tells: between both a straight line through the slack would be
 wrong by EA strain^2, as much as kN. `apply_material_law` then replaces the straight
-line by the law, so that no cable is lost or made over any number of steps. A drum takes
-cable in at the strain of the pretension.
+line by the law, so that no cable is lost or made over any number of steps. What a drum
+takes in or gives out is in `_drum.py`.
 
 Cable that is moved from node a to node b takes its energy along. Where m dU/dm at fixed
 l is T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean strain)
-per unstretched length, which is the heat (`heating`), and cable that is carried to a
-node of another strain than its own loses what this differs from the work that it does.
+per unstretched length, which is the heat (`surface_ratio`), and cable that is carried
+to a node of another strain than its own loses what this differs from the work that it
+does.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 
 _EA = law.INDEX["axial_stiffness"]
-_PRETENSION = law.INDEX["pretension"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 _BEDDING = law.INDEX["bedding_strain"]
@@ -60,17 +60,25 @@ def stretch_ratio(prm: FloatArray, tension: float) -> float:
 
 
 @internal
-def unstretched_shortfall(prm: FloatArray, moved: float) -> float:
-    """Return by how much less cable, unstretched, a drum takes than it winds [m]."""
-    return moved - moved / stretch_ratio(prm, prm[_PRETENSION])
+def strain_energy(prm: FloatArray, ratio: float) -> float:
+    """Return the elastic energy by unstretched length at a stretch ratio >= 1 [N]."""
+    strain = ratio - 1.0
+    if not nodes.is_curved(prm):
+        return float(0.5 * prm[_EA] * strain * strain)
+    unit = _cable_per_length(prm)
+    return elastic.energy_at(unit, elastic.tension_of(unit, strain))
 
 
 @internal
-def heating(prm: FloatArray, proximal: float, distal: float) -> float:
-    """Return the heat of slip by tension difference and unstretched slip, see above.
+def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
+    """Return the way of a segment on its surface by its unstretched slip.
 
-    `proximal` and `distal` are the tensions at the ends of the segment [N].
+    The heat of slip is the tension difference times that way, see above. `proximal` and
+    `distal` are the tensions at the ends of the segment [N]. 1 where the path cannot
+    lengthen.
     """
+    if prm[at.PATH_LENGTHENS] == 0.0:
+        return 1.0
     low, high = max(proximal, 0.0), max(distal, 0.0)
     if not nodes.is_curved(prm):
         return float(1.0 + 0.5 * (low + high) / prm[_EA])
@@ -113,7 +121,7 @@ def _carried_length(
     low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
     if low == high:
         return total, 0.0
-    return total, (high - low) * (total * heating(prm, low, high) - flow)
+    return total, (high - low) * (total * surface_ratio(prm, low, high) - flow)
 
 
 @compiled

@@ -15,7 +15,6 @@ from cc_mujoco.cable import _layout as at
 _EA = law.INDEX["axial_stiffness"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
-_BRISTLE = law.INDEX["bristle_length"]
 _BEDDING = law.INDEX["bedding_strain"]
 _BEDDING_TENSION = law.INDEX["bedding_tension"]
 
@@ -94,6 +93,20 @@ def stretch_between(
 
 
 @internal
+def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
+    """Return the energy of node i between two tensions by its stretch between them [N].
+
+    A node without tension has none.
+    """
+    low, high = max(before, 0.0), max(after, 0.0)
+    if is_curved(prm) and abs(high - low) > 1e-6 * (high + low):
+        own = node_piece(prm, n, i)
+        gained = elastic.energy_at(own, high) - elastic.energy_at(own, low)
+        return gained / (elastic.stretch_of(own, high) - elastic.stretch_of(own, low))
+    return 0.5 * (low + high)
+
+
+@internal
 def rest_stretch(prm: FloatArray, tension: float) -> float:
     """Stretch of the cable with its end springs at a uniform tension [m]."""
     springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
@@ -132,17 +145,6 @@ def slack_length(prm: FloatArray, n: int, state: FloatArray) -> float:
     total = 0.0
     for i in range(n + 1):
         total -= node_stretch(prm, n, i, min(tension[i], 0.0))
-    return total
-
-
-@compiled
-def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Return the elastic energy of the cable and of the bristles on it [J]."""
-    total = elastic_energy(prm, n, at.tensions(state, n))
-    if prm[_BRISTLE] > 0.0:
-        force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
-        for j in range(n):
-            total += 0.5 * abs(force[j] * stretched[j])
     return total
 
 

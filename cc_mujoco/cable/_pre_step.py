@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
@@ -21,8 +22,37 @@ _RELAXATION_TIME = law.INDEX["relaxation_time"]
 _CLAMP_CREEP_PROXIMAL = law.INDEX["clamp_creep_proximal"]
 _CLAMP_CREEP_DISTAL = law.INDEX["clamp_creep_distal"]
 _CLAMP_FORCE = law.INDEX["clamp_force"]
-TENSION_ROW = 0
-"""Row of scratch for the node tensions that these changes leave."""
+TENSION_ROW, LOST_ROW = 0, 3
+"""Rows of scratch for the node tensions that these changes leave, and for the stretch
+that nodes lose to relaxation and clamps."""
+
+
+@internal
+def begin_losses(
+    n: int, state: FloatArray, work: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return scratch with the node tensions, and with no stretch lost yet."""
+    old, tension = at.tensions(state, n), at.node_row(work, n, TENSION_ROW)
+    lost = at.node_row(work, n, LOST_ROW)
+    for i in range(n + 1):
+        tension[i], lost[i] = old[i], 0.0
+    return tension, lost
+
+
+@internal
+def heat_of_losses(
+    prm: FloatArray, n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
+) -> float:
+    """Return the energy that went with the stretch that nodes lost [J].
+
+    At the mean tension of the step, in which the ends move too.
+    """
+    before, after = at.tensions(state, n), at.tensions(new_state, n)
+    lost, total = at.node_row(work, n, LOST_ROW), 0.0
+    for i in range(n + 1):
+        if lost[i] != 0.0:
+            total += lost[i] * nodes.mean_tension(prm, n, i, before[i], after[i])
+    return max(total, 0.0)
 
 
 @internal
@@ -32,12 +62,10 @@ def relax_stress(
     state: FloatArray,
     dt: float,
     new_state: FloatArray,
-    work: FloatArray,
-) -> FloatArray:
-    """Lengthen all parts of the cable equally; return the tension of its nodes.
-
-    The elastic energy that goes is dissipated.
-    """
+    tension: FloatArray,
+    lost: FloatArray,
+) -> None:
+    """Lengthen all parts of the cable equally, by `tension` and `lost` of its nodes."""
     time, scale = state[at.TIME], prm[_RELAXATION_TIME]
     before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
     after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
@@ -45,14 +73,12 @@ def relax_stress(
     grown = nodes.rest_stretch(prm, rest * before) - nodes.rest_stretch(
         prm, rest * after
     )
-    old, tension = at.tensions(state, n), at.node_row(work, n, TENSION_ROW)
     for i in range(n + 1):
-        share = at.node_length(prm, n)[i] / prm[at.LENGTH]
-        tension[i] = nodes.tension_after_stretch(prm, n, i, old[i], -share * grown)
-    lost = nodes.elastic_energy(prm, n, old) - nodes.elastic_energy(prm, n, tension)
-    new_state[2] += max(lost, 0.0)
+        part = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
+        # Where the path lengthens, rope is longer before it is stretched.
+        lost[i] = part * moving_path.surface_ratio(prm, tension[i], 0.0)
+        tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -part)
     new_state[3] -= grown
-    return tension
 
 
 @internal
@@ -63,24 +89,26 @@ def clamps_slide(prm: FloatArray) -> bool:
 
 
 @internal
+def loses_stretch(prm: FloatArray) -> bool:
+    """Return whether the cable relaxes or a clamp lets go of its conduit."""
+    return float(prm[_STRESS_RELAXATION]) > 0.0 or clamps_slide(prm)
+
+
+@internal
 def slide_in_clamps(
     prm: FloatArray,
     n: int,
-    old: FloatArray,
     dt: float,
     new_state: FloatArray,
-    work: FloatArray,
-) -> FloatArray:
-    """Shorten the path at both ends by the creep of the clamps; return node tensions.
+    tension: FloatArray,
+    lost: FloatArray,
+) -> None:
+    """Shorten the path at both ends by the creep of the clamps.
 
     The rate is that of the tension which is left at the end of the step with the
-    stiffness of the end's node before it, so no step takes it below `clamp_force`. The
-    elastic energy that goes is dissipated.
+    stiffness of the end's node before it, so no step takes it below `clamp_force`.
     """
-    tension, stiffness = at.node_row(work, n, TENSION_ROW), at.node_stiffness(prm, n)
-    for i in range(n + 1):
-        tension[i] = old[i]
-    before = nodes.elastic_energy(prm, n, tension)
+    stiffness = at.node_stiffness(prm, n)
     for end in range(2):
         i = n * end
         creep = prm[_CLAMP_CREEP_DISTAL if end == 1 else _CLAMP_CREEP_PROXIMAL]
@@ -88,17 +116,19 @@ def slide_in_clamps(
         if creep > 0.0 and over > 0.0:
             # A curved cable is no stiffer than when it is taut.
             slid = creep * dt * over / (1.0 + stiffness[i] * creep * dt)
+            lost[i] += slid
+            if prm[at.PATH_LENGTHENS] != 0.0:
+                slid /= moving_path.stretch_ratio(prm, tension[i])
             tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -slid)
             if prm[at.PATH_LENGTHENS] == 0.0:
                 new_state[3] -= slid
-    new_state[2] += max(before - nodes.elastic_energy(prm, n, tension), 0.0)
-    return tension
 
 
 @internal
 def stretch_by_path(
     prm: FloatArray,
     n: int,
+    state: FloatArray,
     old: FloatArray,
     proximal: float,
     distal: float,
@@ -112,9 +142,11 @@ def stretch_by_path(
     for i in range(n + 1):
         moved = gained[i]
         if i == 0:
-            moved += moving_path.unstretched_shortfall(prm, proximal)
+            moved += proximal - proximal / drum.passing_ratio(
+                prm, n, state, 0, proximal
+            )
         if i == n:
-            moved -= moving_path.unstretched_shortfall(prm, distal)
+            moved -= distal - distal / drum.passing_ratio(prm, n, state, 1, -distal)
         tension[i] = nodes.tension_after_stretch(prm, n, i, old[i], moved)
     return tension
 

@@ -27,10 +27,20 @@ class Mechanism:
         model: with the cable `rope`, tied to the ends of its tendon.
         spans: first and last node of the pieces of every span, and its names: site,
             geom, site.
+        cables: names of all cables.
     """
 
     model: mujoco.MjModel
     spans: tuple[tuple[int, int, tuple[str, str, str]], ...]
+    cables: tuple[str, ...] = ("rope",)
+
+    def heat(self, d: mujoco.MjData) -> float:
+        """Return the energy that the cables dissipated [J]."""
+        return sum(float(read(self.model, d, name).dissipated) for name in self.cables)
+
+    def stored(self, d: mujoco.MjData) -> float:
+        """Return the energy that the cables store [J]."""
+        return sum(stored_energy(self.model, d, name) for name in self.cables)
 
 
 def mechanism(
@@ -184,14 +194,13 @@ def play(
         d.qpos[:], d.qvel[:] = poses[k % steps], 0.0
         mujoco.mj_step(m, d)
         force = d.qfrc_passive + d.qfrc_actuator
-        row = np.zeros((1, m.nv))
+        row = np.zeros((m.ntendon, m.nv))
         mujoco.mju_sparse2dense(
             row, d.ten_J.ravel(), m.ten_J_rownnz, m.ten_J_rowadr, m.ten_J_colind.ravel()
         )
         row = row[0]
         if k == (turns - 1) * steps:
-            start_heat = float(read(m, d, "rope").dissipated)
-            start_stored = stored_energy(m, d, "rope")
+            start_heat, start_stored = mechanism.heat(d), mechanism.stored(d)
         if k > 0:
             mujoco.mj_differentiatePos(m, moved, 1.0, before, poses[k % steps])
             told = 0.5 * (row + row_before) @ moved
@@ -207,8 +216,8 @@ def play(
         row_before, length = row, float(d.ten_length[0])
     return Balance(
         work,
-        stored_energy(m, d, "rope") - start_stored,
-        float(read(m, d, "rope").dissipated) - start_heat,
+        mechanism.stored(d) - start_stored,
+        mechanism.heat(d) - start_heat,
         gross,
         jump,
         off / largest if largest > 0.0 else 0.0,

@@ -79,12 +79,14 @@ def commit(
     for j in range(n):
         moved = slipped[j]
         high, high_before = max(node[j + 1], 0.0), max(tension[j + 1], 0.0)
+        ratio = moving_path.surface_ratio(
+            prm, 0.5 * (low + low_before), 0.5 * (high + high_before)
+        )
         force, before = high - low, high_before - low_before
         low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         mean = 0.5 * (force + before)
         taken = (mean if before * moved > 0.0 else force) * moved
-        ratio = moving_path.surface_ratio(prm, node[j], node[j + 1])
         taken *= ratio
         if has_bristles:
             # What the elastic part of the motion takes and the bristles do not keep.

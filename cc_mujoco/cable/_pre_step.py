@@ -75,7 +75,8 @@ def relax_stress(
     )
     for i in range(n + 1):
         part = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
-        # Where the path lengthens, rope is longer before it is stretched.
+        # Where the path lengthens, rope is longer before it is stretched; so it is
+        # where the conduit slides.
         lost[i] = part * moving_path.surface_ratio(prm, tension[i], 0.0)
         tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -part)
     new_state[3] -= grown
@@ -116,9 +117,9 @@ def slide_in_clamps(
         if creep > 0.0 and over > 0.0:
             # A curved cable is no stiffer than when it is taut.
             slid = creep * dt * over / (1.0 + stiffness[i] * creep * dt)
-            lost[i] += slid
             if prm[at.PATH_LENGTHENS] != 0.0:
                 slid /= moving_path.stretch_ratio(prm, tension[i])
+            lost[i] += slid * moving_path.surface_ratio(prm, tension[i], 0.0)
             tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -slid)
             if prm[at.PATH_LENGTHENS] == 0.0:
                 new_state[3] -= slid

@@ -172,6 +172,8 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
 def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
     """Return the elastic energy of a cable and its bristles in the present state [J].
 
+    With that of the rope that the drums of an open path wound and gave out so far.
+
     Raises:
         CableError: the model has no cable of that name.
     """

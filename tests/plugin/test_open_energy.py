@@ -7,12 +7,46 @@ import numpy as np
 import pytest
 
 from plugin.mechanisms import Balance, drawn, loop, mechanism, play
+from plugin.wound_scenes import KINDS, wound
 
 
 def missing(balance: Balance) -> float:
     """Work that is neither stored nor heat, as a part of the heat."""
     lost = abs(balance.work - balance.stored - balance.heat)
     return lost / max(balance.heat, 1e-3 * balance.gross, 1e-12)
+
+
+def heat_of_a_drum(
+    stiffness: float, mounted: float, paid: np.ndarray, eased: np.ndarray
+) -> float:
+    """Return the heat of the second turn, where a drum has room for any layers [J].
+
+    Args:
+        stiffness: EA of the rope [N].
+        mounted: strain of the rope as it was mounted on the drum.
+        paid: length that the drum paid out, from 0 to 0 [m].
+        eased: by how much the path of 0.4 m is longer than that [m].
+    """
+    fine = np.linspace(0.0, 1.0, 20_001)
+    at = np.linspace(0.0, 1.0, paid.size)
+    out, more = np.interp(fine, at, paid), np.interp(fine, at, np.append(eased, 0.0))
+    own, layers, heat = 0.4 / (1.0 + mounted), [], 0.0
+    for turn in range(2):
+        for k in range(1, fine.size):
+            strain = (0.4 + out[k] + more[k]) / own - 1.0
+            moved = out[k] - out[k - 1]
+            if moved < 0.0:
+                layers.append([-moved, strain])
+                own += moved / (1.0 + strain)
+            while moved > 0.0:
+                length, wound_at = layers.pop() if layers else [moved, mounted]
+                if length > moved:
+                    layers.append([length - moved, wound_at])
+                amount = min(length, moved) / (1.0 + wound_at)
+                own, moved = own + amount, moved - length
+                if turn == 1:
+                    heat += 0.5 * stiffness * amount * (wound_at - strain) ** 2
+    return heat
 
 
 def axis(m: mujoco.MjModel, geom: str) -> np.ndarray:
@@ -79,6 +113,73 @@ def test_work_is_stored_or_heat_and_torques_are_virtual_work(
     # errors of two signs cancel.
     assert missing(fine) < 0.5 * missing(coarse) + 2e-4
     assert fine.torques < 1e-6
+
+
+@pytest.mark.parametrize("strain", [0.005, 0.05, 0.2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_cable_that_drums_wind_gives_out_no_work(kind: str, strain: float) -> None:
+    """With 1000 steps a turn, as of 1 s at 1 ms."""
+    rope = wound(kind, strain)
+    coarse, fine = (play(rope, loop(rope.model, 1, steps)) for steps in (500, 1000))
+    assert fine.work > fine.stored
+    assert missing(fine) < 1e-3
+    assert missing(fine) < 0.6 * missing(coarse) + 1e-6
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("strain", [0.005, 0.05, 0.2])
+def test_a_drum_and_its_load_led_round_a_loop_heat_what_they_are_given(
+    strain: float, sense: float
+) -> None:
+    """The load pulls most as the drum winds, or as it pays out; nothing else rubs."""
+    rope = wound("straight", strain)
+    turn = 2.0 * np.pi * np.arange(500) / 500
+    paid = 0.05 * np.sin(sense * turn)
+    poses = np.zeros((500, rope.model.nq))
+    poses[:, rope.model.joint("w").qposadr[0]] = -paid / 0.02
+    eased = 0.2 * strain * (1.0 - np.cos(turn))
+    poses[:, rope.model.joint("load").qposadr[0]] = paid + eased
+    balance = play(rope, poses)
+    assert balance.work > 0.0
+    assert missing(balance) < 1e-5
+    heat = heat_of_a_drum(100.0 / strain, strain, np.append(paid, 0.0), eased)
+    assert balance.heat == pytest.approx(heat, rel=5e-2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "terms"),
+    [
+        ("band", {"bristle_length": 3e-4}),
+        ("winch", {"bristle_length": 3e-4, "bedding_strain": 0.01}),
+        ("mouth", {"bristle_length": 3e-4}),
+        ("mouth", {"clamp_creep_proximal": 1e-4, "clamp_creep_distal": 1e-5}),
+        ("mouth", {"stress_relaxation": 0.5, "relaxation_time": 1.0}),
+    ],
+    ids=str,
+)
+def test_the_heat_of_presliding_and_creep_is_counted(
+    kind: str, terms: dict[str, float]
+) -> None:
+    rope = wound(kind, 0.05, **terms)
+    balance = play(rope, loop(rope.model, 1, 1000))
+    assert missing(balance) < 1e-4
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_closed_motion_of_drums_gives_out_work(kind: str, seed: int) -> None:
+    random = np.random.default_rng([seed, 11])
+    strain, friction = 10 ** random.uniform(-2.5, -0.7), random.uniform(0.05, 1.0)
+    rope = wound(kind, strain, friction)
+    size = random.uniform(0.3, 2.0)
+    coarse, fine = (
+        play(rope, loop(rope.model, seed, steps, size)) for steps in (500, 2000)
+    )
+    assert fine.work >= fine.stored - 1e-5 * fine.gross
+    slight = max(1e-3 * fine.heat, 1e-5 * fine.gross)
+    assert abs(fine.work - fine.stored - fine.heat) < slight
+    assert missing(fine) < 0.6 * missing(coarse) + 1e-4
 
 
 @pytest.mark.study

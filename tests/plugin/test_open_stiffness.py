@@ -53,7 +53,6 @@ def test_a_hoisted_hook_hangs_on_the_spring_of_the_rope_that_is_left(
     mujoco.mj_forward(m, d)
     for up in np.linspace(0.0, 1.8, 200):
         tension = put(m, d, up, up)
-        # A drum takes the rope in as the pretension has strained it.
         assert tension == pytest.approx(PRETENSION, rel=1e-6)
     lowered = put(m, d, 1.8, 1.8 - 1e-5) - tension
     left = 0.2 / (1.0 + PRETENSION / STIFFNESS)
@@ -72,9 +71,45 @@ def test_a_drum_that_goes_to_and_fro_brings_the_rope_back() -> None:
     m = hoist(1.0)
     d = mujoco.MjData(m)
     for turn in np.linspace(0.0, 20.0 * np.pi, 800):
-        wound = 0.2 * np.sin(turn)
+        wound = 0.1 - 0.1 * np.cos(turn)
         tension = put(m, d, wound, wound + 2e-3 * np.cos(3.0 * turn) - 2e-3)
     assert tension == pytest.approx(PRETENSION, rel=1e-6)
+
+
+def test_rope_wound_again_at_another_load_stays_as_it_is_from_then_on() -> None:
+    m = hoist(1.0)
+    d = mujoco.MjData(m)
+    turns = []
+    for _ in range(4):
+        for part in np.linspace(0.0, 2.0 * np.pi, 800):
+            wound = -0.2 * np.sin(part)
+            tension = put(m, d, wound, wound + 2e-3 * np.cos(3.0 * part) - 2e-3)
+        turns.append(tension)
+    # The rope went out at the pretension and came back at more.
+    assert turns[0] < 0.99 * PRETENSION
+    assert turns[1:] == pytest.approx(turns[:1] * 3, rel=1e-3)
+
+
+def test_a_hook_moves_by_what_the_drum_winds_and_heats_only_at_another_load() -> None:
+    m = hoist(2.0, axial_stiffness=500.0)  # 20 % of strain at the pretension
+    d = mujoco.MjData(m)
+    low = -(2.0 / 1.2) * 0.4  # at three times the pretension
+    for up in np.linspace(0.0, low, 100):
+        put(m, d, 0.0, up)
+    for wound in (*np.linspace(0.0, 1.0, 100), *np.linspace(1.0, 0.5, 50)):
+        tension = put(m, d, wound, low + wound)
+        assert tension == pytest.approx(3.0 * PRETENSION, rel=1e-6)
+    assert read(m, d, "rope").dissipated == pytest.approx(0.0, abs=1e-9)
+    left = 2.0 / 1.2 - 0.5 / 1.6  # unstretched, and the hook hangs on 1.6 times that
+    for strain in np.linspace(0.6, 0.2, 100):
+        put(m, d, 0.5, 2.0 - left * (1.0 + strain))
+    for wound in np.linspace(0.5, 0.2, 50):
+        given = left + (0.5 - wound) / 1.6
+        tension = put(m, d, wound, 2.0 - 1.2 * given)
+        assert tension == pytest.approx(PRETENSION, rel=1e-6)
+    # EA (strain - strain)^2 / 2 for all rope that left.
+    heat = 0.5 * 500.0 * (0.6 - 0.2) ** 2 * 0.3 / 1.6
+    assert read(m, d, "rope").dissipated == pytest.approx(heat, rel=1e-5)
 
 
 @pytest.mark.parametrize("seed", [1, 4])

@@ -198,7 +198,7 @@ def wound_energy(prm: FloatArray, n: int, state: FloatArray, end: int) -> float:
     """Return the elastic energy of the rope on a drum, 0 as mounted [J]."""
     drum, mounted = at.drum(state, n, end), prm[_PRETENSION]
     ratio = moving_path.stretch_ratio(prm, mounted)
-    total = -drum[_MOUNTED] * moving_path.strain_energy(prm, ratio)
+    total = -float(drum[_MOUNTED]) * moving_path.strain_energy(prm, ratio)
     for i in range(at.DRUM_LAYERS):
         k = _BOTTOM + 2 * i
         if drum[k] > 0.0:

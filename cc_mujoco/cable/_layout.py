@@ -185,7 +185,7 @@ def contact_ages(state: FloatArray, n: int) -> FloatArray:
     return _segment_row(state, n, 4)
 
 
-@internal
+@compiled
 def drum(state: FloatArray, n: int, end: int) -> FloatArray:
     """Return the memory of the rope on the drum of an end (0, 1), see `_drum.py`."""
     start = STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + _DRUM_SIZE * end

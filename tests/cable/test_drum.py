@@ -56,7 +56,7 @@ class Rope:
 
     def drums(self) -> np.ndarray:
         """Return the memory of both drums."""
-        return self.state[layout.STATE_HEADER + 7 :].reshape(2, -1)
+        return np.stack([layout.drum(self.state, 1, end) for end in range(2)])
 
     def unstretched(self) -> float:
         """Return all rope, in the piece and on the drums less what lay there [m]."""

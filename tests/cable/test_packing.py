@@ -54,7 +54,8 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
 def test_a_state_fills_its_vector_once(n: int) -> None:
     state = np.arange(float(layout.state_size(n)))
     rows = [state[: layout.STATE_HEADER], *(row(state, n) for row in ROWS_OF_STATE)]
-    assert sorted(np.concatenate(rows)) == list(state)
+    drums = [layout.drum(state, n, end) for end in range(2)]
+    assert sorted(np.concatenate(rows + drums)) == list(state)
 
 
 def test_a_packed_cable_keeps_all_its_parameters() -> None:

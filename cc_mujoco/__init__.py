@@ -14,11 +14,9 @@ the rest: `cable` the physics, `plugin` the MuJoCo plugin, `device`, `human`, `c
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import lazy_loader
 
-from cc_mujoco._mujoco_import import register_with_mujoco
+from cc_mujoco._mujoco_import import register_with_gymnasium, register_with_mujoco
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -28,4 +26,4 @@ __version__ = "0.2.0"
 register_with_mujoco()
 
 # `gymnasium.make` knows the environments.
-import_module("cc_mujoco.envs").register()
+register_with_gymnasium()

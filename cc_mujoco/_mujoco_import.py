@@ -1,14 +1,15 @@
-"""Registration of the engine plugin at the import of MuJoCo, whichever comes first.
+"""Registration with MuJoCo and Gymnasium at their import, whichever comes first.
 
-MuJoCo has to know the plugin before it loads a model with cables. The plugin takes a
-second to import, for which a program without MuJoCo need not wait. The entry points
-that MuJoCo 4 calls do the same, but MuJoCo 3 calls none.
+MuJoCo has to know the plugin before it loads a model with cables, and Gymnasium the
+environments before it makes one. Both take a second to import, for which a program
+without them need not wait. The entry points that MuJoCo 4 calls do the same, but MuJoCo
+3 calls none.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -33,10 +34,19 @@ def register_with_mujoco() -> None:
 
     On a MuJoCo before `OLDEST_MUJOCO` the plugin is left out.
     """
-    if "mujoco" in sys.modules:
-        _register()
+    _after_import("mujoco", _register)
+
+
+def register_with_gymnasium() -> None:
+    """Register the environments now, or once Gymnasium has been imported."""
+    _after_import("gymnasium", lambda: import_module("cc_mujoco.envs").register())
+
+
+def _after_import(name: str, register: Callable[[], None]) -> None:
+    if name in sys.modules:
+        register()
     else:
-        sys.meta_path.insert(0, _MujocoFinder())
+        sys.meta_path.insert(0, _Finder(name, register))
 
 
 def require_plugin_support() -> None:
@@ -68,8 +78,11 @@ def _register() -> None:
         import_module("cc_mujoco.plugin")
 
 
-class _MujocoFinder(MetaPathFinder):
-    """Finder that leaves MuJoCo to the finders behind it, and registers after it."""
+class _Finder(MetaPathFinder):
+    """Finder that leaves a module to the finders behind it, and registers after it."""
+
+    def __init__(self, name: str, register: Callable[[], None]) -> None:
+        self._name, self._register = name, register
 
     def find_spec(
         self,
@@ -77,8 +90,8 @@ class _MujocoFinder(MetaPathFinder):
         path: Sequence[str] | None,
         target: ModuleType | None = None,
     ) -> ModuleSpec | None:
-        """Return what another finder finds of MuJoCo, and nothing of other modules."""
-        if fullname != "mujoco":
+        """Return what another finder finds of the module, and nothing of others."""
+        if fullname != self._name:
             return None
         others = (finder for finder in sys.meta_path if finder is not self)
         found = (finder.find_spec(fullname, path, target) for finder in others)
@@ -91,7 +104,7 @@ class _MujocoFinder(MetaPathFinder):
                 execute(module)
                 if self in sys.meta_path:
                     sys.meta_path.remove(self)
-                    _register()
+                    self._register()
 
             loader.exec_module = execute_and_register
         return spec

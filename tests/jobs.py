@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from typing import Any
 
 from cc_mujoco._utils import user_code
@@ -34,3 +35,12 @@ class NamesAllowed(Doubling):
     def do(self, piece: float, tick: Tick) -> Any:
         """Return the names."""
         return user_code.allowed()
+
+
+class Sleeping(Doubling):
+    """Job that sleeps for so many seconds."""
+
+    def do(self, piece: float, tick: Tick) -> Any:
+        """Sleep; return the seconds."""
+        time.sleep(piece)
+        return piece

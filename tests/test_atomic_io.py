@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import os
+import subprocess
+import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
@@ -10,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import (
     METADATA_KEY,
     is_marked,
@@ -121,3 +125,37 @@ def test_a_file_that_is_not_as_it_was_written_is_not_replaced(tmp_path: Path) ->
     (tmp_path / "table.md").write_text("my notes")
     with pytest.raises(CableError, match=r"table\.md is not as an earlier run wrote"):
         require_unmodified(tmp_path, ["table.md"])
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cc_mujoco._utils.atomic_io import replacing, replacing_folder
+with replacing_folder(Path("folder")) as folder, replacing(Path("file")) as file:
+    file.touch()
+    (folder / "inside").touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are not looked up there")
+def test_what_a_killed_process_was_writing_is_removed_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = str(Path(atomic_io.__file__).parents[2])
+    environment = {**os.environ, "PYTHONPATH": package}
+    killed = [sys.executable, "-c", KILLED]
+    for _ in range(2):  # each leaves its own, and removes that of the other
+        subprocess.run(killed, cwd=tmp_path, env=environment)
+        assert len(list(tmp_path.iterdir())) == 2
+    own = f"{atomic_io._host()}-{os.getpid()}"
+    others = [f".file.{own}.partial", ".file.0123abcd-1.partial", ".file.notes.partial"]
+    others += [".file.1.partial", ".other.file.0123abcd-99999999.partial"]
+    for name in others:  # of a living process, of another machine, of the user
+        (tmp_path / name).touch()
+    with replacing(tmp_path / "file") as file:
+        file.touch()
+    with replacing_folder(tmp_path / "folder"):
+        pass
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"file", "folder", *others[1:]}

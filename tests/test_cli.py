@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import json
 import os
@@ -417,6 +418,13 @@ def test_a_reader_that_has_enough_ends_the_command_without_a_word() -> None:
     assert (done.returncode, done.stderr) == (141, "")
 
 
+def _code(words: list[str]) -> int:
+    try:
+        return cli.main(words)
+    except SystemExit as stopped:
+        return stopped.code
+
+
 @pytest.mark.parametrize("stream", ["stdin", "stdout", "stderr"])
 def test_a_closed_stream_changes_no_exit_code(
     stream: str, monkeypatch: pytest.MonkeyPatch
@@ -437,6 +445,127 @@ def test_a_shell_may_close_standard_output() -> None:
     words = ["sh", "-c", 'exec "$0" -c "$1" --version >&-', sys.executable, program]
     done = subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+NEEDED = {
+    "export": ["--scene", "wrist", "--controller", "pi", "--out", "x"],
+    "run": ["--rig", "rig.toml", "--out", "x"],
+    "whatif-show": ["study", "0"],
+    "diagnose": ["wrist", "x.csv", "--out", "x"],
+    **{name: ["wrist"] for name in ("device", "tendons", "play", "calibrate", "view")},
+    "plugin": ["--out", "x"],
+}
+"""Words that a command needs."""
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_signal_ends_every_command_with_a_sentence_and_its_code(
+    name: str,
+    number: signal.Signals,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kind = COMMANDS[name]
+    monkeypatch.setattr(kind, "run", lambda _: signal.raise_signal(number))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert cli.main([name, *NEEDED.get(name, ())]) == SIGNALS[number]
+    finally:
+        signal.signal(signal.SIGINT, before)
+    said = capsys.readouterr().err
+    assert said == f"cc-mujoco: interrupted, {kind.interrupted}.\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_finishes_in_spite_of_an_interruption_does_not_succeed(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def finishes(_: Any) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(COMMANDS[name], "run", finishes)
+    assert cli.main([name, *NEEDED.get(name, ())]) == 143
+    assert "the results are of what was done" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_end_of_the_interpreter_in_a_command_is_an_error(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(COMMANDS[name], "run", lambda _: sys.exit(0))
+    assert cli.main([name, *NEEDED.get(name, ())]) == 2
+    said = capsys.readouterr().err
+    assert f"raised SystemExit in {__file__}, line " in said and said.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it cannot be deleted there")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_deleted_folder_is_one_sentence(
+    name: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert cli.main([name, *NEEDED.get(name, ())]) == 2
+    said = capsys.readouterr().err
+    assert said == (
+        "cc-mujoco: the current folder was deleted; change to one that is there.\n"
+    )
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_only_options_of_the_command_are_proposed(
+    name: str, helps: dict[str, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def options(command: str) -> set[str]:
+        return set(re.findall(r"--[a-z][\w-]+", helps[command]["said"]))
+
+    for option in sorted(set.union(*map(options, COMMANDS))):
+        wrong = f"{option[:-1]}x{option[-1]}"
+        assert cli.main([name, *NEEDED.get(name, ()), wrong]) == 2
+        proposed = re.search(r"did you mean (--[\w-]+)", capsys.readouterr().err)
+        assert proposed is None or proposed[1] in options(name)
+    assert cli.main([name, "--threads=2"]) == 2
+    assert capsys.readouterr().err == "cc-mujoco: --threads is now --workers.\n"
+
+
+DEEP = {
+    "toml": f"x = {'[' * 9999}{']' * 9999}",
+    "json": f"{'[' * 99999}{']' * 99999}",
+}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["play", "deep.toml"],
+        ["diagnose", "wrist", "x.csv", "--dataset", "deep.toml", "--out", "x"],
+        ["diagnose", "x.csv", "--continue", ".", "--out", "x"],
+        ["whatif", "--designs", "deep.toml"],
+        ["whatif-show", ".", "0"],
+        ["run", "--rig", "deep.toml", "--out", "x"],
+        ["play", "wrist", "--controller", "deep.safetensors"],
+    ],
+    ids=" ".join,
+)
+def test_deep_files_are_one_sentence(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("x.csv").write_text("time_s\n0\n")
+    Path("deep.toml").write_text(DEEP["toml"])
+    for name in ("verdict.json", "study.json"):
+        Path(name).write_text(DEEP["json"])
+    header = DEEP["json"].encode()
+    content = len(header).to_bytes(8, "little") + header
+    Path("deep.safetensors").write_bytes(content)
+    assert cli.main(words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "Traceback" not in said
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -506,13 +635,6 @@ def test_an_interruption_at_the_start_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-def _code(words: list[str]) -> int:
-    try:
-        return cli.main(words)
-    except SystemExit as stopped:
-        return stopped.code
-
-
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
 )
@@ -536,7 +658,7 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
     monkeypatch.setattr(Listing, "run", called)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        assert _code(["list"]) == code
+        assert cli.main(["list"]) == code
     finally:
         signal.signal(signal.SIGINT, before)
     assert arrived == [1]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import time
 
 from cc_mujoco._workers import run_here
-from jobs import Doubling
+from jobs import Doubling, Sleeping
 
 
 def test_processes_do_every_piece_once_and_tell_how_much_is_done() -> None:
@@ -20,3 +21,11 @@ def test_processes_do_every_piece_once_and_tell_how_much_is_done() -> None:
     assert done == sorted(done) and done[-1] == 5.0
     (one,) = dict(run_here(Doubling(), {0: 1.0}, processes=True)).values()
     assert one == (2.0, os.getpid())
+
+
+def test_processes_end_with_the_run_that_wants_them() -> None:
+    running = run_here(Sleeping(), {0: 0.0, 1: 600.0}, count=2, processes=True)
+    assert next(running) == (0, 0.0)
+    begun = time.monotonic()
+    running.close()
+    assert time.monotonic() - begun < 60.0

@@ -290,3 +290,67 @@ def test_every_command_that_imports_code_takes_allow(
         with pytest.raises(SystemExit):
             cli.main([command, "--help"])
         assert ("--allow" in capsys.readouterr().out) == (command in able), command
+
+
+ENDS = """
+import sys
+from cc_mujoco.human import Task, Trajectory
+from cc_mujoco.metrics import Metric
+
+def end(*_):
+    sys.exit(0)
+
+class Ends(Task):
+    torque = end
+
+class Moves(Trajectory):
+    _motion = end
+
+class Rig:
+    __init__ = end
+
+class Lag:
+    parameters = signals = end
+
+def law(drive):
+    return end
+
+task, trajectory = Ends(), Moves()
+metric = Metric("mine", "1", "ends", end)
+"""
+LAST = ["--duration", "0.05", "--out", "played"]
+
+
+@pytest.mark.parametrize("at_import", [False, True])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["play", "wrist", "--controller", "ends:law", *LAST],
+        ["play", "wrist", "--controller", "ends:end", *LAST],
+        ["play", "wrist", "--controller", "ends.py:law", *LAST],
+        ["play", "wrist", "--task", "ends:task", *LAST],
+        ["play", "wrist", "--task", "ends:end", *LAST],
+        ["play", "wrist", "--trajectory", "ends:trajectory", *LAST],
+        ["play", "wrist", "--metric", "ends:metric", *LAST],
+        ["whatif", "--vary", "loops=1", "--metric", "ends:metric", "--controllers",
+         "none", *LAST],
+        ["benchmark", "--scene", "wrist", "--controllers", "ends:law", "--seeds", "1",
+         "--conditions", "zero-torque", "--duration", "1.1", "--out", "played"],
+        ["diagnose", "bench", "x.csv", "--effects", "ends:Lag", "--out", "played"],
+        ["run", "--rig", "rig.toml", "--controller", "pi", "--out", "played",
+         "--allow", "ends:Rig"],
+    ],
+    ids=lambda words: " ".join(words[:7]),
+)  # fmt: skip
+def test_the_end_of_the_interpreter_in_code_of_the_user_is_an_error(
+    words: list[str], at_import: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sys.modules.pop("ends", None)
+    ends = "raise SystemExit" if at_import else ""
+    Path("ends.py").write_text(f"{ends}\n{ENDS}")
+    Path("x.csv").write_text("time_s\n0\n")
+    rig(NOWHERE, 'class = "ends:Rig"')
+    assert cli.main(words) not in (0, None)
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("cc-mujoco: ") and "ends.py, line " in said
+    assert not Path("played", "log.parquet").exists()

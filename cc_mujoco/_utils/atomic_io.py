@@ -10,9 +10,12 @@ import hashlib
 import os
 import re
 import shutil
+import socket
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from cc_mujoco.errors import CableError
@@ -21,6 +24,8 @@ METADATA_KEY = b"cc_mujoco"
 """Key of the metadata that mark a Parquet file as ours."""
 MANIFEST = ".written"
 """File that lists the checksums of the files of a folder, see `write_manifest`."""
+_PARTIAL = ".partial"
+"""Ending of a file or folder that is being written."""
 
 
 def require_ours(
@@ -202,7 +207,40 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _sibling_path(target: Path) -> Path:
-    return target.with_name(f".{target.name}.{os.getpid()}.partial")
+    """Return where to write a file or folder; remove what dead processes left of it."""
+    begin = f".{target.name}.{_host()}-"
+    with suppress(OSError):  # there is no folder yet, or it cannot be read
+        for name in os.listdir(target.parent):
+            process = name.removeprefix(begin).removesuffix(_PARTIAL)
+            if name == f"{begin}{process}{_PARTIAL}" and _is_dead(process):
+                _remove(target.with_name(name))
+    return target.with_name(f"{begin}{os.getpid()}{_PARTIAL}")
+
+
+@cache
+def _host() -> str:
+    """Return a digest of this machine's name, as others may write to the same disk."""
+    return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+
+
+def _is_dead(process: str) -> bool:
+    """Return whether no process of this machine has this number."""
+    if not process.isdecimal() or sys.platform == "win32":  # where a signal 0 kills
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):  # it is another user's
+        return False
+    return False
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -211,7 +249,7 @@ def _name_failures(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        parts = (re.sub(r"^\.(.+)\.\d+\.partial$", r"\1", p) for p in target.parts)
+        parts = (re.sub(r"^\.(.+)\.\w+-\d+\.partial$", r"\1", p) for p in target.parts)
         reason = error.strerror or str(error)
         raise CableError(
             f"cannot write {Path(*parts)}: {reason.rstrip('.')}."

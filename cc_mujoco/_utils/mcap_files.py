@@ -10,7 +10,6 @@ The libraries mcap and mcap-ros2-support are needed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.parser_errors import one_sentence
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +111,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
             encoding = channel.message_encoding
             if channel.id not in decoders:
                 decoders[channel.id] = (
-                    json.loads
+                    parse_json
                     if encoding == "json"
                     else factory.decoder_for(encoding, schema)
                 )

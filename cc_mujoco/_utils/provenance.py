@@ -34,6 +34,7 @@ from types import ModuleType
 from typing import Any
 
 from cc_mujoco._utils.atomic_io import METADATA_KEY
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.errors import CableError
 
@@ -127,7 +128,7 @@ def with_provenance(table: Any, about: Mapping[str, Any]) -> Any:
 def read_provenance(table: Any) -> Any:
     """Return the provenance that `with_provenance` put into a table, or None."""
     with contextlib.suppress(ValueError):
-        return json.loads((table.schema.metadata or {}).get(METADATA_KEY, b"null"))
+        return parse_json((table.schema.metadata or {}).get(METADATA_KEY, b"null"))
     return None
 
 

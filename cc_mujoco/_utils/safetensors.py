@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.parsing import parse_json
+
 Array = NDArray[np.float64]
 
 MAX_HEADER_BYTES = 10**8
@@ -47,7 +49,7 @@ def from_bytes(content: bytes) -> tuple[dict[str, Array], dict[str, str]]:
     length = int.from_bytes(content[:8], "little")
     if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
         raise ValueError("no header of safetensors")
-    header = json.loads(content[8 : 8 + length])
+    header = parse_json(content[8 : 8 + length])
     data = memoryview(content)[8 + length :]
     metadata = header.pop("__metadata__", {})
     tensors = {}

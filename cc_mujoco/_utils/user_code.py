@@ -180,13 +180,20 @@ def _module(kind: str, name: str, place: str) -> ModuleType:
 
 
 @contextmanager
-def user_errors(what: str) -> Iterator[None]:
-    """Turn an exception into one sentence that names the object, file and line."""
+def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
+    """Turn an exception into one sentence that names the object, file and line.
+
+    Args:
+        what: The object of the user.
+        kinds: Exceptions; by default all errors and the end of the interpreter, which
+            is not for a part of a computation to decide.
+    """
+    kinds = kinds or (Exception, SystemExit)
     try:
         yield
     except CableError:
         raise
-    except Exception as error:
+    except kinds as error:
         if isinstance(error, SyntaxError):
             message, file, line = error.msg, error.filename, error.lineno
         else:

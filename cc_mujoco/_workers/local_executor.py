@@ -76,6 +76,7 @@ def run_here(
 
     pool: Executor
     unsafe = _SAFE_PATH not in os.environ
+    others = set(multiprocessing.active_children())
     if processes:
         os.environ[_SAFE_PATH] = "1"
         # A fresh interpreter each: threads of the parent would not survive a fork.
@@ -106,6 +107,10 @@ def run_here(
                 if processes:
                     tell(number, 1.0)
                 yield number, result
+    except BaseException:  # what else is under way is not wanted any more
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        raise
     finally:
         stopped.set()
         pool.shutdown(wait=True, cancel_futures=True)

@@ -9,9 +9,9 @@
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a
 diagnosis writes its report on what is wrong all the same), 3 a rig was stopped because
-something was amiss, 130 interrupted, 141 nobody reads what it prints. What an
-interrupted or failed run was writing is removed, but for what a rig measured; what an
-earlier run left stays.
+something was amiss, 130 interrupted, 143 terminated, 141 nobody reads what it prints.
+What an interrupted or failed run was writing is removed, but for what a rig measured;
+what an earlier run left stays.
 """
 
 from __future__ import annotations
@@ -24,16 +24,14 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from types import FrameType
 
 from cc_mujoco import __version__
-from cc_mujoco._utils.user_code import allow
+from cc_mujoco._utils.user_code import allow, user_errors
 from cc_mujoco.errors import CableError
 
 PROGRAM = "cc-mujoco"
-
-Handler = Callable[[int, FrameType | None], object]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,8 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_closed_streams()
     left = "nothing was written"
     interrupts: list[int] = []
+    code = 0
     try:
         with _handle_signals(interrupts):
+            _require_current_folder()
             # Slow enough to be interrupted in, so not at the top.
             from cc_mujoco.cli._parsing import parse
 
@@ -66,11 +66,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 left = command.interrupted
                 from cc_mujoco.cli._options import plain_warnings
 
-                with plain_warnings():
-                    command.run()
+                with plain_warnings(), user_errors("the command", SystemExit):
+                    code = command.run() or 0
             sys.stdout.flush()
+        if interrupts:  # and the command has finished with what it had
+            return _report_interruption("the results are of what was done", interrupts)
+        return code
     except KeyboardInterrupt:
-        return _report_interruption(left)
+        return _report_interruption(left, interrupts)
     except BrokenPipeError:  # as in `cc-mujoco list | head`: the reader has enough
         _discard_output()
         return 128 + 13  # as a shell reports what SIGPIPE ended
@@ -89,9 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:
         # What an import makes of an interruption need not be a KeyboardInterrupt.
         if interrupts:
-            return _report_interruption(left)
+            return _report_interruption(left, interrupts)
         raise
-    return 0
 
 
 def _print_warning(
@@ -101,9 +103,18 @@ def _print_warning(
     print(f"warning: {message}", file=sys.stderr)
 
 
-def _report_interruption(left: str) -> int:
+def _report_interruption(left: str, signals: Sequence[int]) -> int:
     print(f"{PROGRAM}: interrupted, {left}.", file=sys.stderr)
-    return 130
+    return 128 + (signals[-1] if signals else signal.SIGINT)
+
+
+def _require_current_folder() -> None:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise CableError(
+            "the current folder was deleted; change to one that is there."
+        ) from None
 
 
 def _open_closed_streams() -> None:
@@ -124,9 +135,9 @@ def _discard_output() -> None:
 
 @contextlib.contextmanager
 def _handle_signals(interrupts: list[int]) -> Iterator[None]:
-    """Note interruptions; turn them and a polite kill into exceptions.
+    """Note signals that end the process and raise `KeyboardInterrupt` for them.
 
-    So half-written files are removed. An ignored interruption stays ignored; one that
+    So half-written files are removed. An ignored signal stays ignored; one that
     arrived where exceptions end (in a callback from C, as of LLVM) arrives again.
     """
 
@@ -134,22 +145,21 @@ def _handle_signals(interrupts: list[int]) -> Iterator[None]:
         interrupts.append(number)
         signal.default_int_handler(number, frame)
 
-    def stop(number: int, _: FrameType | None) -> None:
-        sys.exit(128 + number)
-
     def unraisable(lost: sys.UnraisableHookArgs, /) -> None:
-        for kind, number in again.items():
-            if issubclass(lost.exc_type, kind):
-                # A little later, when the callback has returned.
-                threading.Timer(0.01, _thread.interrupt_main, [number]).start()
-                return
+        if interrupts and issubclass(lost.exc_type, KeyboardInterrupt):
+            # A little later, when the callback has returned.
+            number = interrupts.pop()
+            threading.Timer(0.01, _thread.interrupt_main, [number]).start()
+            return
         previous_hook(lost)
 
-    handlers: dict[int, Handler] = {signal.SIGTERM: stop}
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        handlers[signal.SIGINT] = interrupt
-    before = {number: signal.signal(number, do) for number, do in handlers.items()}
-    again = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
+    ending = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+    before = {
+        number: signal.signal(number, interrupt)
+        for number in (getattr(signal, name, None) for name in ending)
+        if number is not None
+        and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    }
     previous_hook, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         yield

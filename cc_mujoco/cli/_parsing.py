@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -46,6 +46,9 @@ COMMANDS = {
 POSITIONAL = ("device", "tendons", "play", "calibrate", "diagnose", "view", "list")
 """Commands whose scene is their first word, and may be given as `--scene`, too."""
 
+RENAMED = {"--threads": "--workers"}
+"""Options that have another name now."""
+
 Command = (
     Annotated[ShowDevice, tyro.conf.subcommand("device")]
     | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
@@ -75,27 +78,35 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         CableError: They cannot be understood.
         SystemExit: They requested help, which was printed.
     """
+    parsed: Any = Command
+    about: str | None = "Bowden cables in MuJoCo. `--version` says which this is."
     if arguments and not arguments[0].startswith("-"):
-        look_up("command", arguments[0], COMMANDS)
+        parsed, about = look_up("command", arguments[0], COMMANDS), None
+        program = f"{program} {arguments[0]}"
     _require_full(arguments)
-    arguments = _positional_scene(arguments)
+    _require_new_names(arguments)
+    words = _positional_scene(arguments)[about is None :]
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
-            return tyro.cli(
-                Command,
-                prog=program,
-                description="Bowden cables in MuJoCo. `--version` says which this is.",
-                args=list(arguments),
+            found: Command = tyro.cli(
+                parsed, prog=program, description=about, args=words
             )
+            return found
     except SystemExit as stop:
         if not stop.code:
             raise
         sentence = _error_sentence(captured.getvalue())
-        sentence += _repeated_option(sentence, arguments)
-        named = [word for word in arguments[:1] if word in COMMANDS]
-        help_command = " ".join([program, *named, "--help"])
-        raise CableError(f"{sentence}`{help_command}` shows what works.") from None
+        sentence += _repeated_option(sentence, words)
+        raise CableError(f"{sentence}`{program} --help` shows what works.") from None
+
+
+def _require_new_names(arguments: Sequence[str]) -> None:
+    """Refuse an option that has another name now."""
+    for word in arguments:
+        option = word.partition("=")[0]
+        if option in RENAMED:
+            raise CableError(f"{option} is now {RENAMED[option]}.")
 
 
 def _positional_scene(arguments: Sequence[str]) -> list[str]:

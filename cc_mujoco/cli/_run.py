@@ -44,16 +44,17 @@ class RunRig:
     allow: Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
-    def run(self) -> None:
+    def run(self) -> int:
         """Run; print why it ended and how punctual it was.
+
+        Returns:
+            The exit code; not 0 if the run ended before its time.
 
         Raises:
             CableError: Something is wrong before the rig is touched.
-            SystemExit: The run ended before its time, see the exit codes.
         """
         if self.plan is not None:
-            self._trials(self.plan)
-            return
+            return self._trials(self.plan)
         if self.trial is not None:
             raise CableError("--trial belongs to --plan, which is not given.")
 
@@ -82,9 +83,9 @@ class RunRig:
                 file=sys.stderr,
             )
         found = self._played(axes, law, desired, duration, self.controller)
-        self._told(found, settings[0].period)
+        return self._report(found, settings[0].period)
 
-    def _trials(self, folder: Path) -> None:
+    def _trials(self, folder: Path) -> int:
         """Play trials of a plan; a person makes the rig ready for each."""
         for name, value in (
             ("--controller", self.controller),
@@ -123,7 +124,9 @@ class RunRig:
                 axes, law, [servo], trial.duration, str(folder), trial.name
             )
             add_trial_facts(folder, trial.name, self.out, drive.inertia)
-            self._told(found, settings.period)
+            if code := self._report(found, settings.period):
+                return code
+        return 0
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:
         """Return those that are to be played now."""
@@ -200,8 +203,8 @@ class RunRig:
         _write_report(axes, self.out, loop.outcome, what, name)
         return loop.outcome
 
-    def _told(self, found: RunOutcome, period: float) -> None:
-        """Print how a run went, and leave if it did not go well."""
+    def _report(self, found: RunOutcome, period: float) -> int:
+        """Print how a run went; return its exit code."""
         from cc_mujoco.hardware._run_report import AT_LIMIT_SHARE
 
         late, work = found.late.quantiles(), found.work.quantiles()
@@ -232,8 +235,9 @@ class RunRig:
         print(f"see also:   {self.out}")
         if found.code:
             print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
-            raise SystemExit(found.code)
-        print(found.sentence)
+        else:
+            print(found.sentence)
+        return found.code
 
 
 def _close_log(log: RunLog, outcome: RunOutcome) -> None:

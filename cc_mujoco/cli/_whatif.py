@@ -41,7 +41,7 @@ class WhatIf:
         locate(self.study.scene)
         if self.execution.threads < 0:
             raise CableError(
-                f"--threads must be 0 or greater, not {self.execution.threads}."
+                f"--workers must be 0 or greater, not {self.execution.threads}."
             )
         from tqdm import tqdm
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
@@ -344,7 +345,7 @@ def _require_fit(network: Network, observed: Sequence[Observed]) -> None:
 
 def _parse_policy(content: bytes) -> tuple[Network, tuple[Observed, ...]]:
     tensors, metadata = safetensors.from_bytes(content)
-    about = json.loads(metadata[POLICY_METADATA_KEY])
+    about = parse_json(metadata[POLICY_METADATA_KEY])
     places = range(int(about["layers"]))
     network = Network(
         tuple(tensors[f"{place}.weight"] for place in places),

@@ -94,6 +94,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.tables import ENDINGS
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.datasets import _channels as channels
@@ -303,7 +304,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
     path = Path(path)
     try:
         raw = path.read_bytes()
-        content = tomllib.loads(raw.decode("utf-8-sig"))
+        content = parse_toml(raw.decode("utf-8-sig"))
     except OSError as error:
         reason = error.strerror or str(error)
         raise CableError(f"cannot read {path}: {reason}.") from None

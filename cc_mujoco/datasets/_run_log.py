@@ -5,12 +5,12 @@ cut_short(Path("data/trial_01.csv"))        # "" or "stopped by SIGTERM."
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils.atomic_io import is_marked
+from cc_mujoco._utils.parsing import parse_json, parse_toml
 
 DEFAULT_LOG_NAME = "log"
 """Name of a run's files unless it has one of its own."""
@@ -34,7 +34,7 @@ def truncation_reason(rows: Path) -> str:
 def scene_of(rows: Path) -> str:
     """Return the scene that a run's controller used; empty where that is unknown."""
     try:
-        rig = tomllib.loads(str(_read_page(rows).get("rig", "")))
+        rig = parse_toml(str(_read_page(rows).get("rig", "")))
     except tomllib.TOMLDecodeError:
         return ""
     return str(rig.get("scene", ""))
@@ -50,7 +50,7 @@ def is_log(path: Path) -> bool:
 def _read_page(rows: Path) -> dict[str, Any]:
     """Return the contents of the run record, if it is one of this package."""
     try:
-        page = json.loads(page_of(rows).read_text(encoding="utf-8"))
+        page = parse_json(page_of(rows).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     ours = isinstance(page, dict) and page.items() >= RUN_MARK.items()

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.csv_files import read_sheet
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.design._study_spec import Given
 from cc_mujoco.device import Nominal
@@ -164,7 +165,7 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
 
 def _from_toml(path: Path) -> list[dict[str, object]]:
     try:
-        found = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        found = parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         reason = error.strerror or str(error)
         raise CableError(f"cannot read the designs {path}: {reason}.") from None

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.provenance import (
     provenance_differences,
     read_provenance,
@@ -247,7 +248,7 @@ def require_ours(folder: Path, names: Iterable[str] = ()) -> None:
 
 def _has_study(folder: Path) -> bool:
     try:
-        found = json.loads((folder / STUDY_FILE).read_text(encoding="utf-8"))
+        found = parse_json((folder / STUDY_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and found.keys() >= {"protocol", "variables"}
@@ -275,7 +276,7 @@ def read_study(folder: Path) -> dict[str, Any]:
         CableError: there is none.
     """
     try:
-        found = dict(json.loads((folder / STUDY_FILE).read_text(encoding="utf-8")))
+        found = dict(parse_json((folder / STUDY_FILE).read_text(encoding="utf-8")))
         _ = found["variables"], found["protocol"]["duration"]
     except (OSError, ValueError, TypeError, KeyError):
         raise CableError(

@@ -112,7 +112,7 @@ class StudySpec:
 class Execution:
     """Machine and workers on which a study runs; its results do not depend on them."""
 
-    threads: Annotated[int, tyro.conf.arg(help_behavior_hint="")] = 0
+    threads: Annotated[int, tyro.conf.arg(name="workers", help_behavior_hint="")] = 0
     """Threads that simulate; one per processor unless given."""
     scheduler: Annotated[str | None, _option("ADDRESS", str | None)] = None
     """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._axis_columns import column_prefixes
 from cc_mujoco.device._sensors import Sensing
@@ -185,7 +186,7 @@ def read_table(path: Path) -> Table:
         CableError: It cannot be read, or is no TOML.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise CableError(f"cannot read {path}: {error.strerror}.") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

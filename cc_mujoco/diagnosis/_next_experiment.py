@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from cc_mujoco._utils.atomic_io import (
     require_ours,
     require_untouched,
 )
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._columns import DATASET_FILE
@@ -150,7 +150,7 @@ def _read_declarations(path: Path) -> str:
         CableError: the file already has trials.
     """
     text = path.read_text(encoding="utf-8")
-    if "trials" in tomllib.loads(text):
+    if "trials" in parse_toml(text):
         raise CableError(
             f"{path} has [trials], and those of a plan are still to be recorded; leave "
             "them out."

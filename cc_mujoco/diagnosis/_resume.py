@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
@@ -47,7 +47,7 @@ class Earlier(NamedTuple):
         """
         place = Path(folder) / VERDICT_FILE
         try:
-            verdict = json.loads(place.read_text(encoding="utf-8"))
+            verdict = parse_json(place.read_text(encoding="utf-8"))
             provenance = verdict["provenance"]
             data = {
                 str(path): str(recorded)

@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING, NoReturn
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import MAX_SHORT_ID, CanPlace
+from cc_mujoco.hardware._rig import MAX_PENDING
 
 if TYPE_CHECKING:
     import can
 
 MAX_FAILURES = 5
 """So many in a row are no accident: the bus is gone."""
-MAX_DRAINED_FRAMES = 200
-"""Most frames looked at for one; a bus full of others must not hold up."""
 NETWORK_FOLDER = Path("/sys/class/net")
 _FD_MTU = 72
 """MTU of a network of SocketCAN with CAN FD; without it is 16."""
@@ -90,7 +89,7 @@ class CanPort:
                 "another; give each a bus of its own."
             )
         self._bus, self._waiting = buses[key].bus, buses[key].waiting
-        self._own: deque[can.Message] = deque(maxlen=MAX_DRAINED_FRAMES)
+        self._own: deque[can.Message] = deque(maxlen=MAX_PENDING)
         self._identifiers = frozenset(identifiers)
         self._waiting.update(dict.fromkeys(self._identifiers, self._own))
         self._failure_counts = {"sent to": 0, "read from": 0}
@@ -104,7 +103,7 @@ class CanPort:
         """
         if self._own:
             return self._own.popleft()
-        for _ in range(MAX_DRAINED_FRAMES):
+        for _ in range(MAX_PENDING):
             try:
                 # Without filters of python-can: by those a frame of others would look
                 # like the end of what came.

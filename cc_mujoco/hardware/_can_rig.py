@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cc_mujoco.hardware._address import MAX_SHORT_ID, CanAddress
 from cc_mujoco.hardware._can_bus import CanBuses, CanPort
-from cc_mujoco.hardware._rig import PacketRig
+from cc_mujoco.hardware._rig import PacketRig, pending
 
 
 class CanLink:
@@ -26,7 +26,7 @@ class CanLink:
 
     def receive(self) -> bytes | None:
         """See `Link`."""
-        while (frame := self._port.receive()) is not None:
+        for frame in pending(self._port.receive):
             if frame.is_extended_id == (frame.arbitration_id > MAX_SHORT_ID):
                 return bytes(frame.data)
         return None

@@ -18,6 +18,7 @@ import struct
 from cc_mujoco.hardware._can_drive import CanDrive
 from cc_mujoco.hardware._drive_rig import TURN, MotorState
 from cc_mujoco.hardware._packet import Status
+from cc_mujoco.hardware._rig import pending
 
 MODE, POSITION, VELOCITY, FAULT_CODE = 0x000, 0x001, 0x002, 0x00F
 """Registers that are read; the torque is between the last two."""
@@ -122,7 +123,7 @@ class Moteus(CanDrive):
     def read(self) -> MotorState | None:
         """See `MotorDrive`."""
         newest: dict[int, float] | None = None
-        while (frame := self._port.receive()) is not None:
+        for frame in pending(self._port.receive):
             found = registers(bytes(frame.data))
             if found is None or not {MODE, POSITION, VELOCITY} <= found.keys():
                 self.ignored["corrupt"] += 1

@@ -23,6 +23,7 @@ import struct
 from cc_mujoco.hardware._can_drive import CanDrive
 from cc_mujoco.hardware._drive_rig import TURN, MotorState
 from cc_mujoco.hardware._packet import Status
+from cc_mujoco.hardware._rig import pending
 
 HEARTBEAT, ESTIMATES = 0x01, 0x09
 """Commands that the drive sends by itself."""
@@ -63,7 +64,7 @@ class Odrive(CanDrive):
     def read(self) -> MotorState | None:
         """See `MotorDrive`."""
         newest: tuple[float, float] | None = None
-        while (frame := self._port.receive()) is not None:
+        for frame in pending(self._port.receive):
             data = bytes(frame.data)
             if frame.is_extended_id or len(data) != 8:
                 self.ignored["corrupt"] += 1

@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar, runtime_checkable
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._packet import Command, Readings, Status
 
+Item = TypeVar("Item")
+
+MAX_PENDING = 200
+"""Most packets or frames that are looked at in a cycle."""
 END_PACKETS = 10
 """Packets that say that the run is over; some may be lost."""
 _CLOCK_STEP_AGE = 1_000_000_000
@@ -89,6 +93,20 @@ def _try_stop(stop: Callable[[], None], interval: float) -> None:
     time.sleep(interval)
 
 
+def pending(receive: Callable[[], Item | None]) -> Iterator[Item]:
+    """Yield what has been received, but no more in a cycle than `MAX_PENDING`.
+
+    So a sender without a pause cannot hold up the loop.
+
+    Args:
+        receive: Returns the next packet or frame, or None if there is none.
+    """
+    for _ in range(MAX_PENDING):
+        if (found := receive()) is None:
+            return
+        yield found
+
+
 class PacketRig:
     """A rig at the other end of a link: it validates packets and sends commands.
 
@@ -114,7 +132,7 @@ class PacketRig:
             CableError: The link carries nothing any more.
         """
         newest = None
-        while (data := self._receive()) is not None:
+        for data in pending(self._receive):
             found = packet.read_reading(data)
             if found is None:
                 self.ignored["corrupt"] += 1

@@ -75,6 +75,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cc_mujoco._utils import user_code
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
@@ -265,7 +266,7 @@ def read_axes(
     user_code.allow(allow)
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = parse_toml(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise CableError(f"cannot read {path}: {error.strerror}.") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import os
 import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.units import ANGLE, CLOCK
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
@@ -126,12 +126,12 @@ def add_trial_facts(plan: Path, trial: str, out: Path, inertia: float) -> None:
     head, *tables = re.split(
         r"(?m)^(?=\[trials\b)", (plan / DATASET_FILE).read_text(encoding="utf-8")
     )
-    if inertia > 0.0 and "rig" not in tomllib.loads(head):
+    if inertia > 0.0 and "rig" not in parse_toml(head):
         head = f"{head.rstrip()}\n\n[rig]\nrotor_inertia = {inertia:g}\n"
     place = out / DATASET_FILE
     content = place.read_text(encoding="utf-8") if place.exists() else head
-    if trial in tomllib.loads(content).get("trials", {}):
+    if trial in parse_toml(content).get("trials", {}):
         return
-    own = [text for text in tables if trial in tomllib.loads(text)["trials"]]
+    own = [text for text in tables if trial in parse_toml(text)["trials"]]
     with replacing(place) as partial:
         partial.write_text("\n".join([content.rstrip(), "", *own]), encoding="utf-8")

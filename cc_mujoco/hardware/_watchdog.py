@@ -18,6 +18,14 @@ from cc_mujoco.hardware._torque_sensor import TorqueSensor
 MIN_CLOCK_STEP = 1.0
 """Least step of the rig's clock against that of the host that ends a run [s]."""
 
+_POSSIBLE = {
+    "motor_angle": (1e6, "rad"),
+    "motor_velocity": (1e4, "rad/s"),
+    "joint_velocity": (1e3, "rad/s"),
+    "joint_torque": (1e5, "N m"),
+}
+"""Largest size and unit of a reading that is no fault, whatever the limits are."""
+
 
 @dataclass(frozen=True)
 class Watchdog:
@@ -216,6 +224,12 @@ class Watch:
             value = getattr(found, name)
             if not math.isfinite(value):
                 return f"the reading of {name} is {value!r}, no finite number."
+            most, unit = _POSSIBLE.get(name, (math.inf, ""))
+            if abs(value) > most:
+                return (
+                    f"the reading of {name} is {value:.4g} {unit}, and no device has "
+                    f"more than {most:g}."
+                )
         low, high = limits.joint_range
         if not low <= found.joint_angle <= high:
             return (

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import METADATA_KEY, replacing
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._log_columns import (
     AXES,
@@ -256,7 +257,10 @@ class _FileColumns(Mapping[str, NDArray[Any]]):
         metadata = (self._schema.metadata or {}).get(METADATA_KEY)
         if metadata is None:
             raise CableError(f"{path} is a Parquet file, but not an episode log.")
-        self.metadata: dict[str, Any] = json.loads(metadata)
+        try:
+            self.metadata: dict[str, Any] = parse_json(metadata)
+        except ValueError as error:
+            raise CableError(f"{path}: its metadata cannot be read: {error}.") from None
         self.count: int = self._footer.num_rows
         groups = range(self._footer.num_row_groups)
         sizes = [self._footer.row_group(group).num_rows for group in groups]

@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from cc_mujoco._utils.atomic_io import replacing, replacing_folder, require_ours
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.provenance import (
     code_provenance,
     earlier_results_message,
@@ -164,7 +165,7 @@ def _write(folder: Path, outcome: ExperimentOutcome) -> None:
 def _is_ours(folder: Path) -> bool:
     """Return whether some version of this package wrote the folder of an experiment."""
     try:
-        found = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        found = parse_json((folder / RESULT_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and "claims" in found
@@ -173,7 +174,7 @@ def _is_ours(folder: Path) -> bool:
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
     """Return the provenance and the claims of a finished experiment, or None."""
     try:
-        found = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        found = parse_json((folder / RESULT_FILE).read_text(encoding="utf-8"))
         return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])
     except (OSError, ValueError, TypeError, KeyError):
         return None

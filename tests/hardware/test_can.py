@@ -25,9 +25,12 @@ from cc_mujoco.hardware import (
 )
 from cc_mujoco.hardware import _can_bus as can_bus
 from cc_mujoco.hardware import _packet as packet
-from cc_mujoco.hardware._can_bus import MAX_DRAINED_FRAMES, MAX_FAILURES
+from cc_mujoco.hardware._address import CanPlace
+from cc_mujoco.hardware._can_bus import MAX_FAILURES
+from cc_mujoco.hardware._moteus import Moteus
+from cc_mujoco.hardware._odrive import Odrive
 from cc_mujoco.hardware._references import constant_course
-from cc_mujoco.hardware._rig import PacketRig
+from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig
 from hardware.ends import GROUP, CanEnd
 from hardware.fakes import LIMITS, Rows, SimulatedClock, drive
 from hardware.peers import toml
@@ -115,9 +118,42 @@ def test_frames_of_others_hide_no_reading(opened: Opened) -> None:
 
 
 def test_a_bus_full_of_others_does_not_hold_up(opened: Opened) -> None:
-    bus = Broken([frame(arbitration_id=1) for _ in range(3 * MAX_DRAINED_FRAMES)])
+    bus = Broken([frame(arbitration_id=1) for _ in range(3 * MAX_PENDING)])
     assert opened(bus).receive() is None
-    assert len(bus.frames) == 2 * MAX_DRAINED_FRAMES
+    assert len(bus.frames) == 2 * MAX_PENDING
+
+
+class Endless(Broken):
+    """Fake bus on which a frame always waits."""
+
+    def __init__(self, given: can.Message) -> None:
+        super().__init__()
+        self.given, self.count = given, 0
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.count += 1
+        return self.given
+
+
+@pytest.mark.parametrize("data", [READING, READING[:8]], ids=["whole", "part"])
+@pytest.mark.parametrize("extended", [False, True])
+@pytest.mark.parametrize("make", [Odrive, Moteus, PacketRig])
+def test_a_sender_without_a_pause_does_not_hold_up(
+    make: type[Odrive | Moteus | PacketRig],
+    extended: bool,
+    data: bytes,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    node = {Odrive: (9 << 5) | 9, Moteus: 9 << 8, PacketRig: 0x111}[make]
+    bus = Endless(frame(data, arbitration_id=node, is_extended_id=extended))
+    monkeypatch.setattr(can, "Bus", lambda **_: bus)
+    rig = (
+        PacketRig(CanLink(CanAddress("can7")))
+        if make is PacketRig
+        else make(CanPlace("can7"), 9)
+    )
+    rig.read()
+    assert 1 < bus.count <= 2 * MAX_PENDING
 
 
 def test_a_frame_of_classical_can_is_no_reading(opened: Opened) -> None:

@@ -163,10 +163,10 @@ def test_a_controller_that_raises_ends_the_run() -> None:
     require_stopped(played, "ZeroDivisionError")
 
 
-FIELDS = ("motor_angle", "motor_velocity", "joint_angle", "joint_velocity")
+FIELDS = Readings._fields[1:6]
 
 
-@pytest.mark.parametrize("name", [*FIELDS, "joint_torque", "time"])
+@pytest.mark.parametrize("name", [*FIELDS, "time"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_reading_that_is_no_number_ends_the_run(name: str, bad: float) -> None:
     played = play(
@@ -174,6 +174,18 @@ def test_a_reading_that_is_no_number_ends_the_run(name: str, bad: float) -> None
     )
     require_stopped(played, f"{name} is {bad!r}")
     assert played.outcome.cycles == 98  # at the first such reading
+
+
+@pytest.mark.parametrize("name", [name for name in FIELDS if name != "joint_angle"])
+@pytest.mark.parametrize("bad", [-1e7, 1e38, 1e308])
+def test_a_reading_that_no_device_has_ends_the_run(name: str, bad: float) -> None:
+    wide = dataclasses.replace(LIMITS, motor_speed=1e9, joint_torque=math.inf)
+    played = play(
+        fault=lambda k, seen: seen if k < 100 else seen._replace(**{name: bad}),
+        limits=wide,
+    )
+    require_stopped(played, f"{name} is {bad:.4g} ")
+    assert played.outcome.cycles == 98
 
 
 @pytest.mark.parametrize(
@@ -265,7 +277,7 @@ def test_frozen_sensors_end_the_run_of_a_motor_that_is_commanded_to_move() -> No
         def torque(self, time: float, seen: Readings) -> float:
             return time
 
-    played = play(ramp, desired=Rising(), fault=Freezing(*FIELDS, "joint_torque"))
+    played = play(ramp, desired=Rising(), fault=Freezing(*FIELDS))
     require_stopped(played, "the sensors are frozen: ")
     assert 98 + 20 <= played.outcome.cycles < 98 + 60
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -21,6 +20,7 @@ import numpy as np
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import replacing_folder
 from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
@@ -97,7 +97,7 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
 def _provenance(folder: Path) -> Mapping[str, Any] | None:
     """Return the provenance of the diagnosis in a folder; None without one."""
     try:
-        found = json.loads((folder / VERDICT_FILE).read_text(encoding="utf-8"))
+        found = parse_json((folder / VERDICT_FILE).read_text(encoding="utf-8"))
         return dict(found["provenance"]) if "verdict" in found else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

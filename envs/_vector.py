@@ -115,7 +115,10 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             raise CableError(
                 f"autoreset_mode must be one of {names}, not {autoreset_mode!r}."
             ) from None
-        for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
+        least_values = [("num_envs", num_envs, 1), ("threads", threads, 0)]
+        if max_episode_steps is not None:
+            least_values.append(("max_episode_steps", max_episode_steps, 1))
+        for name, value, least in least_values:
             if not (isinstance(value, int) and value >= least):
                 raise CableError(
                     f"{name} must be an integer >= {least}, not {value!r}."

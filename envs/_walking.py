@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, WalkingController, WalkingPolicy
@@ -114,12 +115,10 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         )
         check_mode(render_mode)
         look_up("transmission", transmission, TRANSMISSIONS)
-        if not 0.0 <= adaptation <= 1.0:
-            raise CableError(f"adaptation is {adaptation!r}; it must be in [0, 1].")
-        if not duration >= MUSCLE_PERIOD:
-            raise CableError(
-                f"duration is {duration!r} s; it must be at least {MUSCLE_PERIOD} s."
-            )
+        if not isinstance(cable, Cable):
+            raise CableError(f"cable must be a Cable, not {cable!r}.")
+        require_number("adaptation", adaptation, 0.0, 1.0, "")
+        require_number("duration", duration, MUSCLE_PERIOD, MAX_DURATION, "s")
         self.transmission, self.adaptation = transmission, adaptation
         self.duration, self.render_mode = duration, render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / MUSCLE_PERIOD)}

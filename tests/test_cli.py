@@ -609,6 +609,17 @@ def test_an_interrupted_import_is_an_interruption(
     assert said == "cc-mujoco: interrupted, nothing was written.\n"
 
 
+def test_signals_are_handled_before_anything_that_takes_long_is_imported() -> None:
+    slow = ("gymnasium", "lazy_loader", "mujoco", "numba", "numpy", "scipy", "tyro")
+    program = (
+        "import sys; from cc_mujoco import cli\n"
+        f"print(*(name for name in {slow!r} if name in sys.modules))"
+    )
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT)
+    assert (done.stdout.strip(), done.stderr) == ("lazy_loader", "")
+
+
 @pytest.mark.parametrize("seconds", [0.15, 0.8])
 def test_an_interruption_at_the_start_is_one_sentence(
     seconds: float, tmp_path: Path

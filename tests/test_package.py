@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 from pathlib import Path
 
 import pytest
@@ -46,3 +47,15 @@ def test_public_class_names_are_unique() -> None:
                     place = path.relative_to(root).as_posix()
                     places.setdefault(node.name, []).append(place)
     assert not {name: found for name, found in places.items() if len(found) > 1}
+
+
+def test_workflows_run_actions_of_one_commit_and_keep_no_credentials() -> None:
+    folder = Path(__file__).parents[1] / ".github" / "workflows"
+    for path in folder.glob("*.yml"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for number, line in enumerate(lines):
+            if "uses:" not in line:
+                continue
+            assert re.search(r"uses: [\w-]+/[\w-]+@[0-9a-f]{40} # v\d+\.\d", line), line
+            if "actions/checkout@" in line:
+                assert "persist-credentials: false" in lines[number + 2], path

@@ -310,6 +310,7 @@ class Rig:
     __init__ = end
 
 class Lag:
+    needs = "a motion"
     parameters = signals = end
 
 def law(drive):

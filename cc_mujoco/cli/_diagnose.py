@@ -19,7 +19,7 @@ from cc_mujoco.errors import CableError
 class Diagnose:
     """Find the effect that a scene lacks, by measured trials, and add it."""
 
-    interrupted: ClassVar[str] = "nothing was written"
+    interrupted: ClassVar[str] = "nothing was written but a verdict that was reached"
 
     words: Annotated[
         tuple[Path, ...], tyro.conf.Positional, option_help("[SCENE] [DATA ...]")

@@ -57,7 +57,7 @@ class Play:
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0
-    """Seed of everything random; equal seeds give equal recordings."""
+    """Seed of everything random; equal seeds give equal logs."""
     out: Annotated[Path | None, option_help("DIR")] = None
     """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default,
     with the duration behind it if it is another."""

@@ -453,4 +453,4 @@ def _table(
 
 def _write_table(path: Path, table: pa.Table) -> None:
     with replacing(path) as partial:
-        pq.write_table(table, partial, compression="zstd")
+        pq.write_table(table.combine_chunks(), partial, compression="zstd")

@@ -189,11 +189,10 @@ class Store:
     def table(self) -> pa.Table:
         """Return the table of all designs in order; `missing` must be empty."""
         if self.whole is None:
-            self.whole = self._join()
+            self.whole = with_provenance(self._join(), self._code_provenance)
             if self._folder is not None:
                 with replacing(self._folder / TABLE_FILE) as partial:
-                    table = with_provenance(self.whole, self._code_provenance)
-                    pq.write_table(table, partial, compression="zstd")
+                    pq.write_table(self.whole, partial, compression="zstd")
                 if self.plan.search is None:  # a search may be gone on with
                     _remove_parts(self._folder)
         return self.whole

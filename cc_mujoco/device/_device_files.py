@@ -24,6 +24,10 @@ def is_device_file(source: str | Path) -> bool:
 
 def locate(source: str | Path) -> tuple[str, Path, Path | None]:
     """Return the name of a device, its scene and the file of its description."""
+    if not isinstance(source, str | Path):
+        raise CableError(
+            f"device must be a name, the path of a file or a Device, not {source!r}."
+        )
     name = str(source)
     if isinstance(source, str) and name in SCENES:
         scene = scene_path(name)

@@ -339,8 +339,10 @@ class DeviceModel:
 
         Raises:
             CableError: One wearer is given for several joints, nobody moves such a
-                joint, or the model lacks a part.
+                joint, or the model is none or lacks a part.
         """
+        if not isinstance(model, mujoco.MjModel):
+            raise CableError(f"model must be a mujoco.MjModel, not {model!r}.")
         self.description, self.model = description, model
         _require_parts(description, model)
         self.frame_skip = frame_skip(description, float(model.opt.timestep))

@@ -63,7 +63,8 @@ def diagnose(
             one rig, in order: effects are shared, friction, pretension, stiffness,
             offsets and clocks are fitted to each.
         scene: MJCF file of the rig, or name of a built-in scene.
-        out: folder for what is found; written whole or not at all.
+        out: folder for what is found; `verdict.json` is written first, and the rest
+            whole or not at all.
         axis: the axis that was recorded, of a device with several.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
         command: how it was called, for the report.

@@ -100,7 +100,9 @@ def test_what_was_done_is_kept_until_it_is_asked_for_again(
     kept = "2 of 2 designs kept; --again runs them anew."
     assert cli.main(words) == 0 and kept not in capsys.readouterr().out
     written = Path("study/table.parquet").stat().st_mtime_ns
+    before = {path.name: path.read_bytes() for path in Path("study").iterdir()}
     assert cli.main(words) == 0 and kept in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in Path("study").iterdir()} == before
     assert Path("study/table.parquet").stat().st_mtime_ns == written
     assert cli.main([*words, "--again"]) == 0
     assert kept not in capsys.readouterr().out

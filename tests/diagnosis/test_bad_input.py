@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 from collections.abc import Callable
@@ -337,6 +338,34 @@ def test_an_interrupt_while_writing_leaves_nothing(
     assert diagnose(tmp_path / "run.csv", tmp_path / "out") == 130
     assert "nothing was written" in capsys.readouterr().err
     assert files(tmp_path) == ["run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (KeyboardInterrupt(), 130, "nothing was written but a verdict"),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "The verdict is in "),
+    ],
+)
+def test_the_verdict_is_kept_whatever_happens_to_the_report(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    code: int,
+    says: str,
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("cc_mujoco.diagnosis._report.output.write_report", stop)
+    (tmp_path / "run.csv").touch()
+    for _ in range(2):  # the second one replaces the first
+        assert diagnose(tmp_path / "run.csv", tmp_path / "out") == code
+        assert says in capsys.readouterr().err
+        assert [path.name for path in (tmp_path / "out").iterdir()] == ["verdict.json"]
+        page = json.loads((tmp_path / "out" / "verdict.json").read_text())
+        assert page["verdict"] == "fix-data"
 
 
 @pytest.mark.parametrize("name", [n for n in EFFECTS if is_realisable(BENCH, n)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import json
 import pickle
 import re
@@ -21,7 +22,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.device import find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
-from cc_mujoco.envs import IDS, DeviceEnv
+from cc_mujoco.envs import IDS, DeviceEnv, DeviceVectorEnv, WalkingEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
     TASKS,
@@ -630,6 +631,7 @@ def test_an_action_of_another_shape_or_kind_is_one_sentence(
         ("frame_skip", True, "frame_skip must be"),
         ("wearer", "strong", "wearer must be"),
         ("render_mode", "human", "rgb_array"),
+        ("model", "x", "model must be a mujoco.MjModel, not 'x'"),
     ],
 )
 @pytest.mark.parametrize("kind", ["wrist", "ankle"])
@@ -639,6 +641,17 @@ def test_bad_arguments_are_one_sentence(
     with pytest.raises(CableError, match=message) as raised:
         DeviceEnv(kind, **{argument: value}).reset(seed=0)
     assert str(raised.value).endswith(".")
+
+
+@pytest.mark.parametrize("make", [DeviceEnv, DeviceVectorEnv, WalkingEnv])
+def test_every_argument_of_another_kind_is_one_sentence(make: Any) -> None:
+    usual = {DeviceEnv: {"device": "wrist"}, WalkingEnv: {}}.get(
+        make, {"device": "wrist", "num_envs": 1}
+    )
+    taken = [p.name for p in inspect.signature(make).parameters.values()]
+    for name in (name for name in taken if name not in ("unknown", "memory")):
+        with pytest.raises(CableError):
+            make(**{**usual, name: object()})
 
 
 def test_stepping_before_reset_is_refused() -> None:

@@ -125,7 +125,7 @@ def test_a_policy_survives_its_file(tmp_path) -> None:
     ("given", "message"),
     [
         ({"transmission": "rope"}, "transmission"),
-        ({"adaptation": 2.0}, "adaptation is 2.0"),
+        ({"adaptation": 2.0}, "adaptation must be a number in"),
         ({"cable": Cable(path="open", route="x")}, "guided"),
     ],
 )

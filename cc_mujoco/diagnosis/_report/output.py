@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
@@ -122,7 +122,10 @@ def write(
     seed: int,
     effects: Sequence[str] = (),
 ) -> Diagnosis:
-    """Write everything to a folder and return the diagnosis with its provenance."""
+    """Write everything to a folder and return the diagnosis with its provenance.
+
+    The verdict, which took a search, is written first, and stays if the rest fails.
+    """
     from cc_mujoco.diagnosis._report.recording import write_recording
 
     diagnosis = replace(
@@ -130,7 +133,11 @@ def write(
         provenance=provenance(result, dataset, out, command, seed, effects),
     )
     titles = {name: effect.title for name, effect in EFFECTS.items()}
+    scene_before = {"written": (_provenance(out) or {}).get("written", "")}
+    known = {**diagnosis.provenance, **scene_before}
     with replacing_folder(out) as place:
+        replace(diagnosis, provenance=known).write(place / VERDICT_FILE)
+    with _keep_verdict(out / VERDICT_FILE), replacing_folder(out) as place:
         if result.problem is not None:
             try:
                 problems = write_and_compare_scene(result, place / SCENE_FILE)
@@ -155,6 +162,15 @@ def write(
         if name not in written:  # of an earlier diagnosis with another verdict
             (out / name).unlink(missing_ok=True)
     return diagnosis
+
+
+@contextmanager
+def _keep_verdict(path: Path) -> Iterator[None]:
+    """Say where the verdict is in an error that leaves nothing else."""
+    try:
+        yield
+    except CableError as error:
+        raise CableError(f"{error} The verdict is in {path}.") from error
 
 
 def write_proposed(

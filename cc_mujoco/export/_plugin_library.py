@@ -158,7 +158,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
         functions,
         _RUNTIME,
         _PROVIDED,
-        frozenset({DIGEST_NAME, *CALLBACKS}),
+        frozenset({DIGEST_NAME, DIGEST_TABLE, *CALLBACKS}),
         passes=1,
     )
     with atomic_io.replacing_folder(folder) as partial:

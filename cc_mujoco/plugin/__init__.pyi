@@ -16,7 +16,7 @@ from ._registration import register as register
 from ._settle import StepLimits as StepLimits
 from ._settle import settle as settle
 from ._settle import step_limits as step_limits
-from ._takeover.report import TendonTakeover as TendonTakeover
+from ._takeover.report import AddedCables as AddedCables
 from ._tendon_report import TendonPlace as TendonPlace
 from ._tendon_report import TendonReport as TendonReport
 from ._tendon_report import TendonSummary as TendonSummary

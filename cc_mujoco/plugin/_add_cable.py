@@ -10,7 +10,7 @@
 ...         <geom size=".04" fromto="0 0 0 0 0 -.3" type="capsule"/></body>
 ...     </body></body></worldbody></mujoco>''')
 >>> route = [("pelvis", (-.1, 0, .1)), ("pelvis", (0, .1, 0)), ("thigh", (.08, 0, -.2))]
->>> cc_mujoco.add_cable(
+>>> report = cc_mujoco.add_cable(
 ...     spec, "extensor", motor="pelvis", drum=0.03, torque_limit=10.0,
 ...     joint="knee", pulley=0.06, route=route, friction=0.1, axial_stiffness=40e3)
 >>> model = spec.compile()
@@ -23,7 +23,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Real
 from typing import Any, TypeAlias
 
@@ -39,8 +39,16 @@ from cc_mujoco.plugin._spec import (
     add_element,
     compile_spec,
     delete_actuator,
+    find_element,
+    muted_warnings,
     plain_errors,
     require_spec,
+)
+from cc_mujoco.plugin._takeover.report import (
+    ENDS,
+    AddedCables,
+    actuator_label,
+    order_line,
 )
 
 Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[float]]
@@ -92,7 +100,7 @@ class _Drive:
     rotor_inertia: float = ROTOR_INERTIA
     rotor_damping: float = ROTOR_DAMPING
     motor_mass: float = MOTOR_MASS
-    replace: str = ""
+    replace: int | None = None
 
     @property
     def drawn(self) -> bool:
@@ -111,13 +119,13 @@ def add_cable(
     lever: Place | None = None,
     route: Iterable[Place] = (),
     conduit: str | Iterable[tuple[float, float]] | None = None,
-    replace: str | None = None,
+    replace: str | int | None = None,
     torque_limit: float | None = None,
     rotor_inertia: float | None = None,
     rotor_damping: float | None = None,
     motor_mass: float | None = None,
     **parameters: Any,
-) -> None:
+) -> AddedCables:
     """Let a motor drive a joint through a cable in a conduit.
 
     Writes the cable `name` with its ends `<name>_proximal` and `<name>_distal`, and as
@@ -144,7 +152,8 @@ def add_cable(
             [m]; by default the route bends the conduit (`bend` = `"route"`), which is
             as long as the route in the pose `qpos0`. With `bend="fixed"` and no
             `conduit` it keeps the bends that the route has in that pose.
-        replace: actuator to delete: the motor without a cable that drove the joint.
+        replace: actuator to delete, by its name or its index in `spec.actuators`: the
+            motor without a cable that drove the joint.
         torque_limit: largest torque of a new winch [N m]; its control is its torque.
         rotor_inertia: inertia of its rotor about the drum [kg m^2], `ROTOR_INERTIA` by
             default.
@@ -152,6 +161,10 @@ def add_cable(
         motor_mass: its mass [kg], `MOTOR_MASS` by default.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`.
+
+    Returns:
+        What the model was given, and what drives the joint beside the cable; its text
+        is a line for each.
 
     Raises:
         CableError: a name is unknown or taken, pulley and lever are both given or both
@@ -212,8 +225,64 @@ def add_cable(
     tried = spec.copy()
     with plain_errors():
         _write(tried, model, drive, cable)
-    compile_spec(tried)
+    with muted_warnings():
+        after = compile_spec(tried)
     _write(spec, model, drive, cable)
+    return _report(model, after, drive, cable)
+
+
+def _report(
+    before: mujoco.MjModel, after: mujoco.MjModel, drive: _Drive, cable: Cable
+) -> AddedCables:
+    """Return the account of a new drive, by the models before and with it."""
+    name, winch, gone = drive.name, "", drive.replace
+    lines = [
+        f"cable {name!r}: friction {cable.friction:g}, of {cable.segments} segments, "
+        f"{cable.length:.3g} m long, from the motor to joint {drive.joint!r}"
+    ]
+    if drive.mount is not None:
+        winch = f"{name}_winch"
+        place = int(after.joint(winch).qposadr[0])
+        lines.append(
+            f"new joint {winch!r} with motor '{name}_motor', at most "
+            f"{drive.torque_limit:g} N m: number {place} in qpos, before those of "
+            "joints further on in the tree"
+        )
+    else:
+        lines.append(f"motor: joint {drive.motor!r}")
+        if not any(True for _ in _driving(after, drive.motor, name)):
+            lines.append(f"nothing but the cable turns joint {drive.motor!r} yet")
+    if gone is not None:
+        lines.append(f"{actuator_label(before, gone)}: deleted")
+    for i in _driving(after, drive.joint, name):
+        servo = after.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE
+        effect = "holds it against the cable" if servo else "adds its force"
+        lines.append(
+            f"{actuator_label(after, i)} drives joint {drive.joint!r} already, and "
+            f"{effect}; replace= deletes one"
+        )
+    lines.append(order_line(after, [name], before.nu - (gone is not None)))
+    return AddedCables((name,), winch, tuple(lines))
+
+
+def _driving(model: mujoco.MjModel, joint: str, cable: str) -> Iterator[int]:
+    """Yield the actuators that move a joint in some pose, but for ends of a cable."""
+    data, own = mujoco.MjData(model), model.joint(joint)
+    low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
+    arms = np.zeros(model.nu)
+    dense = np.zeros((model.nu, model.nv))
+    for value in (model.qpos0[own.qposadr[0]], *np.linspace(low, high, _POSES)):
+        data.qpos[own.qposadr[0]] = value
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mju_sparse2dense(
+            dense, data.actuator_moment.ravel(), data.moment_rownnz,
+            data.moment_rowadr, data.moment_colind.ravel(),
+        )  # fmt: skip
+        arms = np.maximum(arms, np.abs(dense[:, own.dofadr[0]]))
+    ends = [model.actuator(f"{cable}_{end}").id for end in ENDS]
+    for i in range(model.nactuator):
+        if i not in ends and arms[model.actuator_outadr[i]] > mujoco.mjMINVAL:
+            yield i
 
 
 def _cable(
@@ -304,7 +373,7 @@ def _write(
     spec: mujoco.MjSpec, model: mujoco.MjModel, drive: _Drive, cable: Cable
 ) -> None:
     """Write a drive into a specification that compiles to `model`."""
-    if drive.replace:
+    if drive.replace is not None:
         delete_actuator(spec, model, drive.replace)
     _write_path(spec, drive)
     motor = drive.motor
@@ -396,8 +465,14 @@ def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:
             f"{kind} must be given by name, or be an element that has one, not "
             f"{thing!r}."
         )
-    names = [x.name for x in found if x.name]
+    elements = list(found)
+    names = [x.name for x in elements if x.name]
     if name not in names:
+        if elements and not names:
+            raise CableError(
+                f"unknown {kind} {name!r}: none of the {len(elements)} here has a "
+                "name; give it one first."
+            )
         raise CableError.unknown(kind, name, names)
     return str(name)
 
@@ -492,27 +567,32 @@ def _radius(what: str, radius: Any) -> float:
     return float(radius)
 
 
-def _replaced(spec: mujoco.MjSpec, actuator: str | None, joint: Any) -> str:
-    """Return the name of the actuator to delete, which must drive the joint alone."""
+def _replaced(spec: mujoco.MjSpec, actuator: Any, joint: Any) -> int | None:
+    """Return the index of the actuator to delete, which must drive the joint alone."""
     if actuator is None:
-        return ""
-    name = _name("actuator", actuator, spec.actuators)
-    found, driven = spec.actuator(name), _name("joint", joint, spec.joints)
+        return None
+    if isinstance(actuator, mujoco.MjsActuator):
+        actuator = actuator.name or actuator.id
+    found = find_element("actuator", actuator, spec.actuators)
+    driven = _name("joint", joint, spec.joints)
     on_joint = found.trntype in (
         mujoco.mjtTrn.mjTRN_JOINT,
         mujoco.mjtTrn.mjTRN_JOINTINPARENT,
     )
     if not on_joint or found.target != driven:
-        here = [a.name for a in spec.actuators if a.target == driven and a.name]
+        here = [
+            a.name or str(i) for i, a in enumerate(spec.actuators) if a.target == driven
+        ]
         others = f"; at it are {', '.join(here)}" if here else "; nothing is at it"
         raise CableError(
-            f"replace must be an actuator at joint {driven!r}, and {name!r} pulls "
+            f"replace must be an actuator at joint {driven!r}, and {actuator!r} pulls "
             f"{found.target!r}{others}."
         )
     for sensor in spec.sensors:
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname == name:
+        reads = sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR
+        if reads and found.name and sensor.objname == found.name:
             raise CableError(
-                f"sensor {sensor.name!r} reads actuator {name!r}, which replace would "
-                "delete; delete the sensor first."
+                f"sensor {sensor.name!r} reads actuator {found.name!r}, which replace "
+                "would delete; delete the sensor first."
             )
-    return name
+    return list(spec.actuators).index(found)

@@ -56,6 +56,7 @@ from cc_mujoco.plugin._evaluate import (
     follow_other_paths,
     has_stiffened,
     is_evaluated,
+    keep_mounted_rope,
     origin,
     path_unchanged,
     repack,
@@ -533,9 +534,13 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
 
     export_callback("cc_mujoco_undo_early", undo_early)
 
-    @cfunc(types.void(types.intp, types.intp, types.int32), **options)
-    def settle(model: int, data: int, instance: int) -> None:
-        """Lay the cable at rest, with its ends where they are at the last position."""
+    @cfunc(types.void(types.intp, types.intp, types.int32, types.int32), **options)
+    def settle(model: int, data: int, instance: int, keeps_rope: int) -> None:
+        """Lay the cable at rest, with its ends where they are at the last position.
+
+        Its tension is the pretension or, where it keeps its rope, that of the rope
+        which was mounted in the pose `qpos0`.
+        """
         block = acting_block(model, data, instance)
         if block == 0:
             _warn_cannot_act(model, data, instance)
@@ -547,13 +552,13 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         set_rest_state(
             block, model, state, proximal_length, distal_length, mj_struct.time(data)
         )
-        store_real(
-            pose_at(state, load_word(block + SEGMENTS)),
-            jump_warnings.pose_checksum(model, data),
-        )
+        n = load_word(block + SEGMENTS)
+        store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
         if is_open(block):
-            n = load_word(block + SEGMENTS)
             follow(block, model, data, state)
+        if keeps_rope != 0:
+            keep_mounted_rope(block, model, state)
+        if is_open(block):
             shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
             open_path.save_path(shape, n, path_memory(state, n))
 

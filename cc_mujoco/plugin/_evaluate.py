@@ -5,11 +5,17 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import (
+    Floats,
     call_by_name,
     copy_words,
     fill,
@@ -33,6 +39,7 @@ from cc_mujoco.plugin._instance_data import (
     INPUTS,
     PATH_EVALUATION,
     PROXIMAL,
+    REFERENCE_STAGE,
     RESULT_VALID,
     ROUTE,
     ROUTE_DIGEST,
@@ -50,6 +57,7 @@ from cc_mujoco.plugin._instance_data import (
     path_memory,
     pose_at,
     proximal_winding,
+    rest_displacement,
     shape_at,
     text_at,
     velocity_at,
@@ -57,6 +65,11 @@ from cc_mujoco.plugin._instance_data import (
 )
 from cc_mujoco.plugin._routing import follow
 
+_PRETENSION = INDEX["pretension"]
+_SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
+_MIN_ROPE_SHARE = 1e-3
+"""Least part of its path that a rope is long which drums have wound up entirely."""
+_BISECTIONS = 100
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 PACK = types.int32(types.intp, types.intp, types.int32)
@@ -261,6 +274,94 @@ def set_rest_state(
         store_real(velocity_at(state, n, part), 0.0)
     if is_open(block):
         fill(path_memory(state, n), 0.0)
+
+
+@internal
+def keep_mounted_rope(block: int, model: int, state: int) -> None:
+    """Give a cable at rest the even tension of the rope that was mounted in `qpos0`.
+
+    What an end has moved since then stretches the rope or makes it slack. On an open
+    path, measured before at the present position, the rope is as long unstretched as it
+    was, but for drums: they gave out rope at the strain of the pretension, and took it
+    in at the mean of that and of the present one, as in a straight motion. `state` is
+    the address of the state that `set_rest_state` has set.
+    """
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    whole = floats(state, kernel.state_size(n))
+    begin = proximal_winding(model, block, rest_displacement(model, block, PROXIMAL))[0]
+    travel = whole[1] - rest_displacement(model, block, DISTAL)
+    if prm[layout.STATE_DEPENDENT] != 0.0:
+        whole[layout.TRAVEL] = travel
+    paid = np.array([whole[0] - begin, -travel])
+    path, wound, rope = 0.0, 0.0, whole[3] - paid.sum()
+    mounted = moving_path.stretch_ratio(prm, prm[_PRETENSION])
+    if is_open(block):
+        size = open_path.shape_size(n)
+        now = floats(shape_at(block, n, 0), size)
+        first = floats(shape_at(block, n, REFERENCE_STAGE), size)
+        path = open_path.lengths(now, n).sum()
+        rope = (
+            open_path.lengths(first, n).sum() + np.maximum(paid, 0.0).sum()
+        ) / mounted
+        rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[_PRETENSION]
+        wound = np.maximum(-paid, 0.0).sum()
+    else:
+        whole[3] = rope
+    tension = _even_tension(prm, path, rope, wound)
+    layout.tensions(whole, n)[:] = tension
+    if is_open(block):
+        for end in range(2):
+            ratio = mounted if paid[end] > 0.0 else _wound_ratio(prm, tension)
+            drum.turn(prm, n, whole, whole, end, paid[end], ratio)
+
+
+@internal
+def _wound_ratio(prm: Floats, tension: float) -> float:
+    """Return the mean stretch ratio of rope wound up from the pretension to another."""
+    now = moving_path.stretch_ratio(prm, max(tension, 0.0))
+    return 0.5 * (moving_path.stretch_ratio(prm, prm[_PRETENSION]) + now)
+
+
+@internal
+def _even_tension(prm: Floats, path: float, rope: float, wound: float) -> float:
+    """Return the even tension of a cable at rest [N], negative where it is slack.
+
+    Args:
+        prm: packed parameters.
+        path: length of an open path [m]; 0 for a cable in its conduit.
+        rope: unstretched length of the cable on an open path and of what was wound up,
+            less the stretch of the springs at its ends; of another its stretch, with
+            those springs [m].
+        wound: length of rope that drums have wound up, as stretched [m].
+    """
+    if not np.isfinite(path + rope + wound):
+        return np.nan
+    low, high = -1.0, 1.0
+    while _is_longer(prm, path, rope, wound, low):
+        low *= 2.0
+    while not _is_longer(prm, path, rope, wound, high):
+        high *= 2.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _is_longer(prm, path, rope, wound, middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@internal
+def _is_longer(
+    prm: Floats, path: float, rope: float, wound: float, tension: float
+) -> bool:
+    """Return whether a tension [N] stretches a cable beyond its path or its stretch."""
+    if path == 0.0:
+        return nodes.rest_stretch(prm, tension) >= rope
+    ratio = moving_path.stretch_ratio(prm, tension)
+    springs = prm[_SPRINGS[0]] + prm[_SPRINGS[1]]
+    left = max(rope - wound / _wound_ratio(prm, tension), _MIN_ROPE_SHARE * path)
+    return ratio > 0.0 and ratio * (left + springs * tension) >= path
 
 
 @internal

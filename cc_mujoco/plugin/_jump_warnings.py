@@ -54,16 +54,15 @@ _JUMPING_PARTS = (
     constant("its distal end"),
     constant("its path"),
 )
-_JUMP_ADVICE = constant(
-    " jumped, without the velocity for it: after `qpos` is set, or a keyframe is "
-    "loaded, `cc_mujoco.plugin.settle(model, data)` lays the cable at rest there, and "
-    "a state is restored with its `plugin_state`; without that one step pulls it by "
-)
+_JUMPED = constant(" jumped, without the velocity for it: ")
 _SIDE_SITE_ADVICE = constant(
-    " jumped, without the velocity for it: a side site that turns lets MuJoCo lead a "
-    "tendon another way around a geom, and after `qpos` is set, or a keyframe is "
-    "loaded, `cc_mujoco.plugin.settle(model, data)` lays the cable at rest there; one "
-    "step pulls it by "
+    "a side site that turns lets MuJoCo lead a tendon another way around a geom, and "
+)
+_REMEDIES = constant(
+    "after `qpos` is set, or a keyframe is loaded, call `cc_mujoco.plugin.settle("
+    'model, data, rope="keep")` for the same rope in another pose, or with '
+    '`rope="remount"` for a rope that is mounted there with its pretension; restore a '
+    "state with its `plugin_state`; without that one step pulls it by "
 )
 
 
@@ -211,7 +210,10 @@ def explain(message: Bytes, used: int, what: int) -> int:
         The new length.
     """
     used = append(message, used, _JUMPING_PARTS[what])
-    return append(message, used, _SIDE_SITE_ADVICE if what == PATH else _JUMP_ADVICE)
+    used = append(message, used, _JUMPED)
+    if what == PATH:
+        used = append(message, used, _SIDE_SITE_ADVICE)
+    return append(message, used, _REMEDIES)
 
 
 @internal

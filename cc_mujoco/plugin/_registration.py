@@ -27,7 +27,7 @@ CALLBACK_FIELDS = (
 
 _ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 PYTHON_FUNCTIONS = {
-    "settle": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER),
+    "settle": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _INTEGER),
     "limits": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
     "turn": ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER),
     "wrap": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
@@ -90,12 +90,17 @@ def register() -> None:
 def plugin_function(name: str) -> Any:
     """Return a compiled function of the registered plugin, see `PYTHON_FUNCTIONS`."""
     kind, symbol = PYTHON_FUNCTIONS[name], f"cc_mujoco_{name}"
+    return kind(_address_of(symbol))
+
+
+def _address_of(symbol: str) -> int:
+    """Return the address of compiled code or its data in this process."""
     address = address_in_library(symbol)
     if address is None:
         import llvmlite.binding  # type: ignore[import-untyped]
 
         address = llvmlite.binding.address_of_symbol(symbol)
-    return kind(address)
+    return int(address)
 
 
 def address_in_library(symbol: str) -> int | None:
@@ -115,6 +120,13 @@ def address_in_library(symbol: str) -> int | None:
             f"{_library._name} lacks the function `{symbol}`; write it anew with "
             "`cc-mujoco plugin`."
         ) from None
+
+
+def warned_digests() -> ctypes.Array[ctypes.c_char]:
+    """Return the memory of the digests of warnings that this process has issued."""
+    from cc_mujoco.plugin._ffi import DIGEST_SLOTS, DIGEST_TABLE  # takes long to load
+
+    return (ctypes.c_char * (8 * DIGEST_SLOTS)).from_address(_address_of(DIGEST_TABLE))
 
 
 def code_digest() -> str:

@@ -1,20 +1,24 @@
 """Before the first step: cables at rest in this pose, and how long a step may be.
 
 data.qpos[:] = pose  # or mj_resetDataKeyframe
-settle(model, data)
+settle(model, data)  # rope="keep" for a state of the same machine
 step_limits(model, data)["flexor"].distal  # [s]
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
 
+from cc_mujoco.errors import look_up
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._registration import plugin_function
+
+_KEEPS_ROPE = {"remount": 0, "keep": 1}
+"""Values of `rope` of `settle`, and what compiled code takes for them."""
 
 
 class StepLimits(NamedTuple):
@@ -31,14 +35,23 @@ class StepLimits(NamedTuple):
     pieces: float = math.inf
 
 
-def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Lay all cables at rest in the present pose, at their pretension.
+def settle(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    *,
+    rope: Literal["keep", "remount"] = "remount",
+) -> None:
+    """Lay all cables at rest in the present pose.
 
     MuJoCo's resets, that to a keyframe too, lay the cables at rest in the pose `qpos0`.
     Without this call the first step pulls them to the present pose, as after a jump of
-    the joints. This function lays them in the present pose: the tension is the
-    pretension everywhere, nothing has slipped, energy and memory of friction are those
-    of a reset. All else of `data` is kept and updated by `mj_forward`.
+    the joints. This function lays them in the present pose: tension is the same
+    everywhere, nothing has slipped, energy and memory of friction are those of a reset.
+    All else of `data` is kept and updated by `mj_forward`.
+
+    The tension is that of a rope which is mounted anew in this pose, or of the rope
+    that is mounted in `qpos0`, stretched or slack by what its ends and its path have
+    moved since. Only the second keeps the relation of motor and joint.
 
     A batch takes the state over: `mj_getState` of `data` into a row of `Batch.state`,
     or `data.plugin_state` into a row of the bound `plugin_state`.
@@ -46,11 +59,18 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     Args:
         model: a model; without cables this is `mj_forward`.
         data: its simulation.
+        rope: `"remount"` for the pretension in this pose, as of a scene that begins
+            here; `"keep"` for the rope mounted in `qpos0`, as of a state that is
+            restored without its `plugin_state`.
+
+    Raises:
+        CableError: `rope` is neither.
     """
+    keeps = look_up("rope", rope, _KEEPS_ROPE)
     mujoco.mj_fwdPosition(model, data)
     lay = plugin_function("settle")
     for instance in instances(model).values():
-        lay(model._address, data._address, instance)
+        lay(model._address, data._address, instance, keeps)
     mujoco.mj_forward(model, data)
 
 

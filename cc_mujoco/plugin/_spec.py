@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.plugin._registration import warned_digests
 
 _OWN = {
     "alt", "classname", "compiler", "frame", "fromto", "id", "info", "name", "parent",
@@ -55,7 +56,7 @@ def pristine_fields(kind: str) -> dict[str, Any]:
     return found
 
 
-def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
+def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> None:
     """Delete an actuator, and what keyframes have of it.
 
     MuJoCo 3 would leave its controls and activations to the actuators behind it.
@@ -63,9 +64,8 @@ def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> No
     Args:
         spec: specification.
         model: what it compiles to.
-        name: of the actuator.
+        index: of the actuator.
     """
-    index = model.actuator(name).id
     parts = {
         "ctrl": (model.actuator_ctrladr[index], model.actuator_ctrlnum[index]),
         "act": (model.actuator_actadr[index], model.actuator_actnum[index]),
@@ -77,10 +77,46 @@ def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> No
             if values.size:
                 own = np.arange(first, first + count)
                 kept.append((key, field, values.size, np.delete(values, own)))
-    spec.delete(spec.actuator(name))
+    spec.delete(spec.actuators[index])
     for key, field, size, values in kept:
         if len(getattr(key, field)) == size:
             setattr(key, field, values)
+
+
+def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
+    """Return an element of a specification by its name, or by its index without one.
+
+    Args:
+        kind: word for such elements, as `"tendon"`.
+        which: name or index.
+        elements: all of that kind, in the order of the specification.
+
+    Raises:
+        CableError: there is none.
+    """
+    count = len(elements)
+    named = {x.name: x for x in elements if x.name}
+    if isinstance(which, str) and which in named:
+        return named[which]
+    if isinstance(which, int) and 0 <= which < count:
+        return elements[which]
+    if not isinstance(which, str | int):
+        raise CableError(
+            f"a {kind} must be given by its name or its index, not {which!r}."
+        )
+    unnamed = count - len(named)
+    if not unnamed and isinstance(which, str):
+        raise CableError.unknown(kind, which, named)
+    there = f"{unnamed} of the {count} {kind}s here have no name"
+    if not count:
+        there = f"there is no {kind} here"
+    elif not named:
+        there = f"none of the {count} {kind}s here has a name"
+    elif not unnamed:
+        there = f"there are {count} {kind}s here"
+    by_index = f"; give an index, 0 to {count - 1}" if count else ""
+    near = f"; names are {', '.join(map(repr, sorted(named)))}" if named else ""
+    raise CableError(f"unknown {kind} {which!r}: {there}{by_index}{near}.")
 
 
 def require_spec(spec: Any) -> None:
@@ -105,6 +141,19 @@ def plain_errors() -> Iterator[None]:
         raise
     except ValueError as error:
         raise CableError(error_sentence(error)) from None
+
+
+@contextmanager
+def muted_warnings() -> Iterator[None]:
+    """Discard MuJoCo's warnings of trial models; of the real one they come again."""
+    handler, said = mujoco.get_mju_user_warning(), warned_digests()
+    before = said.raw
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(handler)
+        said.raw = before
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -356,7 +356,7 @@ class TendonReport:
 
 def tendon_report(
     source: mujoco.MjModel | mujoco.MjSpec,
-    tendons: str | Iterable[str] | None = None,
+    tendons: str | int | Iterable[str | int] | None = None,
     *,
     friction: float | None = None,
     axial_stiffness: float | None = None,
@@ -372,7 +372,8 @@ def tendon_report(
 
     Args:
         source: a model, with or without cables; it is not changed.
-        tendons: name of a tendon, or names; by default all that can be reported on.
+        tendons: name of a tendon, or its index where it has none, or several of these;
+            by default all that can be reported on.
         friction: coefficient of friction; by default that of the cable on the tendon,
             or 0.1 where there is none.
         axial_stiffness: EA of a tendon without a cable [N], for the limit of the time
@@ -398,8 +399,16 @@ def tendon_report(
     if axial_stiffness is not None:
         given = given.replace(axial_stiffness=axial_stiffness)
     known = {_label(model, "tendon", i): i for i in range(model.ntendon)}
-    wanted = [tendons] if isinstance(tendons, str) else tendons
-    chosen = list(known if wanted is None else dict.fromkeys(wanted))
+    wanted = [tendons] if isinstance(tendons, str | int) else tendons
+    labels = list(known)
+    chosen = (
+        labels
+        if wanted is None
+        else [
+            labels[x] if isinstance(x, int) and 0 <= x < len(labels) else str(x)
+            for x in dict.fromkeys(wanted)
+        ]
+    )
     on = {route_tendon(model, n): n for n in instances(model) if _has_route(model, n)}
     skipped: dict[str, str] = {}
     for name in chosen:

@@ -22,9 +22,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Real
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import mujoco
 
@@ -41,12 +41,18 @@ from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._open_path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import route_wrap
 from cc_mujoco.plugin._settle import step_limits
-from cc_mujoco.plugin._spec import compile_spec, require_spec
+from cc_mujoco.plugin._spec import (
+    compile_spec,
+    find_element,
+    muted_warnings,
+    require_spec,
+)
 from cc_mujoco.plugin._takeover.report import (
-    TendonTakeover,
+    AddedCables,
     describe_band,
     describe_winch,
     order_line,
+    summary_line,
 )
 from cc_mujoco.plugin._takeover.stops import held_tension, keep_constraints
 from cc_mujoco.plugin._takeover.survey import (
@@ -57,12 +63,12 @@ from cc_mujoco.plugin._takeover.survey import (
     write_branches,
 )
 from cc_mujoco.plugin._takeover.winch import (
-    Winch,
+    Taken,
     largest_pull,
-    plan_winch,
+    plan_winches,
     pose_keyframes,
     sample_poses,
-    write_winch,
+    write_winches,
 )
 from cc_mujoco.plugin._tendon_report import tendon_report
 
@@ -81,38 +87,47 @@ A piece of it gets stiffer with its strain, and a pull that sets in at once over
 """
 _SOFT = 100.0
 """Axial stiffness at which a tendon stretches by 1 % per newton [N]."""
+T = TypeVar("T")
+Each: TypeAlias = T | Mapping[str | int, T]
+"""A value for all tendons, or a dict of values by tendon."""
 
 
 def add_friction(
     spec: mujoco.MjSpec,
-    tendon: str,
+    tendon: str | int | Iterable[str | int],
     *,
-    motor: tuple[Any, float] | None = None,
-    joint: tuple[Any, float] | None = None,
-    winch: tuple[float, float] | None = None,
-    friction: float | None = None,
-    segments: int | None = None,
+    motor: Each[tuple[Any, float] | None] = None,
+    joint: Each[tuple[Any, float] | None] = None,
+    winch: Each[tuple[float, float] | None] = None,
+    friction: Each[float | None] = None,
+    segments: Each[int | None] = None,
     guides: Mapping[str, float | str] | None = None,
     report: bool = False,
     **parameters: Any,
-) -> TendonTakeover:
-    """Make a spatial tendon a cable with friction wherever it bends.
+) -> AddedCables:
+    """Make spatial tendons cables with friction wherever they bend.
 
-    The tendon becomes a cable on an open path, of its own name: its first site is the
+    A tendon becomes a cable on an open path, of its own name: its first site is the
     proximal end, its last one the distal end. Each of its pieces then pulls with its
     own tension, and MuJoCo's moment arms stay what they are.
 
-    What acted on the tendon as a whole (actuators, `stiffness`, `damping`,
-    `frictionloss`, `range`, `armature`, equalities) then acts at its first site, on a
-    winch `<tendon>_winch`: a joint whose position is the length of tendon that it has
-    paid out, and a fixed tendon of that length. Commands keep their place and their
-    units. A tendon that has nothing but a spring, taut in the pose `qpos0`, becomes an
-    elastic band instead. Behind each `<pulley>` a cable begins, `<tendon>_1` and on,
-    with its share of the force.
+    What acted on the tendon as a whole (actuators, `stiffness`, `springyield`,
+    `damping`, `frictionloss`, `range`, `armature`, equalities) then acts at its first
+    site, on a winch `<tendon>_winch`: a joint whose position is the length of tendon
+    that it has paid out, and a fixed tendon of that length. Commands keep their place
+    and their units. A tendon that has nothing but a spring, taut in the pose `qpos0`,
+    becomes an elastic band instead. Behind each `<pulley>` a cable begins, `<tendon>_1`
+    and on, with its share of the force.
+
+    Several tendons are taken over at once, which is much faster than one after another
+    and makes all of them stable together. Each argument then holds for all of them, or
+    is a dict by tendon, as in `friction={"flexor": 0.1, "extensor": 0.2}`.
 
     Args:
         spec: the specification to change.
-        tendon: name of a spatial tendon; its sites run from the motor to the load.
+        tendon: name of a spatial tendon or its index in `spec.tendons`, or several of
+            these; its sites run from the motor to the load. A tendon without a name
+            gets `tendon_<index>`.
         motor: joint that winds the tendon up as it turns in the positive sense, and
             the radius of its drum [m]; by default the tendon is tied to its first site,
             or to its winch.
@@ -128,14 +143,15 @@ def add_friction(
         guides: by the name of a site or geom, `"roller"` where the tendon runs over a
             roller that takes nothing, or the radius of the guide at a site [m], over
             whose arc there is drag per length; Coulomb friction is the same for any.
-        report: print the turns and losses of the tendon, see `tendon_report`.
+        report: print the turns and losses of the tendons, see `tendon_report`.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`. A tendon with a winch has by default the
             `pretension` that its `frictionloss` holds in `qpos0`, or none, and the
             `axial_stiffness` that its time step bears, at most `MAX_STIFFNESS`.
 
     Returns:
-        What became of all that the tendon had; its text is a line for each.
+        What became of all that the tendon had; its text is a line for each. Of several
+        tendons the text is a line for each tendon, and `parts` has their accounts.
 
     Raises:
         CableError: there is no such tendon, it is fixed or belongs to a cable already,
@@ -146,143 +162,271 @@ def add_friction(
             specification is as before.
 
     Warns:
-        CableWarning: friction takes much of the tension as the tendon lies in `qpos0`,
+        CableWarning: friction takes much of the tension as a tendon lies in `qpos0`,
             because its sites zig-zag, or the time step bears only a soft tendon.
     """
     require_spec(spec)
-    _require_ends(spec, friction, motor, joint, winch)
-    if not isinstance(tendon, str):
-        raise CableError(
-            f"tendon must be the name of a spatial tendon, not {tendon!r}."
-        )
-    found = spec.tendon(tendon)
-    if found is None:
-        names = [t.name for t in spec.tendons]
-        raise CableError.unknown("tendon", tendon, names)
     for key in parameters:
         if key not in _ALLOWED_KEYS:
             raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
-    model = compile_spec(spec.copy())
-    if tendon not in (model.tendon(i).name for i in range(model.ntendon)):
+    several = not isinstance(tendon, str) and isinstance(tendon, Iterable)
+    start, named = spec.copy(), dict[Any, str]()
+    if len(start.tendons) != len(spec.tendons):
         # A copy omits dangling references; compiling the original reports them.
         compile_spec(spec)
-    index = model.tendon(tendon).id
-    if model.wrap_type[model.tendon_adr[index]] == mujoco.mjtWrap.mjWRAP_JOINT:
-        raise CableError(
-            f"tendon {tendon!r} is fixed: it has no path that could bend; friction is "
-            "for a spatial tendon of sites and geoms."
-        )
-    burden = find_burden(spec, model, tendon)
-    given: dict[str, Any] = {
-        "friction": friction,
-        "path": "open",
-        "guides": _checked_guides({} if guides is None else guides, burden),
-        **parameters,
-    }
-    if segments is not None:
-        given["segments"] = segments
-    if burden.is_none or burden.is_band:
-        if winch is not None:
+    for which in tendon if several else (tendon,):  # type: ignore[union-attr]
+        name = _name_of(start, which)
+        if name not in named.values():
+            named[which] = name
+    if not named:
+        raise CableError("add_friction needs a tendon, by its name or its index.")
+    ends = {"motor": motor, "joint": joint, "winch": winch}
+    cable = {"friction": friction, "segments": segments, **parameters}
+    requests = []
+    for which, name in named.items():
+        own = {key: _value_of(key, x, which, named) for key, x in ends.items()}
+        _require_ends(start, **own)
+        values = {
+            key: _value_of(key, value, which, named) for key, value in cable.items()
+        }
+        if values["friction"] is None:
             raise CableError(
-                f"winch= is the drum of the actuators of a tendon, and {tendon!r} has "
-                "none; give motor=, the joint of a drum and its radius, instead."
+                "add_friction needs friction=, the coefficient of friction wherever "
+                "the tendon bends, e.g. friction=0.1."
             )
-        lines: list[str] = []
-        tried = spec.copy()
-        if burden.is_band:
-            _refuse_drums(burden, motor, joint)
-            lines = _stretch_as(burden, given, parameters)
-            slacken(tried, tendon)
-        ends = [_Ends(burden.branches[0], motor, joint)]
-        cables = _lay(tried, ends, given)
-        _write_cables(tried, cables)
-        after = compile_spec(tried)
-        lines.append(order_line(after, [tendon], model.nu))
-        if burden.is_band:
-            slacken(spec, tendon)
-        _write_cables(spec, cables)
-        _survey(after, [tendon], report)
-        return _report(burden, "", cables, lines)
-    _refuse_drums(burden, motor, joint)
-    compile_spec(spec)  # from now on its keyframes follow what is added
-    tried = spec.copy()
-    write_branches(tried, burden)
-    plan = plan_winch(tried, model, burden, winch)
-    _write_taken(tried, model, burden, plan)
-    ends = [
-        _Ends(branch, (name, -plan.lever), None)
-        for branch, name in zip(burden.branches, plan.names, strict=True)
-    ]
-    # Without it what friction holds would fall into the cable, and shake it.
-    held = float(f"{held_tension(model, burden):.3g}")
-    given = {"pretension": held, "axial_stiffness": MAX_STIFFNESS, **given}
-    cables = _lay(tried, ends, given)
-    bearable = _bearable_stiffness(tried, cables)
-    if "axial_stiffness" not in parameters:
-        given["axial_stiffness"] = stiffness = min(bearable, MAX_STIFFNESS)
-        _refuse_soft(burden, stiffness, largest_pull(model, burden), model.opt.timestep)
-        if stiffness < _SOFT:
-            warnings.warn(
-                f"tendon {burden.tendon!r} stretches by {100 / stiffness:.2g} % of its "
-                "length per newton, and a pull above "
-                f"{_MAX_STRAIN * stiffness:.2g} N may make it unstable, because what "
-                "it pulls bears no stiffer one at this time step; shorten the "
-                "timestep, or give its joints more `armature`.",
-                CableWarning,
-                stacklevel=2,
-            )
-        cables = _lay(tried, ends, given)
-    lines = describe_winch(model, tried, burden, plan)
-    if held > 0.0 and given["pretension"] == held:
-        lines.append(f"pretension {held:g} N: what the dry friction holds in qpos0")
-    lines.append(_stretch_line(cables, bearable, model.opt.timestep))
-    _write_cables(tried, cables)
-    after = compile_spec(tried)
-    names = [branch.name for branch in burden.branches]
-    lines.append(order_line(after, names, model.nu))
-    write_branches(spec, burden)
-    _write_taken(spec, model, burden, plan)
-    _write_cables(spec, cables)
-    _survey(after, names, report)
-    return _report(burden, burden.winch, cables, lines)
+        values = {key: value for key, value in values.items() if value is not None}
+        requests.append(_Request(name, **own, values=values))
+    with muted_warnings():
+        original = _compile_with(start, list(named.values()))
+        plan = _plan(start, original, requests, {} if guides is None else guides)
+        for which, name in named.items():
+            if isinstance(which, int):
+                spec.tendons[which].name = name
+        _write(spec, original, plan)
+        turns = tendon_report(plan.model, [end.branch.name for end, _ in plan.laid])
+    concerns = plan.concerns
+    if report:
+        print(turns)
+    else:
+        concerns += [s.warning for s in turns.tendons if s.warning and s.zigzags]
+    for concern in concerns:
+        warnings.warn(concern, CableWarning, stacklevel=2)
+    if not several:
+        return plan.parts[0]
+    pairs = zip(plan.burdens, plan.parts, strict=True)
+    return AddedCables(
+        tuple(cable for part in plan.parts for cable in part.cables),
+        "",
+        tuple(summary_line(original, burden, part) for burden, part in pairs),
+        plan.parts,
+    )
 
 
-def _survey(model: mujoco.MjModel, cables: list[str], printed: bool) -> None:
-    """Print turns and losses of new cables, or warn of zig-zagging sites."""
-    for name in cables:
-        turns = tendon_report(model, name)
-        (summary,) = turns.tendons
-        if printed:
-            print(turns)
-        elif summary.warning and summary.zigzags:
-            warnings.warn(summary.warning, CableWarning, stacklevel=3)
+@dataclasses.dataclass(frozen=True)
+class _Request:
+    """A tendon that becomes a cable, and what was given for it."""
+
+    tendon: str
+    motor: tuple[Any, float] | None
+    joint: tuple[Any, float] | None
+    winch: tuple[float, float] | None
+    values: dict[str, Any]
 
 
 @dataclasses.dataclass(frozen=True)
 class _Ends:
-    """A branch of a tendon, and drums at its ends, if any."""
+    """A branch of a tendon, drums at its ends, if any, and values for its cable."""
 
     branch: TendonBranch
     motor: tuple[Any, float] | None
     joint: tuple[Any, float] | None
+    values: dict[str, Any]
 
 
 _Laid = list[tuple[_Ends, Cable]]
 
 
-def _require_ends(
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """All that is to be written into a specification, and what it becomes.
+
+    Attributes:
+        burdens: what acts on the tendons, in their order.
+        taken: what winches take over of it.
+        moved: the specification with winches, but without cables, compiled.
+        laid: the cables of all branches.
+        model: the specification with winches and cables, compiled.
+        parts: the account of each tendon.
+        concerns: warnings.
+    """
+
+    burdens: list[Burden]
+    taken: Taken
+    moved: mujoco.MjModel
+    laid: _Laid
+    model: mujoco.MjModel
+    parts: tuple[AddedCables, ...]
+    concerns: list[str]
+
+
+def _name_of(spec: mujoco.MjSpec, which: Any) -> str:
+    """Return the name of a tendon given by its name or index; give it one without."""
+    found = find_element("tendon", which, spec.tendons)
+    if not found.name:
+        name, names = f"tendon_{which}", {tendon.name for tendon in spec.tendons}
+        while name in names:
+            name += "_"
+        found.name = name
+    return str(found.name)
+
+
+def _value_of(key: str, value: Any, which: Any, named: dict[Any, str]) -> Any:
+    """Return the value of an argument for a tendon, None where a dict omits it."""
+    if not isinstance(value, Mapping):
+        return value
+    for other in value:
+        if other not in named and other not in named.values():
+            raise CableError.unknown(f"tendon in {key}=", other, named.values())
+    return value.get(which, value.get(named[which]))
+
+
+def _compile_with(spec: mujoco.MjSpec, tendons: list[str]) -> mujoco.MjModel:
+    """Compile a copy of a specification; refuse a fixed one of some tendons."""
+    model = compile_spec(spec.copy())
+    for tendon in tendons:
+        first = model.tendon_adr[model.tendon(tendon).id]
+        if model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT:
+            raise CableError(
+                f"tendon {tendon!r} is fixed: it has no path that could bend; friction "
+                "is for a spatial tendon of sites and geoms."
+            )
+    return model
+
+
+def _plan(
+    start: mujoco.MjSpec,
+    original: mujoco.MjModel,
+    requests: list[_Request],
+    guides: Any,
+) -> _Plan:
+    """Plan the winches and cables of tendons.
+
+    Args:
+        start: the specification; it is not changed.
+        original: the same, compiled.
+        requests: the tendons.
+        guides: as in `add_friction`.
+    """
+    burdens = [find_burden(start, original, request.tendon) for request in requests]
+    at_guides, tried = _checked_guides(guides, burdens), start.copy()
+    lines: list[list[str]] = []
+    loaded: dict[Burden, tuple[float, float] | None] = {}
+    for burden, request in zip(burdens, requests, strict=True):
+        plain = burden.is_none or burden.is_band
+        if not burden.is_none:
+            _refuse_drums(burden, request.motor, request.joint)
+        if plain and request.winch is not None:
+            raise CableError(
+                "winch= is the drum of the actuators of a tendon, and "
+                f"{burden.tendon!r} has none; give motor=, the joint of a drum and its "
+                "radius, instead."
+            )
+        if not plain:
+            loaded[burden] = request.winch
+            write_branches(tried, burden)
+        elif burden.is_band:
+            slacken(tried, burden.tendon)
+    taken, moved = [], original
+    if loaded:
+        taken = plan_winches(tried, original, loaded)
+        moved = _write_taken(tried, original, taken)
+    winches = {burden.tendon: winch for burden, winch in taken}
+    ends, held = [], {}
+    for burden, request in zip(burdens, requests, strict=True):
+        values = {"path": "open", "guides": at_guides, **request.values}
+        own: list[str] = []
+        winch = winches.get(burden.tendon)
+        if winch is None:
+            if burden.is_band:
+                own = _stretch_as(burden, values, request.values)
+            ends.append(_Ends(burden.branches[0], request.motor, request.joint, values))
+        else:
+            # Without it what friction holds would fall into the cable, and shake it.
+            held[burden] = float(f"{held_tension(original, burden):.3g}")
+            values = {
+                "pretension": held[burden], "axial_stiffness": MAX_STIFFNESS, **values
+            }  # fmt: skip
+            own = describe_winch(original, tried, burden, winch)
+            if held[burden] > 0.0 and values["pretension"] == held[burden]:
+                own.append(
+                    f"pretension {held[burden]:g} N: what the dry friction holds in "
+                    "qpos0"
+                )
+            for branch, name in zip(burden.branches, winch.names, strict=True):
+                ends.append(_Ends(branch, (name, -winch.lever), None, values))
+        lines.append(own)
+    laid, model = _lay(tried, moved, ends)
+    bearable = _bearable_stiffness(model, laid) if taken else {}
+    concerns = []
+    for burden, request, own in zip(burdens, requests, lines, strict=True):
+        if burden.tendon not in winches:
+            continue
+        names = [branch.name for branch in burden.branches]
+        most = min(bearable[name] for name in names)
+        if "axial_stiffness" not in request.values:
+            stiffness = min(most, MAX_STIFFNESS)
+            pull = largest_pull(original, burden)
+            _refuse_soft(burden, stiffness, pull, original.opt.timestep)
+            if stiffness < _SOFT:
+                concerns.append(_soft_warning(burden, stiffness))
+            for i, (end, cable) in enumerate(laid):
+                if end.branch.name in names:
+                    laid[i] = end, cable.replace(axial_stiffness=stiffness)
+        cables = [cable for end, cable in laid if end.branch.name in names]
+        own.append(_stretch_line(cables, most, original.opt.timestep))
+    _write_cables(tried, laid)
+    model = compile_spec(tried)
+    parts = []
+    for burden, own in zip(burdens, lines, strict=True):
+        names = [branch.name for branch in burden.branches]
+        own.append(order_line(model, names, original.nu))
+        cables = [cable for end, cable in laid if end.branch.name in names]
+        winch_name = burden.winch if burden.tendon in winches else ""
+        first = _first_line(burden.tendon, cables)
+        parts.append(AddedCables(tuple(names), winch_name, (first, *own)))
+    return _Plan(burdens, taken, moved, laid, model, tuple(parts), concerns)
+
+
+def _write(spec: mujoco.MjSpec, original: mujoco.MjModel, plan: _Plan) -> None:
+    """Write what was planned."""
+    if spec.keys:
+        compile_spec(spec)  # from now on its keyframes follow what is added
+    for burden in plan.burdens:
+        if burden.is_band:
+            slacken(spec, burden.tendon)
+    for burden, _ in plan.taken:
+        write_branches(spec, burden)
+    if plan.taken:
+        _write_taken(spec, original, plan.taken, plan.moved)
+    _write_cables(spec, plan.laid)
+
+
+def _write_taken(
     spec: mujoco.MjSpec,
-    friction: float | None,
-    motor: Any,
-    joint: Any,
-    winch: Any,
-) -> None:
-    """Refuse ends and a friction that cannot be used."""
-    if friction is None:
-        raise CableError(
-            "add_friction needs friction=, the coefficient of friction wherever the "
-            "tendon bends, e.g. friction=0.1."
-        )
+    original: mujoco.MjModel,
+    taken: Taken,
+    model: mujoco.MjModel | None = None,
+) -> mujoco.MjModel:
+    """Write winches with all that they take over; return that compiled, as `model`."""
+    write_winches(spec, original, taken)
+    model = compile_spec(spec.copy()) if model is None else model
+    keep_constraints(spec, model, original, [burden for burden, _ in taken])
+    pose_keyframes(spec, original, taken)
+    return model
+
+
+def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> None:
+    """Refuse ends that cannot be used."""
     for name, end in (("motor", motor), ("joint", joint)):
         paired = isinstance(end, tuple) and len(end) == 2
         if end is not None and not (paired and isinstance(end[1], Real)):
@@ -336,18 +480,19 @@ def _stretch_as(
     return describe_band(burden, given["axial_stiffness"], given["pretension"])
 
 
-def _write_taken(
-    spec: mujoco.MjSpec, original: mujoco.MjModel, burden: Burden, plan: Winch
-) -> None:
-    """Write a winch with all that it takes over."""
-    write_winch(spec, original, burden, plan)
-    keep_constraints(spec, original, burden)
-    pose_keyframes(spec, original, burden, plan)
+def _lay(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, ends: list[_Ends]
+) -> tuple[_Laid, mujoco.MjModel]:
+    """Return the cables of branches, as long and as bent as their paths in `qpos0`.
 
+    Args:
+        spec: the specification without these cables; it is not changed.
+        model: the same, compiled.
+        ends: the branches.
 
-def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid:
-    """Return the cables of branches, as long and as bent as their paths in `qpos0`."""
-    model = compile_spec(spec.copy())
+    Returns:
+        The cables, and the model with them.
+    """
     laid = []
     for end in ends:
         name = end.branch.name
@@ -360,9 +505,9 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
             "conduit": (Section(length, math.inf),),
             "route": name,
         }
-        own |= given
+        own |= end.values
         inner = {target for target, _ in end.branch.path[1:-1]}
-        own["guides"] = tuple(g for g in given["guides"] if g[0] in inner)
+        own["guides"] = tuple(g for g in own["guides"] if g[0] in inner)
         laid.append((end, Cable(**own)))
     tried = spec.copy()
     _write_cables(tried, laid)
@@ -376,11 +521,13 @@ def _lay(spec: mujoco.MjSpec, ends: list[_Ends], given: dict[str, Any]) -> _Laid
         if wrap > 0.0:
             bent = (Section(cable.length, cable.length / wrap),)
             laid[i] = end, dataclasses.replace(cable, conduit=bent)
-    return laid
+    return laid, model
 
 
-def _checked_guides(given: Any, burden: Burden) -> tuple[tuple[str, Any], ...]:
-    """Return the guides of a tendon, by name.
+def _checked_guides(
+    given: Any, burdens: Collection[Burden]
+) -> tuple[tuple[str, Any], ...]:
+    """Return the guides of tendons, by name.
 
     Raises:
         CableError: One is not between the ends of a branch, or is neither a roller nor
@@ -392,10 +539,14 @@ def _checked_guides(given: Any, burden: Burden) -> tuple[tuple[str, Any], ...]:
             f"{ROLLER!r}}}."
         )
     inner = {
-        target: how for branch in burden.branches for target, how in branch.path[1:-1]
+        target: how
+        for burden in burdens
+        for branch in burden.branches
+        for target, how in branch.path[1:-1]
     }
+    tendons = ", ".join(repr(burden.tendon) for burden in burdens)
     for name, value in given.items():
-        kind = f"guide of tendon {burden.tendon!r} between its ends"
+        kind = f"guide of tendon {tendons} between its ends"
         look_up(kind, name, inner)
         radius = float(value) if isinstance(value, Real) else math.nan
         if value != ROLLER and not inner[name].startswith("site"):
@@ -428,25 +579,6 @@ def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
     return spec.joint(joint) or joint if isinstance(joint, str) else joint
 
 
-def _bearable_stiffness(spec: mujoco.MjSpec, laid: _Laid) -> float:
-    """Return the axial stiffness that the time step of new cables bears [N].
-
-    Their pieces do in the pose `qpos0`, in keyframes and over the ranges of the joints.
-    """
-    tried = spec.copy()
-    _write_cables(tried, laid)
-    model = compile_spec(tried)
-    data = mujoco.MjData(model)
-    shortest = math.inf
-    for pose in sample_poses(model):
-        data.qpos[:] = pose
-        limits = step_limits(model, data)
-        shortest = min(shortest, *(limits[e.branch.name].pieces for e, _ in laid))
-    ratio = shortest / (_STEP_MARGIN * model.opt.timestep)
-    stiffness = laid[0][1].axial_stiffness * ratio * ratio
-    return float(f"{stiffness:.2g}")
-
-
 def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> None:
     """Refuse a default stiffness [N] that a pull of the actuators [N] overloads."""
     bearable = _MAX_STRAIN * stiffness
@@ -461,9 +593,42 @@ def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> 
         )
 
 
-def _stretch_line(laid: _Laid, bearable: float, step: float) -> str:
-    stiffness = laid[0][1].axial_stiffness
-    length = max(cable.length for _, cable in laid)
+def _bearable_stiffness(model: mujoco.MjModel, laid: _Laid) -> dict[str, float]:
+    """Return the axial stiffness that the time step bears, by cable [N].
+
+    Their pieces do in the pose `qpos0`, in keyframes and over the ranges of the joints.
+    `model` has the cables with the stiffness in `laid`.
+    """
+    data = mujoco.MjData(model)
+    shortest = {end.branch.name: math.inf for end, _ in laid}
+    for pose in sample_poses(model):
+        data.qpos[:] = pose
+        limits = step_limits(model, data)
+        for name, least in shortest.items():
+            shortest[name] = min(least, limits[name].pieces)
+    step = _STEP_MARGIN * model.opt.timestep
+    ratios = {name: least / step for name, least in shortest.items()}
+    return {
+        end.branch.name: float(
+            f"{cable.axial_stiffness * ratios[end.branch.name] ** 2:.2g}"
+        )
+        for end, cable in laid
+    }
+
+
+def _soft_warning(burden: Burden, stiffness: float) -> str:
+    """Return the warning of a tendon that a time step keeps soft."""
+    return (
+        f"tendon {burden.tendon!r} stretches by {100 / stiffness:.2g} % of its length "
+        f"per newton, and a pull above {_MAX_STRAIN * stiffness:.2g} N may make it "
+        "unstable, because what it pulls bears no stiffer one at this time step; "
+        "shorten the timestep, or give its joints more `armature`."
+    )
+
+
+def _stretch_line(cables: list[Cable], bearable: float, step: float) -> str:
+    stiffness = cables[0].axial_stiffness
+    length = max(cable.length for cable in cables)
     text = (
         f"axial_stiffness {stiffness:g} N: it stretches by "
         f"{1e3 * length / stiffness:.2g} mm per newton"
@@ -478,15 +643,10 @@ def _stretch_line(laid: _Laid, bearable: float, step: float) -> str:
     return text
 
 
-def _report(
-    burden: Burden, winch: str, laid: _Laid, lines: list[str]
-) -> TendonTakeover:
-    names = tuple(end.branch.name for end, _ in laid)
-    mu = laid[0][1].friction
-    count = sum(cable.segments for _, cable in laid)
-    first = (
-        f"tendon {burden.tendon!r}: "
-        f"{'a cable' if len(names) == 1 else f'{len(names)} cables'} with friction "
-        f"{mu:g}, of {count} segment{'s' if count > 1 else ''}"
+def _first_line(tendon: str, cables: list[Cable]) -> str:
+    count = sum(cable.segments for cable in cables)
+    return (
+        f"tendon {tendon!r}: "
+        f"{'a cable' if len(cables) == 1 else f'{len(cables)} cables'} with friction "
+        f"{cables[0].friction:g}, of {count} segment{'s' if count > 1 else ''}"
     )
-    return TendonTakeover(names, winch, (first, *lines))

@@ -94,6 +94,60 @@ def pull(
     return data
 
 
+SERVOS = {
+    "position": ('<position name="s" joint="knee" kp="50"/>', "holds it against"),
+    "velocity": ('<velocity name="s" joint="knee" kv="5"/>', "holds it against"),
+    "motor": ('<motor name="s" joint="knee"/>', "adds its force"),
+    "fixed tendon": ('<position name="s" tendon="f" kp="50"/>', "holds it against"),
+    "elsewhere": ('<position name="s" joint="slide" kp="50"/>', ""),
+}
+"""Actuators beside a cable, and what the account says of them."""
+
+
+@pytest.mark.parametrize("kind", SERVOS)
+def test_what_drives_the_joint_already_is_reported(kind: str) -> None:
+    actuator, effect = SERVOS[kind]
+    xml = LEG.replace("</actuator>", f"{actuator}</actuator>").replace(
+        "<sensor>", '<tendon><fixed name="f" limited="false"><joint joint="knee" '
+        'coef="1"/></fixed></tendon><sensor>'
+    ).replace('ctrl=".5 .25"', 'ctrl=".5 .25 .1"')  # fmt: skip
+    spec = mujoco.MjSpec.from_string(xml)
+    there = [a.name for a in spec.actuators]
+    report = cc_mujoco.add_cable(
+        spec, "cord", **DRIVE, pulley=0.06, conduit="0.5:0.2", replace="ideal"
+    )
+    assert [a.name for a in spec.actuators][:2] == there[1:]
+    assert report.cables == ("cord",)
+    assert report.winch == "cord_winch"
+    assert "motor 'ideal': deleted" in report.lines
+    said = [line for line in report.lines if "already" in line]
+    assert len(said) == bool(effect)
+    if effect:
+        assert "'s' drives joint 'knee' already, and " + effect in said[0]
+
+
+def test_a_motor_that_exists_and_an_actuator_by_index_are_reported() -> None:
+    xml = LEG.replace('<motor name="ideal" ', "<motor ")
+    given = DRIVE | {"motor": "shaft", "torque_limit": None}
+    more: dict[str, Any] = {"pulley": 0.06, "conduit": "0.5:0.2"}
+    spec = mujoco.MjSpec.from_string(xml)
+    report = cc_mujoco.add_cable(spec, "cord", **given, **more, replace=0)
+    assert report.winch == ""
+    assert "motor 0: deleted" in report.lines
+    assert "motor: joint 'shaft'" in report.lines
+    spec = mujoco.MjSpec.from_string(xml)
+    with pytest.raises(CableError, match="at it are 0"):
+        cc_mujoco.add_cable(spec, "cord", **given, **more, replace="spin")
+    with pytest.raises(CableError, match=r"unknown actuator 'x'.*1 of the 2.*no name"):
+        cc_mujoco.add_cable(spec, "cord", **given, **more, replace="x")
+    spec.delete(spec.sensor("cell"))
+    spec.delete(spec.actuator("spin"))
+    for key in spec.keys:
+        key.ctrl = [0.5]
+    report = cc_mujoco.add_cable(spec, "cord", **given, **more)
+    assert "nothing but the cable turns joint 'shaft' yet" in report.lines
+
+
 def test_the_example_runs() -> None:
     assert doctest.testmod(add_cable).failed == 0
 

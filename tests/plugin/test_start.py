@@ -20,7 +20,9 @@ from hypothesis import strategies as st
 import cc_mujoco
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._conduit import end_stiffness
+from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import cables, from_mjcf, read, settle, step_limits
+from plugin.open_scenes import atwood, winch
 from plugin.scenes import (
     CONFIG,
     build,
@@ -67,6 +69,97 @@ def test_settled_cables_have_their_pretension_in_any_pose(
             assert reading.moving_fraction == 0.0
         mujoco.mj_step(m, d)  # commits the pose in which it begins
     assert np.abs(d.actuator_force[1:]).max() < 40.0
+
+
+def mixed_rope() -> str:
+    """Return a drum and a slide on a rope that leaves its conduit at `b`."""
+    config = CONFIG | {
+        "route": "rope", "path": "mixed", "mouth": "b", "conduit": "0.5:0.3",
+        "friction": "0", "axial_stiffness": "20000",
+    }  # fmt: skip
+    return f"""<mujoco><extension><plugin plugin="cc_mujoco.cable">
+      {instance("rope", config)}</plugin></extension><worldbody>
+      <site name="a"/><site name="b" pos=".4 0 0"/><site name="c" pos=".5 0 .1"/>
+      <body><joint name="drum" axis="0 1 0" armature="1e-2"/><geom size=".01"/></body>
+      <body pos=".8 0 0"><joint name="sled" type="slide" axis="1 0 0"/>
+        <geom size=".02"/><site name="d"/></body></worldbody>
+      <tendon><spatial name="rope"><site site="a"/><site site="b"/><site site="c"/>
+        <site site="d"/></spatial></tendon><actuator>
+      {end("near", "rope", 'joint="drum"', -0.02)}
+      {end("far", "rope", 'tendon="rope"', 1.0)}</actuator></mujoco>"""
+
+
+KEPT: dict[str, tuple[Any, list[list[float]]]] = {
+    "guided": (lambda: mujoco.MjModel.from_xml_string(
+        TENDON.replace('"friction" value="0.15"', '"friction" value="0"')),
+        [[0.3, 0.1, 0.05], [-0.4, -0.1, -0.02], [0.6, -0.3, 0.02]]),
+    "open": (lambda: winch(0.0, 2.0), [[0.1, 0.01], [0.5, 0.02], [-0.4, 0.02]]),
+    "around a pulley that turns": (lambda: atwood(0.0, (1.0, 2.0), 0.1),
+        [[0.5, 0.02, -0.01], [-0.8, -0.001, -0.001]]),
+    "mixed": (lambda: mujoco.MjModel.from_xml_string(mixed_rope()),
+        [[0.2, 0.01], [-0.5, 0.0], [0.9, -0.01]]),
+}  # fmt: skip
+"""Cables without friction by path, and poses of their joints; the rest stays."""
+
+
+@pytest.mark.parametrize("kind", KEPT)
+def test_a_kept_rope_pulls_as_after_a_slow_motion_from_where_it_was_mounted(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    build_model, poses = KEPT[kind]
+    m = build_model()
+    slack = []
+    for pose in poses:
+        led, kept = mujoco.MjData(m), mujoco.MjData(m)
+        for share in np.linspace(0.0, 1.0, 101):
+            led.qpos[:], led.qvel[:] = m.qpos0, 0.0
+            led.qpos[: len(pose)] += share * np.array(pose)
+            mujoco.mj_forward(m, led)
+            reached = led.qpos.copy()
+            mujoco.mj_step(m, led)  # commits the pose in which it begins
+        kept.qpos[:] = reached
+        settle(m, kept, rope="keep")
+        for name in cables(m):
+            true, found = read(m, led, name), read(m, kept, name)
+            assert found.tension == pytest.approx(true.tension, rel=2e-3, abs=0.02)
+            assert found.slack == pytest.approx(true.slack, rel=2e-3, abs=1e-6)
+            assert found.dissipated == 0.0
+            slack.append(found.slack > 0.0)
+        again = kept.plugin_state.copy()
+        settle(m, kept, rope="keep")
+        assert np.array_equal(kept.plugin_state, again)
+    assert any(slack)
+    assert not all(slack)
+
+
+def test_a_kept_rope_keeps_the_relation_of_motor_and_joint() -> None:
+    m = mujoco.MjModel.from_xml_path(str(scene_path("wrist")))
+    moved = mujoco.MjData(m)
+    for step in range(500):
+        moved.ctrl[0] = 2.0 * np.sin(0.01 * step)
+        mujoco.mj_step(m, moved)
+    kept, remounted, offset = mujoco.MjData(m), mujoco.MjData(m), {}
+    kept.qpos[:] = remounted.qpos[:] = moved.qpos
+    settle(m, kept, rope="keep")
+    settle(m, remounted)
+    for rope, d in (("true", moved), ("keep", kept), ("remount", remounted)):
+        d.qvel[:] = d.ctrl[:] = 0.0
+        mujoco.mj_step(m, d, 6000)
+        offset[rope] = d.qpos[0] - 0.104 / 0.02 * d.qpos[1]
+    # Friction holds the joint within 0.03 rad of where nothing pulls.
+    assert abs(offset["keep"] - offset["true"]) < 0.03
+    assert abs(offset["remount"] - offset["true"]) > 0.4
+
+
+def test_another_rope_is_refused() -> None:
+    m, d = build(pull_pull())
+    wrong: Any = "kept"
+    with pytest.raises(CableError, match=r"unknown rope 'kept'.*did you mean 'keep'"):
+        settle(m, d, rope=wrong)
+    d.qpos[0] = np.nan
+    settle(m, d, rope="keep")
+    assert np.isnan(d.qfrc_actuator).any()
 
 
 def test_without_it_another_pose_is_a_jump() -> None:

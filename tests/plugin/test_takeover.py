@@ -14,7 +14,7 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.plugin import TendonTakeover, read, route_wrap
+from cc_mujoco.plugin import AddedCables, read, route_wrap
 from cc_mujoco.plugin._takeover.survey import kind_of
 
 Law = Callable[[float], float]
@@ -73,7 +73,7 @@ def arm(seed: int, drive: str = "", burden: str = "", pulley: str = "") -> str:
 
 def taken(
     xml: str, friction: float = 0.0, **more: Any
-) -> tuple[mujoco.MjModel, TendonTakeover]:
+) -> tuple[mujoco.MjModel, AddedCables]:
     spec = mujoco.MjSpec.from_string(xml)
     report = cc_mujoco.add_friction(spec, "t", friction=friction, **more)
     return spec.compile(), report
@@ -125,6 +125,145 @@ def test_without_friction_what_a_tendon_has_acts_as_before(
     share = 0.12 if burden == "range" else 0.03  # at an impact
     report = assert_moves_alike(arm(seed, actuator, BURDENS[burden]), law, share)
     assert sum(line.startswith(burden) for line in report.lines) == 1
+
+
+SPRING: dict[str, Any] = {"stiffness": [60.0, 0.0, 0.0], "springlength": [0.0, 0.15]}
+LIMIT: dict[str, Any] = {"range": [0.0, 0.23]}
+DRY: dict[str, Any] = {"frictionloss": 1.0}
+ON = mujoco.mjtLimited.mjLIMITED_TRUE
+CARRIED: dict[str, dict[str, Any]] = {
+    "stiffness": SPRING | {"stiffness": [60.0, 300.0, 0.0]},
+    "springlength": SPRING | {"springlength": [0.0, 0.18]},
+    "springyield": SPRING | {"springyield": 0.05},
+    "damping": {"damping": [3.0, 5.0, 0.0]},
+    "frictionloss": DRY,
+    "solref_friction": DRY | {"solref_friction": [0.05, 1.0]},
+    "solimp_friction": DRY | {"solimp_friction": [0.5, 0.6, 1e-3, 0.5, 2.0]},
+    "range": LIMIT,
+    "limited": LIMIT | {"limited": ON},
+    "margin": LIMIT | {"margin": 0.004},
+    "solref_limit": LIMIT | {"solref_limit": [0.04, 1.0]},
+    "solimp_limit": LIMIT | {"solimp_limit": [0.8, 0.9, 1e-3, 0.5, 2.0]},
+    "actfrcrange": {"actfrcrange": [-5.0, 5.0]},
+    "actfrclimited": {"actfrclimited": ON, "actfrcrange": [-5.0, 5.0]},
+    "armature": {"armature": 0.3},
+}
+"""Attributes of a tendon that a winch takes over, with what makes them act."""
+KEPT: dict[str, Any] = {
+    "group": 3, "material": "red", "rgba": [0.1, 0.2, 0.3, 0.4], "width": 0.007,
+    "userdata": [1.5, 2.5],
+}  # fmt: skip
+"""Attributes that stay on the tendon."""
+IDENTITY = {"name", "path", "id", "info", "signature", "compiler"}
+
+
+def test_every_attribute_of_a_tendon_is_known() -> None:
+    """A new one, of a MuJoCo to come, must be carried, kept or refused."""
+    tendon = mujoco.MjSpec().add_tendon(name="t")
+    there = {
+        name
+        for name in dir(tendon)
+        if not name.startswith("_") and not callable(getattr(tendon, name))
+    }
+    assert there == set(CARRIED) | set(KEPT) | IDENTITY
+
+
+@pytest.mark.parametrize("attribute", CARRIED)
+def test_without_friction_each_attribute_of_a_tendon_acts_as_before(
+    attribute: str,
+) -> None:
+    given, law = CARRIED[attribute], DRIVES["motor"][1]
+    plain, spec, without = (
+        mujoco.MjSpec.from_string(arm(0, DRIVES["motor"][0])) for _ in range(3)
+    )
+    for changed in (plain, spec, without):
+        for field, value in given.items():
+            if changed is not without or field != attribute:
+                setattr(changed.tendon("t"), field, value)
+    report = cc_mujoco.add_friction(spec, "t", friction=0.0)
+    before, after = moved(plain.compile(), law), moved(spec.compile(), law)
+    share = 0.12 if "range" in given else 0.03  # at an impact
+    error = np.abs(after - before).max()
+    assert error < share * np.ptp(before) + 2e-3, f"{error} of {np.ptp(before)}"
+    feature = "actuatorfrcrange" if "actfrcrange" in given else next(iter(given))
+    assert any(line.startswith(feature) for line in report.lines)
+    if attribute in ("stiffness", "springyield", "damping", "armature", "actfrcrange"):
+        change = np.abs(moved(without.compile(), law) - before).max()
+        assert change > 2.0 * error  # so that losing it would have been noticed
+
+
+@pytest.mark.parametrize("drive", ["", DRIVES["motor"][0]])
+def test_what_is_not_mechanical_stays_on_the_tendon(drive: str) -> None:
+    spec = mujoco.MjSpec.from_string(arm(0, drive))
+    for color in ("blue", "red"):
+        spec.add_material(name=color)
+    spec.nuser_tendon = 2
+    for field, value in KEPT.items():
+        setattr(spec.tendon("t"), field, value)
+    before = spec.copy().compile()
+    cc_mujoco.add_friction(spec, "t", friction=0.1)
+    after = spec.compile()
+    for field in ("group", "matid", "rgba", "width", "user"):
+        own, old = (getattr(m, f"tendon_{field}")[0] for m in (after, before))
+        assert np.array_equal(own, old), field
+        assert np.any(old), field
+
+
+LISTS = (
+    "bodies", "joints", "geoms", "sites", "tendons", "actuators", "sensors",
+    "equalities", "excludes", "tuples", "numerics", "texts", "keys",
+)  # fmt: skip
+
+
+def elements(spec: mujoco.MjSpec) -> dict[str, list[str]]:
+    """Return the names of all elements by kind, in their order."""
+    return {kind: [x.name for x in getattr(spec, kind)] for kind in LISTS}
+
+
+@pytest.mark.parametrize(
+    ("drive", "burden"),
+    [
+        ("", ""),
+        ("", 'stiffness="60" springlength="0 .15"'),
+        (DRIVES["motor"][0], 'range="0 .4"'),
+        (DRIVES["motor"][0], 'stiffness="60" springlength="0 .15" springyield=".02"'),
+    ],
+)
+def test_all_else_of_a_model_is_kept_in_its_order(drive: str, burden: str) -> None:
+    ctrl = 'ctrl="2"' if drive else ""
+    plastic = ".1 .2 .3 .4" if "yield" in burden else ".3 .4"
+    xml = arm(0, drive, burden).replace(
+        "</tendon>", '<fixed name="u" stiffness="1" springyield="1"><joint '
+        'joint="knee" coef="1"/></fixed></tendon>'
+    ).replace("</mujoco>", f"""<sensor><tendonpos name="l" tendon="t"/>
+      <tendonvel tendon="t"/><jointpos name="t" joint="knee"/></sensor>
+      <equality><tendon name="pair" tendon1="u" active="false"/></equality>
+      <contact><exclude name="no" body1="world" body2="fore"/></contact>
+      <custom><numeric name="n" data="1"/><text name="w" data="a"/>
+        <tuple name="both"><element objtype="tendon" objname="t"/></tuple></custom>
+      <keyframe><key name="k" qpos="0.3" qvel=".2" {ctrl} plastic="{plastic}"/>
+      </keyframe></mujoco>""").replace("<body ", '<body name="fore" ')  # fmt: skip
+    spec = mujoco.MjSpec.from_string(xml)
+    there = elements(spec)
+    before = spec.copy().compile()
+    report = cc_mujoco.add_friction(spec, "t", friction=0.0)
+    for kind, names in elements(spec).items():
+        assert names[: len(there[kind])] == there[kind], kind
+    after = spec.compile()
+    if report.winch:
+        assert "sensors 'l', '1': still read" in str(report)
+    data = [mujoco.MjData(m) for m in (before, after)]
+    for m, d in zip((before, after), data, strict=True):
+        mujoco.mj_resetDataKeyframe(m, d, 0)
+        mujoco.mj_forward(m, d)
+    assert data[1].sensordata == pytest.approx(data[0].sensordata)
+    assert data[1].qpos[0] == 0.3
+    assert data[1].qvel[0] == 0.2
+    assert np.array_equal(data[1].ctrl[: before.nu], data[0].ctrl)
+    assert np.array_equal(data[1].tendon("u").plastic, [0.3, 0.4])
+    if "yield" in burden:
+        assert np.array_equal(data[1].tendon("t_winch").plastic, [0.1, 0.2])
+    assert after.tuple("both").objid == before.tuple("both").objid
 
 
 @pytest.mark.parametrize("seed", [0, 3, 9])
@@ -323,6 +462,104 @@ def test_the_stiffness_by_default_is_stable_under_the_pull_of_its_actuators(
             assert 0.5 * pull < tension < 2.0 * pull, (pull, step)
     assert "stable only" not in capfd.readouterr().err
     assert (10.0, 1e-2) in refused_at and (10.0, 2e-3) not in refused_at
+
+
+def hand(fingers: int, drive: str = "motor", gain: str = 'gear="-1"') -> str:
+    """Return fingers beside each other, each with a tendon of its own."""
+    bodies = tendons = drives = ""
+    for i in range(fingers):
+        bodies += f"""<site name="base{i}" pos="-.05 {0.1 * i} .01"/>
+          <body pos="0 {0.1 * i} 0"><joint name="j{i}" axis="0 1 0" stiffness=".5"
+            damping=".02" range="-10 60"/><site name="p{i}" pos=".01 0 .01"/>
+          <geom type="capsule" fromto="0 0 0 .05 0 0" size=".008" mass=".05"/>
+          <site name="tip{i}" pos=".04 0 .01"/></body>"""
+        tendons += f"""<spatial name="t{i}"><site site="base{i}"/><site site="p{i}"/>
+          <geom geom="post" sidesite="over"/><site site="tip{i}"/></spatial>"""
+        drives += f'<{drive} tendon="t{i}" {gain}/>'
+    return f"""<mujoco><worldbody><geom name="post" type="sphere" size=".001"
+      pos="0 0 9"/><site name="over" pos="0 0 8"/>{bodies}</worldbody>
+      <tendon>{tendons}</tendon><actuator>{drives}</actuator></mujoco>"""
+
+
+def bent(spec: mujoco.MjSpec) -> np.ndarray:
+    """Return the angles of all joints of fingers that their tendons pull [rad]."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[:3] = 0.5, 1.0, 2.0
+    mujoco.mj_step(model, data, 100)
+    return np.array([data.joint(f"j{i}").qpos[0] for i in range(3)])
+
+
+def test_several_tendons_at_once_are_as_one_after_another() -> None:
+    once, each = (mujoco.MjSpec.from_string(hand(3)) for _ in range(2))
+    friction = {"t0": 0.1, "t1": 0.2, "t2": 0.3}
+    report = cc_mujoco.add_friction(once, list(friction), friction=friction)
+    for name, mu in friction.items():
+        single = cc_mujoco.add_friction(each, name, friction=mu)
+        part = report.parts[int(name[1])]
+        assert part.lines[:-1] == single.lines[:-1]  # before the places in ctrl
+    assert report.cables == ("t0", "t1", "t2")
+    assert [line.partition(";")[0] for line in report.lines] == [
+        part.lines[0] for part in report.parts
+    ]
+    assert "winch 't0_winch': motor 0" in report.lines[0]
+    assert bent(once) == pytest.approx(bent(each), rel=1e-3)
+
+
+def test_several_tendons_take_no_more_trial_models_than_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    compiled: list[int] = []
+    compile_ = mujoco.MjSpec.compile
+
+    def counted(spec: mujoco.MjSpec, *more: Any) -> mujoco.MjModel:
+        compiled.append(len(spec.tendons))
+        return compile_(spec, *more)
+
+    monkeypatch.setattr(mujoco.MjSpec, "compile", counted)
+    counts = []
+    for fingers in (1, 6):
+        spec = mujoco.MjSpec.from_string(hand(fingers))
+        compiled.clear()
+        names = [f"t{i}" for i in range(fingers)]
+        cc_mujoco.add_friction(spec, names, friction=0.1)
+        counts.append(len(compiled))
+    assert counts[0] == counts[1] < 6
+    assert "never touches" not in capfd.readouterr().err
+    model = spec.compile()
+    mujoco.mj_step(model, mujoco.MjData(model))
+    assert capfd.readouterr().err.count("never touches") == 6
+
+
+def test_tendons_without_names_are_given_by_index() -> None:
+    path = '<site site="a"/><site site="post"/><site site="b"/>'
+    xml = arm(0).replace('name="t"', "").replace(
+        "</tendon>", f'<spatial name="tendon_0">{path}</spatial></tendon>'
+    )  # fmt: skip
+    spec = mujoco.MjSpec.from_string(xml)
+    report = cc_mujoco.add_friction(spec, [0, 1], friction={0: 0.1, "tendon_0": 0.2})
+    assert report.cables == ("tendon_0_", "tendon_0")
+    assert "friction 0.2" in report.lines[1]
+    assert cc_mujoco.tendon_report(spec, 0).tendons[0].name == "tendon_0_"
+    refusals: list[tuple[str, Any, str]] = [
+        (xml, "t", "1 of the 2 tendons here have no name; give an index, 0 to 1; names "
+         "are 'tendon_0'"),
+        (xml.replace('name="tendon_0"', ""), "t", "none of the 2 tendons here has a "
+         "name; give an index, 0 to 1"),
+        (xml, 2, "unknown tendon 2: .*give an index, 0 to 1"),
+        (xml, -1, "unknown tendon -1"),
+        (xml, 0.5, "by its name or its index, not 0.5"),
+        (xml, [], "add_friction needs a tendon"),
+        ("<mujoco/>", 0, "there is no tendon here"),
+    ]  # fmt: skip
+    for text, which, why in refusals:
+        with pytest.raises(CableError, match=why):
+            cc_mujoco.add_friction(mujoco.MjSpec.from_string(text), which, friction=0.1)
+    with pytest.raises(CableError, match=r"unknown tendon in friction= 'u'"):
+        cc_mujoco.add_friction(
+            mujoco.MjSpec.from_string(arm(0)), "t", friction={"u": 0.1}
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Account of what became of all that acted on a tendon as a whole."""
+"""Account of cables that a model was given, and of what acted on their tendons."""
 
 from __future__ import annotations
 
@@ -7,30 +7,55 @@ from collections.abc import Sequence
 
 import mujoco
 
-from cc_mujoco.plugin._takeover.survey import MOVED_SENSORS, Burden, can_push, kind_of
+from cc_mujoco.plugin._takeover.survey import Burden, can_push, kind_of
 from cc_mujoco.plugin._takeover.winch import Winch
 
 _GAIN = mujoco.mjtGain
-_ENDS = ("proximal", "distal")
+ENDS = ("proximal", "distal")
+"""Ends of a cable, as its actuators are called behind its name."""
 
 
 @dataclasses.dataclass(frozen=True)
-class TendonTakeover:
-    """Account of a tendon that became a cable; its text is one line for each change.
+class AddedCables:
+    """Account of cables that a model was given; its text is one line for each change.
 
     Attributes:
-        cables: names of the cables, one, or one for every branch behind a `<pulley>`.
-        winch: fixed tendon that carries what acted on the tendon as a whole, or empty.
-        lines: what became of everything that the tendon had.
+        cables: names of the cables; of a tendon with pulleys one for every branch.
+        winch: what drives the proximal ends, where it is new: the fixed tendon that
+            carries what acted on a tendon as a whole, or the joint of a motor; empty
+            where there is none, or where `parts` have winches of their own.
+        lines: what became of everything that was there, or one line for each of
+            `parts`.
+        parts: the accounts of several tendons, in their order.
     """
 
     cables: tuple[str, ...]
     winch: str
     lines: tuple[str, ...]
+    parts: tuple[AddedCables, ...] = ()
 
     def __str__(self) -> str:
         """Return the lines."""
         return "\n".join(self.lines)
+
+
+def actuator_label(model: mujoco.MjModel, actuator: int) -> str:
+    """Return the kind of an actuator and its name, or its index without one."""
+    return f"{kind_of(model, actuator)} {model.actuator(actuator).name or actuator!r}"
+
+
+def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) -> str:
+    """Return the line of a tendon among several: its cables, what is on its winch."""
+    moved = [actuator_label(original, i) for i in burden.actuators]
+    moved += burden.fields
+    for kind, places in (("equality", burden.equalities), ("sensor", burden.sensors)):
+        moved += [kind] * bool(places)
+    text = report.lines[0]
+    if report.winch:
+        text += f"; winch {report.winch!r}: {', '.join(moved) or 'its pulleys'}"
+    elif burden.is_band:
+        text += "; its stiffness is that of the cable"
+    return text
 
 
 def describe_winch(
@@ -46,8 +71,7 @@ def describe_winch(
             f"the force; tendon {burden.tendon!r} stays as their length"
         )
     for i in burden.actuators:
-        kind, name = kind_of(original, i), original.actuator(i).name
-        label = f"{kind} {name!r}" if name else f"{kind} {i}"
+        label = actuator_label(original, i)
         law = "the same command, gains and ranges"
         if spec.actuators[i].gaintype == _GAIN.mjGAIN_MUSCLE:
             low, high = original.actuator_lengthrange[original.actuator_outadr[i]]
@@ -68,6 +92,12 @@ def describe_winch(
         if low > 0.0:
             text += f"; below {low:.4g} m, where it pushed, the cable is slack"
         lines.append(text)
+    if "springyield" in burden.fields:
+        value = original.tendon_springyield[index]
+        lines.append(
+            f"springyield {value:g} m: the spring on {place} yields for good beyond "
+            "that stretch"
+        )
     if "damping" in burden.fields:
         lines.append(f"damping: acts on {place}, on what moves past the first site")
     if "frictionloss" in burden.fields:
@@ -91,11 +121,12 @@ def describe_winch(
         name = spec.equalities[i].name or f"number {i}"
         lines.append(f"equality {name!r}: holds the length that {place} pays out")
     for i in burden.sensors:
-        lines.append(f"sensor {spec.sensors[i].name!r}: reads {place}")
+        lines.append(f"sensor {spec.sensors[i].name or i!r}: reads {place}")
     kept = [
-        s.name
-        for s in spec.sensors
-        if s.objname == burden.tendon and s.type not in MOVED_SENSORS
+        sensor.name or str(i)
+        for i, sensor in enumerate(spec.sensors)
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_TENDON
+        and sensor.objname == burden.tendon
     ]
     if kept:
         lines.append(
@@ -128,7 +159,7 @@ def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[s
 
 def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str:
     """Return the line that tells where the ends of cables are among the actuators."""
-    ends = [model.actuator(f"{name}_{end}").id for name in cables for end in _ENDS]
+    ends = [model.actuator(f"{name}_{end}").id for name in cables for end in ENDS]
     places = sorted(int(model.actuator_ctrladr[end]) for end in ends)
     if places[0] >= before:
         text = "the places of all others stay"

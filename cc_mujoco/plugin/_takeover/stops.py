@@ -4,36 +4,59 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Collection
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._takeover.survey import Burden
 
 
 def keep_constraints(
-    spec: mujoco.MjSpec, original: mujoco.MjModel, burden: Burden
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    original: mujoco.MjModel,
+    burdens: Collection[Burden],
 ) -> None:
-    """Make limits, dry friction and equalities of a winch as stiff as the tendon's.
+    """Make limits, dry friction and equalities of winches as stiff as the tendons'.
 
     MuJoCo scales the regularisation of a constraint by the inverse of the inertia that
     it moves, of which a winch has little. A constraint also resists like an inertia of
     its own, and what the light winch has of speed would count as the momentum of that:
     limits and dry friction therefore stop a winch within a step, as a spring and a
     dashpot do.
+
+    Args:
+        spec: the specification with the winches.
+        model: the same, compiled.
+        original: the specification as it was, compiled.
+        burdens: what the winches took over.
     """
-    model = compile_spec(spec.copy())
-    before = {
-        t: original.tendon_invweight0[original.tendon(t).id] for t in _names(original)
-    }
-    after = {t: model.tendon_invweight0[model.tendon(t).id] for t in _names(model)}
+    before, after = _inverse_weights(original), _inverse_weights(model)
+    tendon_of = {burden.winch: burden.tendon for burden in burdens}
+    movable = [b for b in burdens if before[b.tendon] > 0.0 and after[b.winch] > 0.0]
+    for burden in movable:
+        _keep_stops(spec, original, burden, before[burden.tendon], after[burden.winch])
+    for place in {place for burden in movable for place in burden.equalities}:
+        equality = spec.equalities[place]
+        pair = [name for name in (equality.name1, equality.name2) if name]
+        old = sum(before[tendon_of.get(name, name)] for name in pair)
+        new = sum(after[name] for name in pair)
+        _rescale(equality, "solimp", "solref", old / max(new, mujoco.mjMINVAL))
+
+
+def _keep_stops(
+    spec: mujoco.MjSpec,
+    original: mujoco.MjModel,
+    burden: Burden,
+    inverse: float,
+    winch_inverse: float,
+) -> None:
+    """Keep limit and dry friction of a winch, by inverse inertias before and after."""
     own, index = spec.tendon(burden.winch), original.tendon(burden.tendon).id
-    inverse, step = before[burden.tendon], original.opt.timestep
-    if not inverse > 0.0 or not after[burden.winch] > 0.0:
-        return
+    step = original.opt.timestep
     stop = _as_spring(
         original.tendon_solimp_lim[index],
         original.tendon_solref_lim[index],
@@ -43,20 +66,14 @@ def keep_constraints(
     # A stop that the elastic cable does not bounce from.
     drag = max(2.0 * math.sqrt(stop.stiffness / inverse), 2.0 * stop.stiffness * step)
     stop = dataclasses.replace(stop, damping=drag)
-    own.solimp_limit, own.solref_limit = stop.on(after[burden.winch], step)
+    own.solimp_limit, own.solref_limit = stop.on(winch_inverse, step)
     dry = _as_spring(
         original.tendon_solimp_fri[index],
         original.tendon_solref_fri[index],
         inverse,
         step,
     )
-    own.solimp_friction, own.solref_friction = dry.on(after[burden.winch], step)
-    for place in burden.equalities:
-        equality = spec.equalities[place]
-        pair = [name for name in (equality.name1, equality.name2) if name]
-        old = sum(before.get(n, before[burden.tendon]) for n in pair)
-        new = sum(after[n] for n in pair)
-        _rescale(equality, "solimp", "solref", old / max(new, mujoco.mjMINVAL))
+    own.solimp_friction, own.solref_friction = dry.on(winch_inverse, step)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,8 +109,9 @@ def _as_spring(
     return _Stop(-weight * float(solref[0]) / most, -weight * float(solref[1]) / most)
 
 
-def _names(model: mujoco.MjModel) -> list[str]:
-    return [model.tendon(i).name for i in range(model.ntendon)]
+def _inverse_weights(model: mujoco.MjModel) -> dict[str, float]:
+    weights = model.tendon_invweight0
+    return {model.tendon(i).name: float(weights[i]) for i in range(model.ntendon)}
 
 
 def _rescale(owner: Any, impedance: str, reference: str, ratio: float) -> None:

@@ -120,6 +120,7 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
     index = model.tendon(tendon).id
     features = {
         "stiffness": bool(np.any(own.stiffness)),
+        "springyield": bool(np.any(own.stiffness)) and own.springyield != 0.0,
         "damping": bool(np.any(own.damping)),
         "frictionloss": own.frictionloss != 0.0,
         "range": bool(model.tendon_limited[index]),

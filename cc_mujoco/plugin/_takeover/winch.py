@@ -21,8 +21,10 @@ needs no winch: the cable itself has this stiffness, EA = k times the rest lengt
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
@@ -89,29 +91,31 @@ class Stance:
     inertia: float
 
 
-def measure(model: mujoco.MjModel, tendon: str) -> list[Stance]:
-    """Measure a tendon in the pose `qpos0`, in keyframes and over the joints' ranges.
+def measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, list[Stance]]:
+    """Measure tendons in the pose `qpos0`, in keyframes and over the joints' ranges.
 
     Returns:
-        The stances, that of `qpos0` first; without inertia where nothing moves it.
+        The stances by tendon, that of `qpos0` first; without inertia where nothing
+        moves it.
     """
     data = mujoco.MjData(model)
-    index = model.tendon(tendon).id
-    found = []
+    found: dict[str, list[Stance]] = {tendon: [] for tendon in tendons}
     row, solved = np.zeros(model.nv), np.zeros((1, model.nv))
     for pose in sample_poses(model):
         data.qpos[:] = pose
         mujoco.mj_fwdPosition(model, data)
-        row[:] = 0.0
-        start = model.ten_J_rowadr[index]
-        entries = slice(start, start + model.ten_J_rownnz[index])
-        row[model.ten_J_colind.ravel()[entries]] = data.ten_J.ravel()[entries]
-        mobility = 0.0
-        if model.nv > 0:
-            mujoco.mj_solveM(model, data, solved, row[None, :])
-            mobility = float(row @ solved[0])
-        inertia = 1.0 / mobility if mobility > mujoco.mjMINVAL else math.inf
-        found.append(Stance(float(data.ten_length[index]), inertia))
+        for tendon, stances in found.items():
+            index = model.tendon(tendon).id
+            row[:] = 0.0
+            start = model.ten_J_rowadr[index]
+            entries = slice(start, start + model.ten_J_rownnz[index])
+            row[model.ten_J_colind.ravel()[entries]] = data.ten_J.ravel()[entries]
+            mobility = 0.0
+            if model.nv > 0:
+                mujoco.mj_solveM(model, data, solved, row[None, :])
+                mobility = float(row @ solved[0])
+            inertia = 1.0 / mobility if mobility > mujoco.mjMINVAL else math.inf
+            stances.append(Stance(float(data.ten_length[index]), inertia))
     return found
 
 
@@ -131,42 +135,76 @@ def sample_poses(model: mujoco.MjModel) -> list[NDArray[np.float64]]:
     return poses
 
 
-def plan_winch(
+Taken: TypeAlias = list[tuple[Burden, Winch]]
+"""Burdens of tendons, with the winches that take them over."""
+
+
+def plan_winches(
     spec: mujoco.MjSpec,
     original: mujoco.MjModel,
-    burden: Burden,
-    given: tuple[float, float] | None,
-) -> Winch:
-    """Choose the winch of a tendon, light but stable at the time step of the model.
+    burdens: dict[Burden, tuple[float, float] | None],
+) -> Taken:
+    """Choose the winches of tendons, light but stable at the time step of the model.
 
     Args:
         spec: specification in which the branches have tendons already; not changed.
         original: the specification as it was, compiled.
-        burden: what the winch takes over.
-        given: radius [m] and inertia [kg m^2] of a drum; None for a light slide.
+        burdens: what each winch takes over, and radius [m] and inertia [kg m^2] of its
+            drum; None for a light slide.
     """
-    model = compile_spec(spec.copy())
-    stances = [measure(model, branch.name) for branch in burden.branches]
-    count = len(burden.branches)
-    names: tuple[str, ...] = (burden.winch,)
-    if count > 1:
-        names = tuple(f"{burden.winch}_{i + 1}" for i in range(count))
-    moved = [min(stance.inertia for stance in branch) for branch in stances]
-    moved = [mass if math.isfinite(mass) else 1.0 for mass in moved]
-    lengths = tuple(branch[0].length for branch in stances)
-    radius = given[0] if given else 0.0
-    trial = Winch(names, radius, lengths, tuple(moved), (0.0,) * count)
+    branched = any(burden.has_pulleys for burden in burdens)
+    model = compile_spec(spec.copy()) if branched else original
+    branches = [branch.name for burden in burdens for branch in burden.branches]
+    stances = measure(model, branches)
+    trials: Taken = []
+    for burden, given in burdens.items():
+        count, radius = len(burden.branches), given[0] if given else 0.0
+        names: tuple[str, ...] = (burden.winch,)
+        if count > 1:
+            names = tuple(f"{burden.winch}_{i + 1}" for i in range(count))
+        own = [stances[branch.name] for branch in burden.branches]
+        moved = [min(stance.inertia for stance in branch) for branch in own]
+        moved = [mass if math.isfinite(mass) else 1.0 for mass in moved]
+        lengths = tuple(branch[0].length for branch in own)
+        trial = Winch(names, radius, lengths, tuple(moved), (0.0,) * count)
+        trials.append((burden, trial))
     probe = spec.copy()
-    write_winch(probe, original, burden, trial, probing=True)
-    stiffness, drag = _drive_slopes(
-        compile_spec(probe), burden, trial, [[s.length for s in b] for b in stances]
-    )
-    step, integrator = model.opt.timestep, model.opt.integrator
+    write_winches(probe, original, trials, probing=True)
+    probed = compile_spec(probe)
+    planned: Taken = []
+    for burden, trial in trials:
+        ways = [[s.length for s in stances[b.name]] for b in burden.branches]
+        slopes = _drive_slopes(probed, burden, trial, ways)
+        winch = _stable_winch(original, burden, trial, burdens[burden], *slopes)
+        planned.append((burden, winch))
+    return planned
+
+
+def _stable_winch(
+    original: mujoco.MjModel,
+    burden: Burden,
+    trial: Winch,
+    given: tuple[float, float] | None,
+    stiffness: float,
+    drag: float,
+) -> Winch:
+    """Return a winch with inertia and damping that bear what acts on it.
+
+    Args:
+        original: the specification as it was, compiled.
+        burden: what the winch takes over.
+        trial: the winch, with the inertia that each of its branches moves.
+        given: radius [m] and inertia [kg m^2] of a drum; None for a light slide.
+        stiffness: of what acts on it [N/m].
+        drag: the same [N s/m].
+    """
+    step, integrator = original.opt.timestep, original.opt.integrator
     explicit = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4)
     if integrator not in explicit:
         # The damping of actuators is implicit only while they pull.
         index = original.tendon(burden.tendon).id
         drag = max(drag - float(original.tendon_damping[index]), 0.0)
+    sprung = "stiffness" in burden.fields  # which ends its drift
     held = burden.equalities or "range" in burden.fields
     mass_share = _HELD_MASS_SHARE if held else _MASS_SHARE
     if "frictionloss" in burden.fields:
@@ -174,19 +212,19 @@ def plan_winch(
     muscles = any(kind_of(original, i) == "muscle" for i in burden.actuators)
     margin = _MUSCLE_MARGIN if muscles else _DRAG_MARGIN
     inertias, damping = [], []
-    for branch, mass in zip(burden.branches, moved, strict=True):
+    for branch, mass in zip(burden.branches, trial.inertias, strict=True):
         # What acts on the sum of the branches acts on each by its share.
         share = 1.0 / branch.divisor**2
         k, c = stiffness * share, drag * share
         own = given[1] / given[0] ** 2 if given else mass_share * mass
-        brake = 0.0 if given else _SLOWING_RATE * mass
-        if _damps_implicitly(model):
+        brake = 0.0 if given or sprung else _SLOWING_RATE * mass
+        if _damps_implicitly(original):
             brake = max(brake, k * step if own < k * step**2 else 0.0)
         elif not given:
             own = max(own, k * step**2)
         inertias.append(own if given else max(own, margin * c * step))
         damping.append(brake)
-    return Winch(names, radius, lengths, tuple(inertias), tuple(damping))
+    return dataclasses.replace(trial, inertias=tuple(inertias), damping=tuple(damping))
 
 
 def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
@@ -282,23 +320,38 @@ def _drive_slopes(
     return stiffness * first, drag * first
 
 
-def write_winch(
+def write_winches(
     spec: mujoco.MjSpec,
     original: mujoco.MjModel,
-    burden: Burden,
-    winch: Winch,
+    taken: Taken,
     *,
     probing: bool = False,
 ) -> None:
-    """Write the winch of a tendon and move to it what acts on the tendon.
+    """Write the winches of tendons and move to them what acts on the tendons.
 
     Args:
         spec: the specification to change; the branches have tendons already.
         original: the specification as it was, compiled.
-        burden: what the winch takes over.
-        winch: the winch.
-        probing: leave out limits, dry friction and equalities.
+        taken: the winches, and what each takes over.
+        probing: leave out limits, dry friction, equalities and sensors.
     """
+    for burden, winch in taken:
+        _write_winch(spec, original, burden, winch, probing)
+    if probing:
+        for kind in ("equalities", "sensors"):
+            places = {i for burden, _ in taken for i in getattr(burden, kind)}
+            for element in [getattr(spec, kind)[i] for i in places]:
+                spec.delete(element)
+
+
+def _write_winch(
+    spec: mujoco.MjSpec,
+    original: mujoco.MjModel,
+    burden: Burden,
+    winch: Winch,
+    probing: bool,
+) -> None:
+    """Write a winch as `write_winches` does; where probing without what it removes."""
     for name, length, inertia, damping in zip(
         winch.names, winch.lengths, winch.inertias, winch.damping, strict=True
     ):
@@ -341,11 +394,6 @@ def write_winch(
                 setattr(equality, end, burden.winch)
     for place in () if probing else burden.sensors:
         spec.sensors[place].objname = burden.winch
-    if probing:
-        for equality in [spec.equalities[i] for i in burden.equalities]:
-            spec.delete(equality)
-        for sensor in [spec.sensors[i] for i in burden.sensors]:
-            spec.delete(sensor)
 
 
 def _copied(value: Any) -> Any:
@@ -400,10 +448,8 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
     return low, high
 
 
-def pose_keyframes(
-    spec: mujoco.MjSpec, original: mujoco.MjModel, burden: Burden, winch: Winch
-) -> None:
-    """Pay out in every keyframe what its pose takes."""
+def pose_keyframes(spec: mujoco.MjSpec, original: mujoco.MjModel, taken: Taken) -> None:
+    """Pay out in every keyframe what its pose takes; move what springs have yielded."""
     if not spec.keys:
         return
     model = compile_spec(spec)  # its keyframes follow
@@ -412,7 +458,45 @@ def pose_keyframes(
         pose = model.key_qpos[i].copy()
         data.qpos[:] = pose
         mujoco.mj_fwdPosition(model, data)
-        for name, branch in zip(winch.names, burden.branches, strict=True):
-            length = data.ten_length[model.tendon(branch.name).id]
-            pose[model.joint(name).qposadr[0]] = length / winch.lever
+        for burden, winch in taken:
+            for name, branch in zip(winch.names, burden.branches, strict=True):
+                length = data.ten_length[model.tendon(branch.name).id]
+                pose[model.joint(name).qposadr[0]] = length / winch.lever
         key.qpos = pose
+        if original.nplastic:
+            key.plastic = _moved_plastic(original, model, taken, i)
+
+
+def _moved_plastic(
+    original: mujoco.MjModel, model: mujoco.MjModel, taken: Taken, key: int
+) -> NDArray[np.float64]:
+    """Return the plastic state of a keyframe, which MuJoCo keeps by its place alone.
+
+    `original` is the model before its tendons were taken over, `model` the one after.
+    """
+    before, after = _plastic_parts(original), _plastic_parts(model)
+    for burden, _ in taken:
+        source = "tendon", original.tendon(burden.tendon).id
+        target = "tendon", model.tendon(burden.winch).id
+        if source in before:
+            before[target] = before.pop(source)
+    found = np.empty(model.nplastic)
+    for part, own in after.items():
+        found[own] = original.key_plastic[key][before[part]]
+    return found
+
+
+def _plastic_parts(model: mujoco.MjModel) -> dict[tuple[str, int], slice]:
+    """Return where joints, tendons and flexes are in the plastic state, by index."""
+    starts = {
+        int(adr): (kind, i)
+        for kind, places in (
+            ("joint", model.jnt_plasticadr),
+            ("tendon", model.tendon_plasticadr),
+            ("flex", model.flex_plasticadr),
+        )
+        for i, adr in enumerate(places)
+        if adr >= 0
+    }
+    order = [*sorted(starts), model.nplastic]
+    return {starts[a]: slice(a, b) for a, b in itertools.pairwise(order)}

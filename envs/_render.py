@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from cc_mujoco.errors import CableError
 
 CAMERA = "overview"
-"""Camera of the scene that looks on."""
+"""Camera that a scene may have for pictures; without one its first camera serves."""
+
+MAX_SURROUNDINGS = 3.0
+"""Largest size of what stands around a device over that of its moving parts."""
+
+VIEW_MARGIN = 1.0
+"""Distance of the free camera over that from which the device fills the picture."""
 
 IMAGE_SIZE = (480, 854)
 """Height and width [pixels]."""
@@ -30,6 +36,37 @@ def frame_interval(period: float) -> int:
     return max(1, round(1.0 / (RENDER_RATE * period)))
 
 
+def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
+    """Return a free camera that looks at the device from where MuJoCo's viewer does.
+
+    The device is what can move and, unless it is far larger (`MAX_SURROUNDINGS`), what
+    stands around it; floors are not part of it.
+    """
+    mujoco.mj_kinematics(model, data)
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    flat = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD
+    solid = ~np.isin(model.geom_type, flat)
+    moving = solid & (model.body_weldid[model.geom_bodyid] > 0)
+    boxes = [
+        (
+            (data.geom_xpos[shown] - model.geom_rbound[shown, None]).min(axis=0),
+            (data.geom_xpos[shown] + model.geom_rbound[shown, None]).max(axis=0),
+        )
+        for shown in (moving, solid)
+        if shown.any()
+    ]
+    if not boxes:
+        return camera
+    spans = [float(np.linalg.norm(high - low)) for low, high in boxes]
+    whole = spans[-1] <= MAX_SURROUNDINGS * spans[0]
+    low, high = boxes[-1 if whole else 0]
+    camera.lookat[:] = 0.5 * (low + high)
+    half_view = np.radians(0.5 * model.vis.global_.fovy)
+    camera.distance = VIEW_MARGIN * 0.5 * spans[-1 if whole else 0] / np.sin(half_view)
+    return camera
+
+
 class Camera:
     """Camera for pictures of poses, by OpenGL (`MUJOCO_GL=egl` without a display)."""
 
@@ -42,12 +79,17 @@ class Camera:
         frame.offheight = max(frame.offheight, IMAGE_SIZE[0])
         frame.offwidth = max(frame.offwidth, IMAGE_SIZE[1])
         self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
+        self._view: int | mujoco.MjvCamera = max(
+            mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA), 0
+        )
+        if not model.ncam:
+            self._view = free_view(model, self._data)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Take a picture, (height, width, 3), of a pose (nq,)."""
         self._data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, self._data)
-        self._renderer.update_scene(self._data, camera=CAMERA)
+        self._renderer.update_scene(self._data, camera=self._view)
         picture: NDArray[np.uint8] = self._renderer.render()
         return picture.copy()
 

@@ -5,10 +5,28 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from cc_mujoco.control import Network, write_policy
 from cc_mujoco.errors import CableError
+
+from ._scalar import DeviceEnv
+from ._vector import DeviceVectorEnv
+
+PLAIN_WRAPPERS = (
+    gymnasium.wrappers.Autoreset,
+    gymnasium.wrappers.ClipAction,
+    gymnasium.wrappers.OrderEnforcing,
+    gymnasium.wrappers.PassiveEnvChecker,
+    gymnasium.wrappers.RecordEpisodeStatistics,
+    gymnasium.wrappers.RecordVideo,
+    gymnasium.wrappers.TimeLimit,
+    gymnasium.RewardWrapper,
+    gymnasium.vector.VectorRewardWrapper,
+    gymnasium.wrappers.vector.RecordEpisodeStatistics,
+)
+"""Wrappers of Gymnasium that change neither observations nor what an action does."""
 
 
 def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
@@ -16,29 +34,55 @@ def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
 
     Args:
         model: Of Stable-Baselines3 PPO, A2C, SAC, TD3 or DDPG with an `MlpPolicy`,
-            trained on `StableBaselines`, inside of `VecNormalize` or not; or rsl_rl's
-            `OnPolicyRunner` with an `MLPModel` on `RslRl`.
+            trained on an environment of `gymnasium.make` or on `StableBaselines`,
+            inside of `VecNormalize` or not; or rsl_rl's `OnPolicyRunner` with an
+            `MLPModel` on any wrapper of an environment of this package.
         path: Of the file, `*.safetensors`; see `cc_mujoco.control.write_policy`.
 
     Raises:
-        CableError: If it is another algorithm, network or environment.
+        CableError: If it is another algorithm, network or environment, or a wrapper
+            changes what the policy observes.
     """
     saved = _of_rsl_rl if hasattr(model, "alg") else _of_stable_baselines
     network, observed = saved(model)
     write_policy(path, network, observed)
 
 
+def _observed(env: Any) -> tuple[Any, ...]:
+    """Return what the environment inside of wrappers observes of each axis.
+
+    Raises:
+        CableError: If it is none of this package, or a wrapper may change
+            observations.
+    """
+    while env is not None and not isinstance(env, (DeviceEnv, DeviceVectorEnv)):
+        if hasattr(env, "observed"):  # `StableBaselines` and `RslRl`
+            return tuple(env.observed)
+        wraps = isinstance(env, (gymnasium.Wrapper, gymnasium.vector.VectorWrapper))
+        # Monitor of Stable-Baselines3 records what it passes on.
+        plain = isinstance(env, PLAIN_WRAPPERS) or type(env).__name__ == "Monitor"
+        if wraps and not plain:
+            raise CableError(
+                f"save_policy cannot save through {type(env).__name__}, which may "
+                "change observations or actions; train without it."
+            )
+        inner = [getattr(env, name, None) for name in ("env", "venv")]
+        inner += list(getattr(env, "envs", ()))[:1]
+        env = next((one for one in inner if one is not None), None)
+    if env is None:
+        raise CableError("save_policy needs a model trained on cc_mujoco's devices.")
+    return tuple(env.exo.observed)
+
+
 def _of_rsl_rl(runner: Any) -> tuple[Network, Any]:
     """Return the network of a runner and what it observes."""
     from rsl_rl.modules import GaussianDistribution
 
-    from ._rsl_rl import RslRl
-
     actor = runner.alg.get_policy()
     gaussian = type(getattr(actor, "distribution", None)) is GaussianDistribution
-    if not isinstance(runner.env, RslRl) or actor.is_recurrent or not gaussian:
+    if actor.is_recurrent or not gaussian:
         raise CableError(
-            "save_policy needs a runner on RslRl whose actor is an MLPModel with a "
+            "save_policy needs a runner whose actor is an MLPModel with a "
             "GaussianDistribution."
         )
     mean, deviation = np.zeros(actor.obs_dim), np.ones(actor.obs_dim)
@@ -46,21 +90,35 @@ def _of_rsl_rl(runner: Any) -> tuple[Network, Any]:
         mean = actor.obs_normalizer.mean.cpu().numpy().astype(float)
         deviation = (actor.obs_normalizer.std + actor.obs_normalizer.eps).cpu().numpy()
     network = Network.of_layers(actor.mlp, mean, deviation.astype(float))
-    return network, runner.env.observed
+    return network, _observed(runner.env)
 
 
 def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
     """Return the network of an algorithm and what it observes."""
-    from stable_baselines3.common.vec_env import VecNormalize
-
-    from ._stable_baselines import StableBaselines
+    from stable_baselines3.common.vec_env import (
+        SubprocVecEnv,
+        VecEnvWrapper,
+        VecMonitor,
+        VecNormalize,
+        VecVideoRecorder,
+    )
 
     inner, normal = model.get_env(), None
-    while inner is not None and not isinstance(inner, StableBaselines):
-        normal = inner if isinstance(inner, VecNormalize) else normal
-        inner = getattr(inner, "venv", None)
-    if inner is None:
-        raise CableError("save_policy needs a model trained on StableBaselines.")
+    while isinstance(inner, VecEnvWrapper):
+        if isinstance(inner, VecNormalize):
+            normal = inner
+        elif not isinstance(inner, (VecMonitor, VecVideoRecorder)):
+            raise CableError(
+                f"save_policy cannot save through {type(inner).__name__}, which may "
+                "change observations; train without it."
+            )
+        inner = inner.venv
+    if isinstance(inner, SubprocVecEnv):
+        raise CableError(
+            "save_policy cannot look into the processes of SubprocVecEnv; train on "
+            "DummyVecEnv, or on StableBaselines, which is faster."
+        )
+    observed = _observed(inner)
     layers, squashed = _layers(model.policy)
     size = inner.observation_space.shape[0]
     mean, deviation, far = np.zeros(size), np.ones(size), np.inf
@@ -69,7 +127,7 @@ def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
         deviation = np.sqrt(normal.obs_rms.var + normal.epsilon)
         far = float(normal.clip_obs)
     network = Network.of_layers(layers, mean, deviation, squashed, far)
-    return network, inner.observed
+    return network, observed
 
 
 def _layers(policy: Any) -> tuple[list[Any], bool]:

@@ -10,7 +10,6 @@ Needs `pip install 'cc_mujoco[policy]'`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -58,30 +57,34 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         """Observed quantities, for `save_policy`."""
         if any(env.exo.observed != self.observed for env in own):
             raise CableError("all environments must observe the same.")
-        self._seeds: list[int | None] = [None] * len(own)
         self._ends = np.cumsum([env.num_envs for env in own])
         first = own[0]
         self._actions: NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        self.render_mode = None
         super().__init__(
             int(self._ends[-1]),
             first.single_observation_space,
             first.single_action_space,
         )
 
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed of the next reset; environments count up from it."""
-        starts = [0, *self._ends[:-1].tolist()]
-        self._seeds = [None if seed is None else seed + start for start in starts]
-        return [None if seed is None else seed + i for i in range(self.num_envs)]
-
     def reset(self) -> NDArray[np.float32]:
-        """Start an episode in all of them."""
-        seen = [
-            env.reset(seed=seed)[0]
-            for env, seed in zip(self.envs, self._seeds, strict=True)
-        ]
-        self._seeds = [None] * len(self.envs)
+        """Start an episode in all of them, seeded and with options as the base class.
+
+        Raises:
+            CableError: If environments of one vector are given different options.
+        """
+        seen = []
+        for env, end in zip(self.envs, self._ends.tolist(), strict=True):
+            start = end - env.num_envs
+            options = self._options[start]
+            if any(other != options for other in self._options[start:end]):
+                raise CableError(
+                    "options of one vector environment must be equal; make one for "
+                    "each plant and give StableBaselines several."
+                )
+            # Seeds of a vector count up from the first, as those of SB3 do.
+            seen.append(env.reset(seed=self._seeds[start], options=options or None)[0])
+        self._reset_seeds()
+        self._reset_options()
         self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         found: NDArray[np.float32] = np.concatenate(seen)
         return found
@@ -116,6 +119,14 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         """Close all environments."""
         for env in self.envs:
             env.close()
+
+    def get_images(self) -> list[NDArray[np.uint8] | None]:
+        """Return a picture of each (height, width, 3), or None without a mode."""
+        return [
+            picture
+            for env in self.envs
+            for picture in env.render() or [None] * env.num_envs
+        ]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the vector environment that each one is in."""

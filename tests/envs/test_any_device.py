@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import cc_mujoco  # noqa: F401, registers the environments
+from cc_mujoco.envs._render import free_view
 from shared_folder import SHARED
 
 ID = "cc_mujoco/Device-v1"
@@ -31,6 +33,48 @@ def test_a_device_passes_the_checker_of_gymnasium(device: str) -> None:
     axes = len(inner.exo.description.axes)
     assert env.action_space.shape == (axes,)
     assert inner.drives[0].high > 0.0
+
+
+OWN = Path(__file__).parents[2] / "scripts" / "examples" / "knee_exo.xml"
+
+
+@pytest.mark.usefixtures("gl")
+def test_an_own_device_is_drawn_for_the_checker_and_a_film(
+    clips: list[Any], tmp_path: Path
+) -> None:
+    """It has no camera; a film has as many frames as `render_fps` promises."""
+    about: dict[str, Any] = {"device": str(OWN), "duration": 0.1}
+    env = gymnasium.make(ID, render_mode="rgb_array", **about)
+    check_env(env.unwrapped)
+    film = gymnasium.wrappers.RecordVideo(env, str(tmp_path / "film"))
+    film.reset(seed=0)
+    truncated = False
+    while not truncated:
+        *_, truncated, _ = film.step(np.zeros(env.action_space.shape, np.float32))
+    film.close()
+    (clip,) = clips
+    assert clip.seconds == pytest.approx(0.1, abs=0.002)
+    assert len(clip.frames) == pytest.approx(0.1 * env.metadata["render_fps"], abs=1)
+    # Outlines before the sky are of the device, which stands in the middle.
+    steps = abs(np.diff(clip.frames[0][:240].astype(int), axis=1)).max(axis=(0, 2))
+    outlines = np.flatnonzero(steps > 60)
+    assert 200 < outlines.min() < 427 < outlines.max() < 654
+
+
+def test_a_free_camera_has_the_device_and_not_the_floor_in_view() -> None:
+    arm = """<mujoco><worldbody><geom type="plane" size="50 50 1" pos="3 0 0"/>
+      {far}<body pos="3 0 1"><joint axis="0 1 0"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/></body></worldbody>
+      </mujoco>"""
+    for far, middle in (
+        ("", 3.2),
+        ('<geom type="box" pos="0 0 1" size="9 9 .1"/>', 3.2),
+        ('<geom size=".1" pos="2.9 0 1"/>', 3.1),
+    ):
+        model = mujoco.MjModel.from_xml_string(arm.format(far=far))
+        camera = free_view(model, mujoco.MjData(model))
+        assert camera.lookat == pytest.approx([middle, 0.0, 1.0], abs=0.15)
+        assert 0.4 < camera.distance < 2.0
 
 
 @pytest.mark.parametrize("device", DEVICES)

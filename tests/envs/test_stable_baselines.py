@@ -87,6 +87,45 @@ def test_what_any_algorithm_learns_is_played_as_it_predicts(
     controller(str(path), drive)
 
 
+@pytest.mark.parametrize("seed", [None, 3])
+def test_it_trains_with_a_seed_and_without(seed: int | None) -> None:
+    env = VecNormalize(StableBaselines(made()))
+    model = algorithms.PPO("MlpPolicy", env, n_steps=16, seed=seed, device="cpu")
+    model.learn(64)
+
+
+def test_options_reach_the_plants() -> None:
+    env = StableBaselines(made(2), made(3))
+    env.seed(1)
+    env.set_options({"friction": 0.05})
+    env.reset()
+    given = [plant for own in env.envs for plant in own.plants]
+    assert all(0.05 in plant.values.values() for plant in given)
+    env.reset()
+    assert not any(0.05 in plant.values.values() for plant in env.envs[1].plants)
+    env.set_options([{"friction": 0.1}, {"friction": 0.2}, {}, {}, {}])
+    with pytest.raises(CableError, match="options of one vector environment"):
+        env.reset()
+
+
+def test_a_policy_of_a_plain_environment_is_saved(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    env: Any = gymnasium.make(WRIST, duration=0.02, **PAST)
+    model = algorithms.PPO("MlpPolicy", env, n_steps=64, device="cpu")
+    save_policy(model, path)
+    _, observed = read_policy(path)
+    assert observed == env.unwrapped.exo.observed
+    for wrapper in (
+        gymnasium.wrappers.NormalizeObservation,
+        lambda env: gymnasium.wrappers.RescaleAction(
+            env, np.float32(-2.0), np.float32(2.0)
+        ),
+    ):
+        other = algorithms.PPO("MlpPolicy", wrapper(env), n_steps=64, device="cpu")
+        with pytest.raises(CableError, match="cannot save through"):
+            save_policy(other, path)
+
+
 def test_a_policy_of_two_motors_is_played_as_it_predicts(tmp_path: Path) -> None:
     about = {"duration": 0.02, "autoreset_mode": "SameStep", **PAST}
     many = gymnasium.make_vec("cc_mujoco/Device-v1", 4, device="exosuit", **about)
@@ -117,7 +156,7 @@ def test_what_cannot_be_trained_or_saved_is_one_sentence(tmp_path: Path) -> None
     with pytest.raises(CableError, match="methods"):
         env.env_method("reset")
     other = algorithms.PPO("MlpPolicy", "Pendulum-v1", n_steps=64, device="cpu")
-    with pytest.raises(CableError, match="trained on StableBaselines"):
+    with pytest.raises(CableError, match="trained on cc_mujoco's devices"):
         save_policy(other, tmp_path / "p.safetensors")
     kinds = {"activation_fn": __import__("torch").nn.Mish}
     mish = algorithms.PPO("MlpPolicy", env, policy_kwargs=kinds, device="cpu")

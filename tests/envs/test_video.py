@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -32,28 +30,9 @@ class Counting:
         pass
 
 
-class Clip:
-    """Fake clip that records its frames instead of encoding a video file."""
-
-    written: ClassVar[list[Clip]] = []
-
-    def __init__(self, frames: list[Any], fps: float) -> None:
-        self.frames, self.seconds = list(frames), len(frames) / fps
-        Clip.written.append(self)
-
-    def write_videofile(self, path: str, logger: Any) -> None:
-        Path(path).write_bytes(b"")
-
-
 @pytest.fixture(autouse=True)
 def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cc_mujoco.envs._render.Camera", Counting)
-    for name in ("moviepy", "moviepy.video", "moviepy.video.io"):
-        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
-    clip = types.ModuleType("moviepy.video.io.ImageSequenceClip")
-    monkeypatch.setattr(clip, "ImageSequenceClip", Clip, raising=False)
-    monkeypatch.setitem(sys.modules, clip.__name__, clip)
-    Clip.written.clear()
 
 
 @pytest.mark.parametrize(
@@ -69,7 +48,12 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_video_lasts_as_long_as_the_episode(
-    name: str, wrapper: Any, frame_skip: int, hold: int, tmp_path: Path
+    name: str,
+    wrapper: Any,
+    frame_skip: int,
+    hold: int,
+    tmp_path: Path,
+    clips: list[Any],
 ) -> None:
     about = {"frame_skip": frame_skip, "hold": hold, "render_mode": "rgb_array"}
     env = gymnasium.make(name, duration=SECONDS, **about)
@@ -80,15 +64,15 @@ def test_a_video_lasts_as_long_as_the_episode(
         while not truncated:
             *_, truncated, _ = film.step(np.zeros(env.action_space.shape, np.float32))
     film.close()
-    assert len(Clip.written) == 2
+    assert len(clips) == 2
     rate = min(30.0, 1.0 / (0.0005 * frame_skip * hold))
-    for clip in Clip.written:
+    for clip in clips:
         assert clip.seconds == pytest.approx(SECONDS, abs=1.5 / rate)
         shown = {id(frame) for frame in clip.frames}
         assert len(shown) == pytest.approx(SECONDS * rate, abs=2)
     assert Counting.taken == pytest.approx(2.0 * SECONDS * rate, abs=4)
     if wrapper is RecordVideo:
-        assert len(Clip.written[0].frames) == pytest.approx(SECONDS * rate, abs=2)
+        assert len(clips[0].frames) == pytest.approx(SECONDS * rate, abs=2)
 
 
 def test_a_new_episode_and_a_second_look_are_drawn_anew(name: str) -> None:

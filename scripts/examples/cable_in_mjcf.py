@@ -3,6 +3,7 @@
 python cable_in_mjcf.py
 """
 
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
@@ -28,22 +29,22 @@ SCENE = """
 </mujoco>
 """
 
+model = mujoco.MjModel.from_xml_string(SCENE)
+data = mujoco.MjData(model)
+times, proximal, distal = [], [], []
+for _ in range(800):
+    # The motor, a servo of its angle, winds the cable to and fro.
+    data.ctrl[0] = 0.8 * np.sin(2.0 * np.pi * data.time)
+    mujoco.mj_step(model, data, 5)
+    cable = cc_mujoco.read(model, data, "flexor")
+    times.append(data.time)
+    proximal.append(cable.tension_proximal)
+    distal.append(cable.tension_distal)
+print(f"at the motor: {max(proximal):.1f} N, at the joint: {max(distal):.1f} N")
 
-def run():
-    """Wind the motor to and fro; return both tensions over time."""
-    model = mujoco.MjModel.from_xml_string(SCENE)
-    data = mujoco.MjData(model)
-    times, proximal, distal = [], [], []
-    for _ in range(800):
-        data.ctrl[0] = 0.8 * np.sin(2.0 * np.pi * data.time)
-        mujoco.mj_step(model, data, 5)
-        cable = cc_mujoco.read(model, data, "flexor")
-        times.append(data.time)
-        proximal.append(cable.tension_proximal)
-        distal.append(cable.tension_distal)
-    curves = {"at the motor": (times, proximal), "at the joint": (times, distal)}
-    return "time [s]", "tension [N]", curves
-
-
-if __name__ == "__main__":
-    print(*(f"{name}: {max(y):.1f} N" for name, (_, y) in run()[2].items()))
+plt.plot(times, proximal, label="at the motor")
+plt.plot(times, distal, label="at the joint")
+plt.xlabel("time [s]")
+plt.ylabel("tension [N]")
+plt.legend()
+plt.savefig("cable_in_mjcf.png")

@@ -8,12 +8,14 @@ The trials are simulated, with drag in the conduit that the scene does not have.
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import cc_mujoco
 
 SCENE = Path(__file__).with_name("knee_exo.xml")
 HIDDEN = {"viscous_friction": 60.0}  # N s/m^2
+SECONDS = 12.0
 TRIALS = [("sine:0.7", "hold:6"), ("chirp:0.4,high=1.5", "hold:8")]
 TRIALS += [("multisine:0.5", "hold:10"), ("reach:0.6", "hold:8")]
 COLUMNS = ("time_s", "motor_angle_rad", "motor_torque_nm")
@@ -51,16 +53,15 @@ def record(folder, seconds):
     return fast
 
 
-def run(seconds=12.0):
-    """Return the verdict, and the torque of the second trial over its angle."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        (folder / "data").mkdir()
-        measured = record(folder / "data", seconds)
-        verdict = cc_mujoco.diagnose(folder / "data", SCENE, folder / "out")
-    curves = {"measured": measured}
-    return verdict, ("angle of the knee [rad]", "torque at the knee [N m]", curves)
+with tempfile.TemporaryDirectory() as place:
+    folder = Path(place)
+    (folder / "data").mkdir()
+    angle, torque = record(folder / "data", SECONDS)
+    verdict = cc_mujoco.diagnose(folder / "data", SCENE, folder / "out")
+print(verdict.statement)
 
-
-if __name__ == "__main__":
-    print(run()[0].statement)
+plt.plot(angle, torque, label="measured")
+plt.xlabel("angle of the knee [rad]")
+plt.ylabel("torque at the knee [N m]")
+plt.legend()
+plt.savefig("diagnose_csv.png")

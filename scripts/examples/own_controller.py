@@ -1,8 +1,10 @@
 """A controller of your own: feed friction forward by the sense of the motion.
 
 python own_controller.py
-cc-mujoco benchmark --scene wrist --controllers pi own_controller:lead
+cc-mujoco benchmark --scene wrist --controllers pi_tuned own_controller:lead
 """
+
+import matplotlib.pyplot as plt
 
 import cc_mujoco
 
@@ -19,21 +21,17 @@ def lead(drive):
     return torque
 
 
-def run():
-    """Return the torque at the wrist with it, beside two controllers of the package."""
-    curves = {}
-    for law in ("none", lead, "model"):
+if __name__ == "__main__":
+    for law in ("none", lead, "pi_tuned"):
         log = cc_mujoco.simulate(
             "wrist", law, motion="sine:0.3", task="spring:2.5", duration=2.0
         )
         name = law if isinstance(law, str) else law.__name__
-        curves[name] = (log["time_s"], log["joint_torque_nm"])
-    curves["desired"] = (log["time_s"], log["desired_torque_nm"])
-    return "time [s]", "torque at the wrist [N m]", curves
-
-
-if __name__ == "__main__":
-    found = run()[2]
-    _, desired = found.pop("desired")
-    for name, (_, torque) in found.items():
+        torque, desired = log["joint_torque_nm"], log["desired_torque_nm"]
         print(f"{name}: {((torque - desired) ** 2).mean() ** 0.5:.2f} N m RMS error")
+        plt.plot(log["time_s"], torque, label=name)
+    plt.plot(log["time_s"], desired, label="desired")
+    plt.xlabel("time [s]")
+    plt.ylabel("torque at the wrist [N m]")
+    plt.legend()
+    plt.savefig("own_controller.png")

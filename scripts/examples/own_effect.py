@@ -4,6 +4,7 @@ python own_effect.py
 cc-mujoco diagnose DATA --scene bench --effects own_effect.py:JointDrag --out DIR
 """
 
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
@@ -36,19 +37,16 @@ class JointDrag:
         add_torque_part(spec, "joint_torque_nm", "joint_speed", -values["joint_drag"])
 
 
-def run():
-    """Return the torque at the joint of one trial, without and with the effect."""
+if __name__ == "__main__":
     time = np.arange(0.0, 4.0, 0.002)
     angle = 0.5 * np.sin(2.0 * np.pi * 0.2 * time**1.5)
     plain = Signals(0.002, time, angle, angle, 2.0 * angle, 2.0 * angle)
     dragged = JointDrag().signals(plain, {"joint_drag": 0.3})
-    curves = {
-        "without": (time, plain.joint),
-        "with the drag": (time, dragged.joint),
-    }
-    return "time [s]", "torque at the joint [N m]", curves
-
-
-if __name__ == "__main__":
-    without, dragged = (torque for _, torque in run()[2].values())
-    print(f"the drag takes up to {np.max(np.abs(dragged - without)):.2f} N m")
+    drag = np.abs(dragged.joint - plain.joint).max()
+    print(f"the drag takes up to {drag:.2f} N m")
+    plt.plot(time, plain.joint, label="without")
+    plt.plot(time, dragged.joint, label="with the drag")
+    plt.xlabel("time [s]")
+    plt.ylabel("torque at the joint [N m]")
+    plt.legend()
+    plt.savefig("own_effect.png")

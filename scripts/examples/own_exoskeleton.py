@@ -5,6 +5,8 @@ python own_exoskeleton.py
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+
 import cc_mujoco
 
 SCENE = Path(__file__).with_name("knee_exo.xml")
@@ -14,22 +16,16 @@ KNOWN = {
 }
 """Facts that no scene states; `knee_exo.device.toml` takes the same keys."""
 
-
-def run():
-    """Hold a torque at a moving knee, without and with a model of friction."""
-    device = cc_mujoco.Device.from_mjcf(SCENE, **KNOWN)
-    curves = {}
-    for name in ("none", "predictive"):
-        log = cc_mujoco.simulate(
-            device, name, motion="sine:0.4", task="hold:6", duration=2.0
-        )
-        curves[name] = (log["time_s"], log["joint_torque_nm"])
-    curves["desired"] = (log["time_s"], log["desired_torque_nm"])
-    return "time [s]", "torque at the knee [N m]", curves
-
-
-if __name__ == "__main__":
-    found = run()[2]
-    _, desired = found.pop("desired")
-    for name, (_, torque) in found.items():
-        print(f"{name}: {((torque - desired) ** 2).mean() ** 0.5:.2f} N m RMS error")
+device = cc_mujoco.Device.from_mjcf(SCENE, **KNOWN)
+for name in ("none", "pi_tuned", "predictive"):
+    log = cc_mujoco.simulate(
+        device, name, motion="sine:0.4", task="hold:6", duration=2.0
+    )
+    torque, desired = log["joint_torque_nm"], log["desired_torque_nm"]
+    print(f"{name}: {((torque - desired) ** 2).mean() ** 0.5:.2f} N m RMS error")
+    plt.plot(log["time_s"], torque, label=name)
+plt.plot(log["time_s"], desired, label="desired")
+plt.xlabel("time [s]")
+plt.ylabel("torque at the knee [N m]")
+plt.legend()
+plt.savefig("own_exoskeleton.png")

@@ -4,6 +4,7 @@ python own_metric.py
 cc-mujoco play wrist --metric own_metric:LATE_TENSION
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import cc_mujoco
@@ -24,24 +25,17 @@ LATE_TENSION = cc_mujoco.Metric(
 )
 
 
-def run():
-    """Return it beside a metric of the package, over friction."""
+if __name__ == "__main__":
     friction = [0.05, 0.1, 0.15, 0.2]
     plants = [cc_mujoco.Plant("wrist", {"friction": each}) for each in friction]
-    logs = cc_mujoco.simulate(
-        plants, "pi", motion="sine:0.3", task="spring", duration=1.5
-    )
-    drag = cc_mujoco.METRICS["rms_motor_torque"]
-    curves = {
-        "late_tension [N]": (friction, [LATE_TENSION.compute(log) for log in logs]),
-        "rms_motor_torque [0.01 N m]": (
-            friction,
-            [100.0 * drag.compute(log) for log in logs],
-        ),
-    }
-    return "friction", "value", curves
-
-
-if __name__ == "__main__":
-    for name, (_, values) in run()[2].items():
-        print(name, *(f"{value:.1f}" for value in values))
+    logs = cc_mujoco.simulate(plants, motion="sine:0.3", task="spring", duration=1.5)
+    effort = cc_mujoco.METRICS["rms_motor_torque"]
+    late = [LATE_TENSION.compute(log) for log in logs]
+    efforts = [100.0 * effort.compute(log) for log in logs]
+    print("late_tension [N]", *(f"{value:.1f}" for value in late))
+    plt.plot(friction, late, label="late_tension [N]")
+    plt.plot(friction, efforts, label="rms_motor_torque [0.01 N m]")
+    plt.xlabel("friction")
+    plt.ylabel("value")
+    plt.legend()
+    plt.savefig("own_metric.png")

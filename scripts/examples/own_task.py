@@ -4,6 +4,7 @@ python own_task.py
 cc-mujoco play wrist --task own_task:Detents --controller predictive
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import cc_mujoco
@@ -17,19 +18,17 @@ class Detents(cc_mujoco.Task):
         return -0.4 * np.sin(2.0 * np.pi * angle / 0.1) - 0.05 * velocity
 
 
-def run():
-    """Return what is felt over the angle of the wrist."""
+if __name__ == "__main__":
     log = cc_mujoco.simulate(
         "wrist", "predictive", motion="sine:0.3", task=Detents(), duration=4.0
     )
-    angle = log["joint_angle_rad"]
-    curves = {
-        "felt": (angle, log["joint_torque_nm"]),
-        "desired": (angle, log["desired_torque_nm"]),
-    }
-    return "angle [rad]", "torque at the wrist [N m]", curves
-
-
-if __name__ == "__main__":
-    felt, desired = (torque for _, torque in run()[2].values())
-    print(f"felt as desired to {np.sqrt(np.mean((felt - desired) ** 2)):.3f} N m RMS")
+    angle, felt = log["joint_angle_rad"], log["joint_torque_nm"]
+    desired = log["desired_torque_nm"]
+    error = np.sqrt(np.mean((felt - desired) ** 2))
+    print(f"the wrist has the desired torque to {error:.3f} N m RMS")
+    plt.plot(angle, felt, label="delivered")
+    plt.plot(angle, desired, label="desired")
+    plt.xlabel("angle [rad]")
+    plt.ylabel("torque at the wrist [N m]")
+    plt.legend()
+    plt.savefig("own_task.png")

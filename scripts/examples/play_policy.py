@@ -6,44 +6,36 @@ cc-mujoco play wrist --controller policy.safetensors
 `scripts/train_policy.py` trains one; here the weights are written by hand.
 """
 
-import tempfile
-from pathlib import Path
-
 import gymnasium
+import matplotlib.pyplot as plt
 import numpy as np
 
 import cc_mujoco
 from cc_mujoco.control import Network, write_policy
 
+env = gymnasium.make("cc_mujoco/WristHandle-v1")
+(observed,) = env.unwrapped.exo.observed
+size = observed.space.shape[0]
+# Of a frame: what is lacking of the desired torque, and the desired torque.
+lacking, desired = observed.units[4:6]
+weights = np.zeros((1, size))
+weights[0, 4] = 1.5 * lacking / (abs(observed.ratio) * observed.torque)
+weights[0, 5] = 1.0 * desired / (observed.ratio * observed.torque)
+network = Network(
+    (weights,), (np.zeros(1),), "tanh", False, np.zeros(size), np.ones(size)
+)
+write_policy("policy.safetensors", network, observed)
 
-def run():
-    """Return the torque at the wrist with the policy."""
-    env = gymnasium.make("cc_mujoco/WristHandle-v1")
-    (observed,) = env.unwrapped.exo.observed
-    size = observed.space.shape[0]
-    # Of a frame: what is lacking of the desired torque, and the desired torque.
-    lacking, desired = observed.units[4:6]
-    weights = np.zeros((1, size))
-    weights[0, 4] = 1.5 * lacking / (abs(observed.ratio) * observed.torque)
-    weights[0, 5] = 1.0 * desired / (observed.ratio * observed.torque)
-    network = Network(
-        (weights,), (np.zeros(1),), "tanh", False, np.zeros(size), np.ones(size)
+for law in ("none", "policy.safetensors"):
+    log = cc_mujoco.simulate(
+        "wrist", law, motion="sine:0.3", task="spring:2.5", duration=1.5
     )
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "policy.safetensors"
-        write_policy(file, network, observed)
-        curves = {}
-        for name, law in (("none", "none"), ("policy", str(file))):
-            log = cc_mujoco.simulate(
-                "wrist", law, motion="sine:0.3", task="spring:2.5", duration=1.5
-            )
-            curves[name] = (log["time_s"], log["joint_torque_nm"])
-    curves["desired"] = (log["time_s"], log["desired_torque_nm"])
-    return "time [s]", "torque at the wrist [N m]", curves
-
-
-if __name__ == "__main__":
-    found = run()[2]
-    _, desired = found.pop("desired")
-    for name, (_, torque) in found.items():
-        print(f"{name}: {((torque - desired) ** 2).mean() ** 0.5:.2f} N m RMS error")
+    name = law.partition(".")[0]
+    torque, wanted = log["joint_torque_nm"], log["desired_torque_nm"]
+    print(f"{name}: {((torque - wanted) ** 2).mean() ** 0.5:.2f} N m RMS error")
+    plt.plot(log["time_s"], torque, label=name)
+plt.plot(log["time_s"], wanted, label="desired")
+plt.xlabel("time [s]")
+plt.ylabel("torque at the wrist [N m]")
+plt.legend()
+plt.savefig("play_policy.png")

@@ -8,6 +8,7 @@ Read the page of `cc_mujoco.hardware` first.
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import cc_mujoco
@@ -61,20 +62,20 @@ class Rows(list):
             self.append((seen.time, seen.joint_torque, desired))
 
 
-def run():
-    """Return why the run ended, and the torque at the joint over time."""
-    drive = hardware.drive_of("bench", Path(), PERIOD, 2.0)
-    rig, log = SimulatedRig(drive.ratio), Rows()
-    limits = hardware.Limits(2.0, 200.0, 60.0, (-1.0, 1.0))
-    times, torques = np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.3, -0.3])
-    desired = hardware.TorqueTable(times, torques)
-    axis = hardware.DrivenAxis(rig, drive, desired, limits, hardware.Watchdog())
-    law = cc_mujoco.controller("pi", drive)
-    outcome = hardware.Loop([axis], law, clock=rig, log=log).run(3.0)
-    time, felt, wanted = np.array(log).T
-    curves = {"at the joint": (time, felt), "desired": (time, wanted)}
-    return outcome, ("time [s]", "torque [N m]", curves)
+drive = hardware.drive_of("bench", Path(), PERIOD, 2.0)
+rig, log = SimulatedRig(drive.ratio), Rows()
+limits = hardware.Limits(2.0, 200.0, 60.0, (-1.0, 1.0))
+times, torques = np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.3, -0.3])
+desired = hardware.TorqueTable(times, torques)
+axis = hardware.DrivenAxis(rig, drive, desired, limits, hardware.Watchdog())
+law = cc_mujoco.controller("pi", drive)
+outcome = hardware.Loop([axis], law, clock=rig, log=log).run(3.0)
+print(outcome.sentence)
 
-
-if __name__ == "__main__":
-    print(run()[0].sentence)
+time, measured, wanted = np.array(log).T
+plt.plot(time, measured, label="at the joint")
+plt.plot(time, wanted, label="desired")
+plt.xlabel("time [s]")
+plt.ylabel("torque [N m]")
+plt.legend()
+plt.savefig("rig_in_the_loop.png")

@@ -3,6 +3,7 @@
 python tendon_friction.py
 """
 
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
@@ -42,12 +43,11 @@ def pulled(friction):
     return pulls, np.degrees(angles)
 
 
-def run():
-    """Return the angle of the tip over the pull, without and with friction."""
-    curves = {f"friction {each:g}": pulled(each) for each in (0.0, 0.15)}
-    return "pull [N]", "angle of the tip [deg]", curves
-
-
-if __name__ == "__main__":
-    for name, (_, angles) in run()[2].items():
-        print(f"{name}: the tip bends by {np.ptp(angles):.0f} deg")
+for friction in (0.0, 0.15):
+    pulls, angles = pulled(friction)
+    print(f"friction {friction:g}: the tip bends by {np.ptp(angles):.0f} deg")
+    plt.plot(pulls, angles, label=f"friction {friction:g}")
+plt.xlabel("pull [N]")
+plt.ylabel("angle of the tip [deg]")
+plt.legend()
+plt.savefig("tendon_friction.png")

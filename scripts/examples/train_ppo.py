@@ -7,6 +7,7 @@ After `ppo_continuous_action.py` of CleanRL (S. Huang et al., JMLR 23, 2022). Ne
 """
 
 import gymnasium
+import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
@@ -20,8 +21,8 @@ GAMMA, LAMBDA, CLIP = 0.95, 0.9, 0.2
 WRIST = {"hold": 5, "history": 4, "randomise": {"friction": (0.05, 0.2)}}
 
 
-def run(updates=30, path=None):
-    """Return the mean return of the episodes, by steps; write the policy to a path."""
+def train(updates=30, path="policy.safetensors"):
+    """Write the policy to a path; return steps and mean returns of the episodes."""
     torch.manual_seed(0)
     torch.set_num_threads(1)
     name = "cc_mujoco:cc_mujoco/WristHandle-v1"
@@ -71,10 +72,12 @@ def run(updates=30, path=None):
             loss.backward()
             optimiser.step()
     normal = envs.obs_rms.mean, np.sqrt(envs.obs_rms.var + 1e-8)
-    if path:
-        write_policy(path, Network.of_layers(actor, *normal), wrist.exo.observed)
-    return "steps", "return", {"PPO": (steps, returns)}
+    write_policy(path, Network.of_layers(actor, *normal), wrist.exo.observed)
+    return steps, returns
 
 
 if __name__ == "__main__":
-    print(*(f"{mean:.3f}" for mean in run(path="policy.safetensors")[2]["PPO"][1]))
+    steps, returns = train()
+    print(*(f"{mean:.3f}" for mean in returns))
+    plt.plot(steps, returns)
+    plt.savefig("train_ppo.png")

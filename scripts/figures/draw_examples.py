@@ -7,13 +7,29 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import runpy
+import tempfile
 from pathlib import Path
-from typing import Any
 
+import matplotlib
+from matplotlib import pyplot, rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
+matplotlib.use("agg")
+
+STYLE = {
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 100,
+    "figure.figsize": (4.8, 2.7),
+    "legend.fontsize": "small",
+    "legend.frameon": False,
+    "savefig.dpi": "figure",
+}
+"""Style of the pictures."""
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = (
     "cable_in_mjcf",
@@ -34,30 +50,24 @@ NAMES = (
 """The examples, in the order of their page."""
 
 
-def draw(curves: tuple[str, str, dict[str, Any]]) -> Image.Image:
-    """Return a picture of what an example gives: names of both axes, and curves.
+def drawn(name: str) -> Figure:
+    """Run an example in an empty folder and return the figure that it leaves."""
+    pyplot.close("all")
+    before = Path.cwd()
+    with rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        finally:
+            os.chdir(before)
+        return pyplot.gcf()
 
-    A name that begins with `o` or `x` and a space has marks instead of a line.
-    """
-    across, up, lines = curves
-    figure = Figure(figsize=(4.8, 2.7), dpi=100, layout="constrained")
-    axes = figure.subplots()
-    for name, (x, y) in lines.items():
-        mark, _, rest = name.partition(" ")
-        points = mark if rest and mark in ("o", "x") else ""
-        axes.plot(x, y, points or "-", label=rest if points else name)
-    axes.set(xlabel=across, ylabel=up)
-    axes.legend(fontsize="small", frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+
+def picture(figure: Figure) -> Image.Image:
+    """Return a picture of a figure."""
     file = io.BytesIO()
     figure.savefig(file, format="png")
     return Image.open(file).convert("RGB")
-
-
-def curves_of(name: str, **given: Any) -> tuple[str, str, dict[str, Any]]:
-    """Run an example and return what is drawn of it."""
-    found = runpy.run_path(str(EXAMPLES / f"{name}.py"))["run"](**given)
-    return found if len(found) == 3 else found[1]
 
 
 def main() -> None:
@@ -66,7 +76,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help=", ".join(NAMES))
     for name in parser.parse_args().names or NAMES:
         path = EXAMPLES / f"{name}.webp"
-        draw(curves_of(name)).save(path, quality=80, method=6)
+        picture(drawn(name)).save(path, quality=80, method=6)
         print(f"wrote {path}")
 
 

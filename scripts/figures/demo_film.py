@@ -51,7 +51,7 @@ DURATION, RATE = 5.0, 15
 """Duration of the demo [s], frames per second of it."""
 OF_A_DEVICE = 3.0
 """Duration of the motion of a device [s]."""
-OF_TORQUE = "none", "pi", "predictive"
+OF_TORQUE = "none", "lqg", "predictive"
 OF_POSITION = "none", "backlash_inverse", "cable_inverse"
 """Controllers of a film, by the task of the axis."""
 REST = 1500

@@ -40,7 +40,7 @@ OTHER = (None, 1.4, 0.008)
 def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Play until the picture is taken."""
     task, seconds, _ = PLAYED.get(scene, OTHER)
-    law = "pi" if scene in PLAYED else "none"
+    law = "pi_tuned" if scene in PLAYED else "none"
     env = gymnasium.make("cc_mujoco/Device-v1", device=scene, duration=seconds)
     return env.unwrapped.model, simulate(scene, law, task=task, duration=seconds)
 

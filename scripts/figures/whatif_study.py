@@ -32,6 +32,7 @@ def studied(
     given.out.parent.mkdir(parents=True, exist_ok=True)
     with tqdm(total=number, **progress_options()) as bar:
         table = study(
+            controllers=["model"],  # knows the cables of each design
             **how,
             threads=given.threads,
             progress=lambda done: bar.update(done - bar.n),

@@ -1,7 +1,9 @@
 from ._add_cable import add_cable as add_cable
 from ._engine import PLUGIN as PLUGIN
 from ._mjcf import from_mjcf as from_mjcf
+from ._mjcf import make_room as make_room
 from ._mjcf import to_mjcf as to_mjcf
+from ._mjcf import write_cable as write_cable
 from ._readings import CableReading as CableReading
 from ._readings import Reader as Reader
 from ._readings import cables as cables

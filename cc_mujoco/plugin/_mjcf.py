@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
 from cc_mujoco.plugin._spec import add_element
@@ -158,15 +158,18 @@ def make_room(spec: mujoco.MjSpec) -> None:
 def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
     """Give a cable of a compiled model another configuration, from the next step on.
 
+    Its state stays, as long as the number of segments does.
+
     Args:
         model: Compiled model, changed in place.
-        name: Of the cable.
-        cable: What it shall be.
+        name: Name of the cable.
+        cable: New configuration, as `from_mjcf(model)[name].replace(friction=0.2)`.
 
     Raises:
-        CableError: The model has no room for it; see `make_room`.
+        CableError: There is no such cable, or the model has no room for the longer
+            text; see `make_room`.
     """
-    instance = instances(model)[name]
+    instance = look_up("cable", name, instances(model))
     ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
     config = cable.to_config()
     text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
@@ -174,7 +177,8 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
     if len(text) > end - start:
         raise CableError(
             f"cable {name!r} cannot be varied: the model has no room for its "
-            f"configuration; put {SPARE_BYTES} blanks at the end of its `conduit`."
+            "configuration; call cc_mujoco.plugin.make_room(spec) before it is "
+            f"compiled, or put {SPARE_BYTES} blanks at the end of its `conduit`."
         )
     attributes = model.plugin_attr[start:end]
     attributes[:] = 0

@@ -16,7 +16,7 @@ from cable.random_cables import sections
 from cc_mujoco.cable import PARAMETERS, Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import _mjcf as mjcf
-from cc_mujoco.plugin import from_mjcf, route, route_tendon, to_mjcf
+from cc_mujoco.plugin import from_mjcf, route, route_tendon, to_mjcf, write_cable
 from cc_mujoco.plugin._instance_data import STATE_PATH, STATE_POSE
 from plugin.scenes import CONFIG, end, excitation, instance, model, pull_pull, run
 
@@ -132,6 +132,32 @@ CHILD = model(
     end("near", "bowden", 'joint="motor"', -0.02)
     + end("far", "bowden", 'joint="wrist"', -0.05),
 )
+
+
+def test_friction_may_change_during_a_run() -> None:
+    """A cable written anew goes on as one that has been so from the start."""
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    mjcf.make_room(spec)
+    compiled = spec.compile()
+    name, cable = next(iter(from_mjcf(compiled).items()))
+    rough = cable.replace(friction=0.2345678, static_friction=0.0)
+    to_mjcf(spec, name, rough)
+    other = spec.compile()
+    one, two = mujoco.MjData(compiled), mujoco.MjData(other)
+    for step in range(200):
+        one.ctrl[0] = 0.3 * math.sin(0.05 * step)
+        if step == 100:
+            two.qpos[:], two.qvel[:], two.time = one.qpos, one.qvel, one.time
+            two.plugin_state[:] = one.plugin_state
+            write_cable(compiled, name, rough)
+        mujoco.mj_step(compiled, one)
+        if step >= 100:
+            two.ctrl[0] = one.ctrl[0]
+            mujoco.mj_step(other, two)
+    assert from_mjcf(compiled)[name] == rough
+    assert one.plugin_state == pytest.approx(two.plugin_state, rel=1e-9, abs=1e-12)
+    with pytest.raises(CableError, match="unknown cable 'flexxor'"):
+        write_cable(compiled, "flexxor", rough)
 
 
 def test_attached_twice_with_prefixes() -> None:

@@ -55,7 +55,12 @@ class Nominal:
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes."""
-        return tuple(axis.name for axis in self.description.axes)
+        return tuple(self.axis_cables)
+
+    @property
+    def axis_cables(self) -> dict[str, tuple[str, ...]]:
+        """Names of the cables that move each axis, by the name of the axis."""
+        return {axis.name: tuple(axis.cables) for axis in self.description.axes}
 
 
 class Device(Nominal):

@@ -34,6 +34,7 @@ from cc_mujoco.device._variables import (
     WEARER,
     Value,
     of_owner,
+    owner_axes,
     read_values,
     split,
 )
@@ -101,7 +102,7 @@ class Plant:
         self.device = device if isinstance(device, Nominal) else find_device(device)
         cables = self.device.cables
         self.values: dict[str, Value] = read_values(
-            require_dictionary("values", values), cables, self.device.axis_names
+            require_dictionary("values", values), cables, self.device.axis_cables
         )
         if FRICTION in self.values and "material" not in self.values:
             raise CableError(
@@ -364,7 +365,8 @@ class Plant:
         return ()
 
     def _own(self, cable: str) -> dict[str, Value]:
-        return of_owner(self.values, cable)
+        axes = owner_axes(cable, self.device.axis_cables)
+        return of_owner(self.values, *axes, cable)
 
     def _cable(self, name: str) -> Cable:
         """Return a cable with its values.
@@ -625,13 +627,16 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
         )
     total = sum(s.length for s in sections)
     if "loops" in own:
-        radius = total / (2.0 * math.pi * float(own["loops"]))
-        sections = (Section(total, radius),)
+        turned = 2.0 * math.pi * float(own["loops"])
+        sections = (Section(total, total / turned if turned else math.inf),)
     elif "wrap" in own:
         if not cable.wrap:
             raise CableError("`wrap` cannot be varied, as its conduit has no bends")
         tighter = float(own["wrap"]) / cable.wrap
-        sections = tuple(Section(s.length, s.radius / tighter) for s in sections)
+        sections = tuple(
+            Section(s.length, s.radius / tighter if tighter else math.inf)
+            for s in sections
+        )
     elif "bend_radius" in own:
         radius = float(own["bend_radius"])
         sections = tuple(

@@ -2,12 +2,13 @@
 
 Every parameter of a cable is a variable; those below are of the route, the pulleys, the
 motor, the rope, the wearer and the sensors. `CABLE.NAME` is a variable of one cable
-alone (`flexor.friction`).
+alone (`flexor.friction`), `AXIS.NAME` one of all cables of an axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import KEYS, MAX_SEGMENTS, PARAMETERS
@@ -53,12 +54,8 @@ OF_CABLES: dict[str, Parameter] = {
             0,
             1e9,
         ),
-        Parameter(
-            "loops", "1", "round loops that the whole conduit makes", 0, 100, True
-        ),
-        Parameter(
-            "wrap", "rad", "bend of the whole conduit; lengths stay", 0, 600, True
-        ),
+        Parameter("loops", "1", "round loops that the whole conduit makes", 0, 100),
+        Parameter("wrap", "rad", "bend of the whole conduit; lengths stay", 0, 600),
         Parameter(
             "bend_radius", "m", "radius of every bend; lengths stay", 0, 100, True
         ),
@@ -336,16 +333,17 @@ def describe(name: str) -> Parameter:
 def find(
     name: str,
     cables: Iterable[str],
-    axes: Iterable[str] = (),
+    axes: Mapping[str, Sequence[str]] = MappingProxyType({}),
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Parameter:
     """Look a variable up, with or without the name of a cable or axis before it.
 
     Args:
-        name: `NAME`, `CABLE.NAME` or `AXIS.NAME`.
+        name: `NAME`, `CABLE.NAME` or `AXIS.NAME`, which for a variable of cables means
+            all cables of the axis.
         cables: the cables of the scene.
-        axes: the axes of the device.
+        axes: the axes of the device, with the names of their cables.
         among: the variables that there are.
         kind: what an error calls them.
 
@@ -361,8 +359,8 @@ def find(
         if owner not in set(axes):
             raise CableError.unknown("axis", owner, axes)
         return among[own]
-    if owner not in set(cables):
-        raise CableError.unknown("cable", owner, cables)
+    if owner not in {*cables, *axes}:
+        raise CableError.unknown("cable or axis", owner, (*cables, *axes))
     if own not in OF_CABLES:
         raise CableError(
             f"variable {own!r} belongs to no cable; write {own!r}, not {name!r}."
@@ -371,21 +369,28 @@ def find(
 
 
 def read_values(
-    values: Mapping[str, object], cables: Iterable[str], axes: Iterable[str]
+    values: Mapping[str, object],
+    cables: Iterable[str],
+    axes: Mapping[str, Sequence[str]],
 ) -> dict[str, Value]:
     """Return values with names and bounds checked, in the order given.
 
     Raises:
         CableError: an unknown name, a value out of bounds, or two names for one thing.
     """
-    cables, axes = tuple(cables), tuple(axes)
+    cables = tuple(cables)
     read = {
         name: find(name, cables, axes, VALUES).read(value, f"variable {name!r}")
         for name, value in values.items()
     }
-    for owner in (*cables, *axes):
+    owners = [[cable, *owner_axes(cable, axes)] for cable in cables]
+    for own in [*owners, *([axis] for axis in axes)]:
         for group in CONFLICTS:
-            clash = [n for n in group if n in read or f"{owner}.{n}" in read]
+            clash = [
+                n
+                for n in group
+                if n in read or any(f"{owner}.{n}" in read for owner in own)
+            ]
             if len(clash) > 1:
                 raise CableError(
                     f"variables {clash[0]!r} and {clash[1]!r} set the same thing; "
@@ -394,12 +399,24 @@ def read_values(
     return read
 
 
-def of_owner(values: Mapping[str, Value], owner: str) -> dict[str, Value]:
-    """Return the values for a cable or an axis; those that name it take precedence."""
+def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the axes that a cable belongs to."""
+    return [axis for axis, names in axes.items() if cable in names]
+
+
+def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
+    """Return the values for a cable or an axis; those that name it take precedence.
+
+    Args:
+        values: by name.
+        owners: of several the last takes precedence.
+    """
     own = {name: value for name, value in values.items() if "." not in name}
-    start = f"{owner}."
-    return own | {
-        name[len(start) :]: value
-        for name, value in values.items()
-        if name.startswith(start)
-    }
+    for owner in owners:
+        start = f"{owner}."
+        own |= {
+            name[len(start) :]: value
+            for name, value in values.items()
+            if name.startswith(start)
+        }
+    return own

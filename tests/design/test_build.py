@@ -95,6 +95,30 @@ def test_a_design_says_what_the_cable_is(device: Device) -> None:
     )
 
 
+@pytest.mark.parametrize("straight", [{"loops": 0}, {"wrap": 0}])
+def test_a_conduit_may_be_straight(straight: dict[str, object]) -> None:
+    for cable in plugin.from_mjcf(Plant("wrist", straight).model()).values():
+        assert cable.wrap == 0.0
+        assert cable.length == pytest.approx(2.0, rel=0.5)
+
+
+def test_the_name_of_an_axis_means_its_cables() -> None:
+    plant = Plant("bilateral", {"left_knee.friction": 0.31, "friction": 0.11})
+    named = plant.device.axis_cables["left_knee"]
+    for cable, own in plant.cables.items():
+        assert own.friction == (0.31 if cable in named else 0.11)
+    cable = named[0]
+    closest = Plant("bilateral", {f"{cable}.friction": 0.2, "left_knee.friction": 0.3})
+    assert closest.cables[cable].friction == 0.2
+    for wrong, words in (
+        ({"left_knee.wrap": 3, f"{cable}.loops": 1}, "set the same thing"),
+        ({"left_shin.friction": 0.1}, "unknown cable or axis"),
+        ({"left_knee.body_mass": 60}, "belongs to no cable"),
+    ):
+        with pytest.raises(CableError, match=words):
+            Plant("bilateral", wrong)
+
+
 def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
     device = load_device("wrist")
     nominal = device.cables["flexor"]

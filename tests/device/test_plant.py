@@ -32,7 +32,7 @@ def test_cables_wearer_and_sensors_are_those_of_the_values() -> None:
     ("values", "wrong"),
     [
         ({"frictoin": 0.1}, "unknown variable 'frictoin': did you mean 'friction'"),
-        ({"flexxor.friction": 0.1}, "unknown cable 'flexxor'"),
+        ({"flexxor.friction": 0.1}, "unknown cable or axis 'flexxor'"),
         ({"flexor.wearer": 2.0}, "'wearer' belongs to no cable"),
         ({"wearer": 0.0}, "'wearer' must be a number in"),
         ({"delay": 1.5}, "'delay' must be a whole number in"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -112,6 +113,12 @@ class Benchmark:
                 f"--baseline {baseline!r} is none of the controllers, which are "
                 f"{', '.join(players)}."
             )
+        print(
+            f"{len(plan.cells())} cells, each a controller in a condition on every "
+            "plant; the first ones may take a minute",
+            file=sys.stderr,
+            flush=True,
+        )
         with tqdm(
             total=len(plan.cells()),
             unit="cell",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -126,6 +127,12 @@ class Export:
         laws = [self.controller] * len(places)
         if len(places) > 1 and not is_decoupled(self.controller):
             laws = list(map(str, by_axis(self.controller, about.prefixes)))
+        print(
+            "simulating 24 passive wearers of each axis, for minutes where the "
+            "controller plans; --allow-active leaves that out",
+            file=sys.stderr,
+            flush=True,
+        )
         for place, law in zip(places, laws, strict=True):
             axis = about.axes[place].name if len(about.axes) > 1 else None
             found = activity(device, law, axis=axis)

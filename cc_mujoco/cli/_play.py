@@ -25,7 +25,7 @@ from cc_mujoco.cli._options import (
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
-    from cc_mujoco.device import Description, Device
+    from cc_mujoco.device import Device
     from cc_mujoco.metrics import Metric
     from cc_mujoco.simulation import EpisodeLog
 
@@ -52,8 +52,9 @@ class Play:
     spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
     depends on the scene."""
     controller: Name = None
-    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors; pi by
-    default or, where the task commands an angle, backlash_inverse or none."""
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors;
+    pi_tuned by default or, where the task commands an angle, backlash_inverse or
+    none."""
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0
@@ -163,6 +164,7 @@ class Play:
         locate(self.scene)
         if self.seed < 0:
             raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
+        from cc_mujoco.control._registry import default_controller
         from cc_mujoco.device import find_device
         from cc_mujoco.simulation._simulate import task_label
 
@@ -172,7 +174,7 @@ class Play:
             if self.trajectory is None
             else self.trajectory,
             "task": task_label(device, self.task),
-            "controller": self.controller or _default_controller(device, self.task),
+            "controller": self.controller or default_controller(device, self.task),
         }
 
     def _env(self, names: dict[str, str]) -> Any:
@@ -240,20 +242,6 @@ class Play:
         for other in others:
             if getattr(self, other) != getattr(plain, other):
                 raise CableError(f"--{other} does not go with --{name}.")
-
-
-def _default_controller(device: Description, task: str | None) -> str:
-    """Return the controller that plays a task on a device unless one is named."""
-    from cc_mujoco.human import task as find_task
-
-    axes = device.axes
-    if (
-        len(axes) > 1
-        or not find_task(task or axes[0].task, (axes[0].limb,)).commands_angle
-    ):
-        return "pi"
-    fitted = device.hysteresis.get(axes[0].name, {})
-    return "backlash_inverse" if "backlash_inverse" in fitted else "none"
 
 
 def _limit_cycles(path: Path, device: Device) -> Iterator[tuple[str, float]]:

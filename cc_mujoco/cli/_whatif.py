@@ -16,6 +16,9 @@ from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_options
 from cc_mujoco.design._study_spec import Execution, StudySpec
 from cc_mujoco.errors import CableError
 
+MAX_REASONS = 3
+"""Reasons of failures that are printed; the report lists all."""
+
 
 @dataclass(frozen=True)
 class WhatIf:
@@ -47,6 +50,7 @@ class WhatIf:
 
         from cc_mujoco._utils.atomic_io import require_unmodified
         from cc_mujoco.design import carry_out
+        from cc_mujoco.design._evaluation import beyond_motor
         from cc_mujoco.design._local_sensitivity import analyse_best_design
         from cc_mujoco.design._pareto import within_limits
         from cc_mujoco.design._plan import make_plan
@@ -55,11 +59,14 @@ class WhatIf:
             RankedStudy,
             answer_sentence,
             controllers_out,
+            failure_reasons,
             goals_of,
+            material_sentence,
             timestep_sentence,
         )
         from cc_mujoco.design._results_store import require_ours
         from cc_mujoco.design._search import search
+        from cc_mujoco.design._time_estimate import wait_sentences
         from cc_mujoco.design._timestep_check import check_timestep
 
         name = Path(self.study.scene).name.partition(".")[0]
@@ -70,6 +77,13 @@ class WhatIf:
         require_unmodified(folder, REPORT_FILES)
         if self.around and not objectives:
             raise CableError("--around goes by an --objective, which is not given.")
+        for row in sorted({0, len(plan.designs) - 1}) if plan.search is None else ():
+            if beyond := beyond_motor(plan.protocol, plan.designs[row]):
+                print(f"warning: design {row}: {beyond}", file=sys.stderr)
+        if uncertain := material_sentence(plan):
+            print(f"warning: {uncertain}", file=sys.stderr)
+        for sentence in wait_sentences(plan, self.execution.threads):
+            print(sentence, file=sys.stderr, flush=True)
         with tqdm(
             total=plan.evaluations or len(plan.designs),
             unit="design",
@@ -105,6 +119,8 @@ class WhatIf:
         failed = len(table) - table["failed"].null_count
         designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
         print(f"{designs}, {failed} of which failed in simulation")
+        for sentence in failure_reasons(table.to_pylist())[:MAX_REASONS]:
+            print(f"          {sentence}")
         for sentence in controllers_out(plan, table.to_pylist()):
             print(sentence)
         if limits:

@@ -71,7 +71,7 @@ def read_range(
     Raises:
         CableError: an unknown name, or a range or value that cannot be.
     """
-    variable = find(name, device.cables, device.axis_names, among, kind)
+    variable = find(name, device.cables, device.axis_cables, among, kind)
     label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:
         found = _read_ends(name, given)

@@ -256,6 +256,20 @@ def episodes(
     return found
 
 
+def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
+    """Return a sentence if the task exceeds the motor or the safe torque of a design.
+
+    See `WornDevice.beyond`; it is empty otherwise.
+    """
+    builder = protocol.device
+    values = {**design, **protocol.across.cases[0]}
+    plant = Plant(builder, values)
+    main = walking_designs.episode_of(values, _main_episode(protocol, builder))
+    task = walking_designs.tasks_of([plant.values], main.task, builder.description)
+    exo = dataclasses.replace(main, task=task).exo(plant.model())
+    return exo.beyond(exo.author.write(np.random.default_rng(protocol.seed)))
+
+
 def rehearse(protocol: EpisodeProtocol, builder: Device) -> None:
     """Make all that a protocol needs, and play nothing.
 

@@ -53,7 +53,8 @@ from cc_mujoco.design._study_metrics import (
 )
 from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device import Device
-from cc_mujoco.device._plant import RADII
+from cc_mujoco.device._materials import ENDS
+from cc_mujoco.device._plant import FRICTION, RADII
 from cc_mujoco.device._variables import SETS, describe
 from cc_mujoco.report._html import (
     Html,
@@ -346,6 +347,8 @@ def confidence(
         ]
     if half is not None:
         sentences.append(timestep_sentence(half))
+    if uncertain := material_sentence(found.plan):
+        sentences.append(uncertain)
     if found.plan.search is not None:
         share = (first + 1) / len(found.rows)
         sentences.append(
@@ -367,6 +370,18 @@ def confidence(
         "liners that differ from the model give other numbers."
     )
     return bullet_list(sentences)
+
+
+def material_sentence(plan: Plan) -> str:
+    """Return how far the friction of varied materials is known; empty without any."""
+    named = {name.rpartition(".")[2] for name in plan.ranges}
+    covered = {*named, *plan.protocol.across.names}
+    if "material" not in named or FRICTION in covered:
+        return ""
+    return (
+        "The friction of a material is uncertain by a factor of two: judge designs "
+        f"with --across {FRICTION}={','.join(ENDS)}, and measure the pair."
+    )
 
 
 def timestep_sentence(half: Halved) -> str:
@@ -632,14 +647,19 @@ def controllers_out(plan: Plan, rows: Sequence[Mapping[str, object]]) -> list[st
     return sentences
 
 
-def failures(found: RankedStudy) -> Html | None:
-    """List the designs without numbers, by reason."""
+def failure_reasons(rows: Sequence[Mapping[str, object]]) -> list[str]:
+    """Return how many designs fail for each reason, the most frequent first."""
     reasons = Counter(
-        re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]))
-        for row in found.rows
+        re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]).rstrip("."))
+        for row in rows
         if row["failed"]
     )
-    sentences = [f"{many} designs: {why}." for why, many in reasons.most_common()]
+    return [f"{many} designs: {why}." for why, many in reasons.most_common()]
+
+
+def failures(found: RankedStudy) -> Html | None:
+    """List the designs without numbers, by reason."""
+    sentences = failure_reasons(found.rows)
     sentences += controllers_out(found.plan, found.rows)
     for name in found.plan.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)

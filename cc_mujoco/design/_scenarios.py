@@ -101,7 +101,7 @@ class Across:
             CableError: it is impossible, in one of the cases at least.
         """
         for name in design:  # a plant has more that may change
-            find(name, device.cables, device.axis_names)
+            find(name, device.cables, device.axis_cables)
         for case in self.cases:
             try:
                 plant = Plant(device, {**design, **case})

@@ -34,8 +34,9 @@ Assignments = Mapping[str, Given] | Sequence[str] | None
 """Values by name, or as texts `NAME=VALUES`."""
 
 Texts = tuple[str, ...]
-DEFAULT_CONTROLLERS = ("model",)
-"""Controllers of a study by default: `model`, which adapts to each design's cables."""
+DEFAULT_CONTROLLERS = ("pi_tuned",)
+"""Controllers of a study by default: `pi_tuned`, whose gains follow from each design's
+rotor, cables and delay."""
 
 
 def _option(metavar: str, read: Any, name: str | None = None) -> Any:

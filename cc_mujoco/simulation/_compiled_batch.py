@@ -25,6 +25,7 @@ from cc_mujoco.control._feed_forward import FeedForward
 from cc_mujoco.control._model_based import ModelBased
 from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control._stiction import StictionCompensation
+from cc_mujoco.control._tuned_feedback import TunedFeedback
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._moment_arm import MIN_LEVERAGE as LEAST_LEVERAGE
 from cc_mujoco.device._moment_arm import Winding
@@ -46,6 +47,7 @@ LAWS: dict[type[Controller], int] = {
     FeedForward: compiled.FEED_FORWARD,
     ProportionalIntegral: compiled.FEEDBACK,
     Feedback: compiled.FEEDBACK,
+    TunedFeedback: compiled.TUNED,
     ModelBased: compiled.MODEL,
     StictionCompensation: compiled.STICTION,
 }

@@ -41,7 +41,7 @@ from cc_mujoco.plugin._registration import add_plugin
 
 PLUGIN = "cc_mujoco.episode"
 
-UNPOWERED, FEED_FORWARD, FEEDBACK, MODEL, STICTION = range(5)
+UNPOWERED, FEED_FORWARD, FEEDBACK, TUNED, MODEL, STICTION = range(6)
 """Laws that drive the motor."""
 
 OF_PHASE, TUNNEL, SPRING = range(3)
@@ -199,6 +199,11 @@ def _torque(record: Any, seen: FloatArray) -> float:
     memory, stiffness = floats(record.memory, _MEMORY), record.cable_stiffness
     if law == FEEDBACK:
         return float(compiled_laws.guarded_torque(gains, stiffness, memory, seen))
+    if law == TUNED:
+        ahead = compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED])
+        return float(
+            compiled_laws.damped_feedback(gains, stiffness, memory, seen, ahead)
+        )
     count, width, size = record.model_cables, record.packed_size, record.state_size
     prm = floats(record.packed, count * width).reshape(count, width)
     state = floats(record.state, count * size).reshape(count, size)
@@ -277,7 +282,7 @@ def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
     seen[compiled_laws.JOINT_VELOCITY], leverage = velocity, 1.0
     if record.law >= FEEDBACK:
         seen[compiled_laws.JOINT_VELOCITY], leverage = _leverage(record, data, velocity)
-    if record.law < MODEL:
+    if record.law < TUNED:
         leverage = 1.0
     seen[compiled_laws.TORQUE], seen[compiled_laws.DESIRED] = (
         torque / leverage,

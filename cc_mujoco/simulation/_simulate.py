@@ -22,6 +22,7 @@ from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._axes import law_drives
+from cc_mujoco.control._registry import default_controller
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError
@@ -45,7 +46,7 @@ the second by the name of an axis."""
 @overload
 def simulate(
     plants: str | Path | Device | Plant,
-    controller: Law = ...,
+    controller: Law | None = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
     task: TaskChoice = ...,
@@ -62,7 +63,7 @@ def simulate(
 @overload
 def simulate(
     plants: list[Any] | tuple[Any, ...],
-    controller: Law = ...,
+    controller: Law | None = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
     task: TaskChoice = ...,
@@ -77,7 +78,7 @@ def simulate(
 
 def simulate(
     plants: str | Path | Device | Plant | list[Any] | tuple[Any, ...],
-    controller: Law = "pi",
+    controller: Law | None = None,
     *,
     motion: str | Path | Trajectory | None = None,
     task: TaskChoice = None,
@@ -95,9 +96,10 @@ def simulate(
         plants: Name or file of a device, a `Device` or a `Plant`, or a list of them of
             one device and of equal layout.
         controller: Name, `module:function` or file of a policy, as of
-            `cc_mujoco.control._controller`, or a function that is called with the
-            drive, as `module:function` is: it is made for each axis of each plant and
-            knows its values; see `control.axes_controller` for different ones. Or a
+            `cc_mujoco.controller`; by default `pi_tuned` or, where the task commands
+            an angle, `backlash_inverse` or `none`. Or a function that is called with
+            the drive, as `module:function` is: it is made for each axis of each plant
+            and knows its values; see `control.axes_controller` for different ones. Or a
             `Controller`, which knows the values of the drive that it was made for and
             reads numbers of a plant and arrays over a list of plants.
         motion: Motion of the wearer, see `human.trajectory`; that of the device by
@@ -134,6 +136,8 @@ def simulate(
     if not (isinstance(threads, int) and threads >= 0):
         raise CableError(f"threads must be an integer >= 0, not {threads!r}.")
     device = made[0].description
+    if controller is None:
+        controller = default_controller(device, task)
     motion = device.trajectory if motion is None else motion
     exos = {
         key: WornDevice(device, plant.model(), motion, task, duration)

@@ -20,7 +20,7 @@ from cc_mujoco.simulation import attended
 from cc_mujoco.simulation._compiled_batch import law_of, task_of
 from cc_mujoco.simulation._rollout import Rollout, play
 
-INSIDE = ("none", "feedback", "pi", "model", "stiction")
+INSIDE = ("none", "feedback", "pi", "pi_tuned", "model", "stiction")
 VARY: dict[str, dict[str, Given]] = {
     "wrist": {"friction": [0.05, 0.2], "motor_torque": [0.05, 1.0]},
     "ankle": {"joint_radius": [0.1, 0.13], "static_friction": [0.0, 0.1]},

@@ -40,8 +40,6 @@ CAPTIONS = {
     "cycle": "Error over the cycle in the ordinary condition.",
 }
 """Captions of the figures of a device."""
-WHOLE_NAMES = "th code, td code { overflow-wrap: normal; }"
-"""Style that breaks no name of a controller in a table."""
 
 
 def report_page(
@@ -95,7 +93,6 @@ def report_page(
             *(paragraph(inline_markdown(note), kind="small") for note in notes),
         ),
         sections(titles, parts),
-        style=WHOLE_NAMES,
     )
 
 

@@ -232,6 +232,8 @@ th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
 th { font-weight: 600; border-bottom-color: #999; }
 code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   overflow-wrap: anywhere; }
+/* A table scrolls rather than break words. */
+th code, td code { overflow-wrap: break-word; }
 .whole img { max-width: none; width: 42rem; }
 details { margin: .6rem 0; }
 summary { cursor: pointer; font-size: .88rem; color: $blue; }
@@ -241,7 +243,6 @@ summary { cursor: pointer; font-size: .88rem; color: $blue; }
 @media (max-width: 30rem) {
   table { font-size: .8rem; }
   th, td { padding-right: .4rem; }
-  td { overflow-wrap: anywhere; }
   .bar { width: 100%; min-width: 2rem; }
 }
 @media (prefers-color-scheme: dark) {

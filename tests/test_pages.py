@@ -237,6 +237,7 @@ def test_mjcf_loads_and_pulls() -> None:
     (xml,) = re.findall(r"```xml\n(.*?)```", FRONT, re.S)
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
+    data.ctrl[0] = 10.0 * 0.02  # holds the pretension
     mujoco.mj_step(model, data)
     reading = cc_mujoco.plugin.read(model, data, "flexor")
     assert reading.tension_proximal == pytest.approx(10.0)

@@ -31,9 +31,10 @@ class Chain:
         self.model, self.friction = model, friction
         self.sites = [model.site(name).id for name in sites]
         self.stiffness = stiffness
-        self.strained = 1.0 + pretension / stiffness
-        self.cable = self.lengths(data) / self.strained
+        self.mounted = self.first = 1.0 + pretension / stiffness
+        self.cable = self.lengths(data) / self.mounted
         self.wound = 0.0
+        self.layers: list[list[float]] = []
 
     def points(self, data: mujoco.MjData) -> Array:
         return data.site_xpos[self.sites]
@@ -45,7 +46,7 @@ class Chain:
         """Tension of the pieces (n,) after the pose or the drum [m] changed."""
         now = self.lengths(data)
         m = self.cable
-        m[0] -= (wound - self.wound) / self.strained
+        m[0] -= self.take_in(wound - self.wound)
         self.wound = wound
         along = np.diff(self.points(data), axis=0) / now[:, None]
         cosine = np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)
@@ -69,7 +70,27 @@ class Chain:
                         worst = max(worst, excess)
             if worst < 1e-6 * (1.0 + np.max(np.abs(pull))):
                 break
+        self.first = 1.0 + max(pull[0], 0.0) / self.stiffness
         return np.maximum(pull, 0.0)
+
+    def take_in(self, length: float) -> float:
+        """Return the unstretched cable that the drum takes in with a length [m].
+
+        It keeps the strain of the first piece and gives it back, last in, first out;
+        below lies cable at the strain of the pretension.
+        """
+        if length > 0.0:
+            self.layers.append([length, self.first])
+            return length / self.first
+        left, given = -length, 0.0
+        while left > 0.0 and self.layers:
+            part = min(left, self.layers[-1][0])
+            given += part / self.layers[-1][1]
+            self.layers[-1][0] -= part
+            left -= part
+            if self.layers[-1][0] <= 0.0:
+                self.layers.pop()
+        return -(given + left / self.mounted)
 
     def torque(self, data: mujoco.MjData, tension: Array) -> Array:
         """Return the forces of these tensions on the degrees of freedom (nv,)."""

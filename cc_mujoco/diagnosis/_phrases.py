@@ -28,7 +28,7 @@ VERDICT_MEANINGS = {
     "closer to data that were not used to find it.",
     "none": "What is left of the error looks like noise. This holds for the motions "
     "and loads in the data.",
-    "unknown": "No known effect explains enough of the error; one that is added takes "
+    "unknown": "No known effect takes the error to the noise; one that is added takes "
     "the place of what is really there. "
     "Where the error lies is the best hint at what it is.",
     "tie": "Each of these explains the data as well as the other, so naming one would "
@@ -123,7 +123,7 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
         return f"Nothing else is missing, but {off} is not what the scene says"
     return {
         "none": "Nothing is missing that these data could show",
-        "unknown": "Something is missing, and it is none of the known effects",
+        "unknown": "Something is missing, and no known effect takes it to the noise",
         "fix-data": "The data must be put right first",
         "fix-numerics": "The numerics of the simulation must be put right first",
     }[diagnosis.verdict]

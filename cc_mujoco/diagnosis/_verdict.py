@@ -286,7 +286,8 @@ class Alternative:
     """Something else that may be true.
 
     Attributes:
-        id: of an effect, "nothing" or "outside" (no effect of the library).
+        id: of an effect, "nothing", "outside" (no effect of the library) or "small" (an
+            effect too small for the data).
         probability: of it, 0 to 1.
     """
 

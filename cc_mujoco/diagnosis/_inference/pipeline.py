@@ -14,6 +14,7 @@ from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
+    MAX_EXPLAINED_ERROR,
     Round,
     are_confusable,
 )
@@ -44,6 +45,7 @@ from cc_mujoco.diagnosis._inference.error_location.location import (
     Fitted,
     Trials,
     locate_error,
+    random_constants,
     trial_ordinates,
 )
 from cc_mujoco.diagnosis._inference.error_location.occasion_report import (
@@ -57,6 +59,7 @@ from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
     trial_errors,
 )
 from cc_mujoco.diagnosis._inference.error_location.residual_maps import error_maps
+from cc_mujoco.diagnosis._inference.error_location.stretches import worst_stretch
 from cc_mujoco.diagnosis._inference.error_location.trial_trends import trial_constants
 from cc_mujoco.diagnosis._inference.model_fitting.baseline import (
     BaselineFit,
@@ -157,16 +160,22 @@ def run_inference(
     names = tuple(name for name in wanted if name in able)
     rare = () if settings.ids else tuple(name for name in able if name not in names)
 
-    division = interleaved_folds(records)
-    searching, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-    found = search(baseline_fit.crossed, division, names, limits, searching)
-    found = search_rare(found, division, rare, limits, of_rare)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
-    result = _conclude(baseline_fit, found, bench, settings, progress, temperatures)
+    division = interleaved_folds(records)
+    by_trial = _differs_by_trial(baseline_fit, temperatures)
+    if by_trial:
+        found = Search.without_effects(baseline_fit.crossed)
+    else:
+        searching, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
+        found = search(baseline_fit.crossed, division, names, limits, searching)
+        found = search_rare(found, division, rare, limits, of_rare)
+    result = _conclude(
+        baseline_fit, found, bench, settings, progress, temperatures, by_trial
+    )
     mode = describe_mode(dataset.instruments, dataset.ends_held, bool(bench.arm))
     problems = (*result.diagnosis.problems, *notes)
     diagnosis = replace(result.diagnosis, problems=problems, instruments=mode)
@@ -195,6 +204,21 @@ def _excitation_problem(records: Sequence[Record]) -> str:
     return ""
 
 
+def _differs_by_trial(
+    baseline_fit: BaselineFit, temperatures: Mapping[str, float]
+) -> str:
+    """Return what differs at random between trials and takes all error, or ""."""
+    misfit = baseline_fit.crossed.misfit
+    several = len(occasions_of(baseline_fit.problem.plant.records)) > 1
+    if misfit <= MAX_EXPLAINED_ERROR or several:
+        return ""
+    problem = baseline_fit.problem
+    constants = trial_constants(problem, baseline_fit.whole.x)
+    names = constants[0].trials if constants else ()
+    along = trial_ordinates(problem, names, temperatures)
+    return random_constants(Trials(constants, along), misfit)
+
+
 def _conclude(
     baseline_fit: BaselineFit,
     found: Search,
@@ -202,6 +226,7 @@ def _conclude(
     settings: Options,
     progress: Progress,
     temperatures: Mapping[str, float],
+    by_trial: str,
 ) -> DiagnosisResult:
     limits, seed = settings.thresholds, settings.seed
     # Occasions are better parts than halves, see `compare_occasions`.
@@ -238,7 +263,8 @@ def _conclude(
     shown_by = detectability(problem, x, others, found.changes)
     hidden = confounded_effects(shown_by)
     beyond = deviating_parameters(problem, x, estimated, hidden)
-    outcome = Judgement(effects, ties, model.held.gap, beyond)
+    stretch = worst_stretch(problem, x, model.held.after)
+    outcome = Judgement(effects, ties, model.held.gap, beyond, stretch, by_trial)
     kind, statement = judge(found, outcome, limits)
     statement += declared_sentence(problem.plant.library.declared)
     if found.interrupted:
@@ -254,7 +280,8 @@ def _conclude(
         statement += undecidable_sentence(ties[0])
     belief = None
     if not found.interrupted:
-        belief = belief_in_verdict(found, kind, missing, ties)
+        left = floor_ratios(model.held.gap)[1]
+        belief = belief_in_verdict(found, kind, missing, ties, left)
     # What is added where nothing explains the error only stands in for it.
     arguments = (
         (baseline_fit.problem, baseline_fit.whole.x)
@@ -264,6 +291,11 @@ def _conclude(
     odd = find_outlier_trial(
         *arguments, misfits(baseline_fit.problem, baseline_fit.whole.x)
     )
+    question = odd.question if odd else ""
+    if by_trial and odd and odd.rest > MAX_EXPLAINED_ERROR:
+        question = ""  # no single trial contradicts the others
+    if stretch and not odd:
+        question = stretch.question
     constants = trial_constants(*arguments)
     along = trial_ordinates(
         problem, constants[0].trials if constants else (), temperatures
@@ -291,7 +323,7 @@ def _conclude(
         ),
         runner_ups=tuple(_runner_ups(step) for step in found.rounds),
         trials=trial_errors(baseline_fit.problem, model.held.before, model.held.after),
-        question=odd.question if odd else "",
+        question=question,
         strayed=beyond,
         confounded=hidden,
         remaining=floor_ratios(model.held.gap)[1],

@@ -44,6 +44,9 @@ from cc_mujoco.report._html import (
     table,
 )
 
+SUFFICIENT_SHARE = 0.8
+"""Share of the error from which on an effect would do by itself."""
+
 
 def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
     """Return the verdict: headline, picture, next command, steps and statement."""
@@ -302,11 +305,19 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
         if found.form:
             title += f", {found.form}"
         if found.refinement:
-            takes = f"takes {format_share(found.share)} of the squared error"
-            title += f" (refines; {takes} above the noise floor)"
+            title += " (refines)"
         elif found.ordinary:
             title += " (no more than any rig may have)"
-        parts += [element("h3", title), _values(found.parameters)]
+        takes = (
+            f"Without it {format_share(found.share)} of the squared error above the "
+            "noise floor opens again; it is the best candidate in "
+            f"{format_share(found.confidence)} of resamplings."
+        )
+        parts += [
+            element("h3", title),
+            _values(found.parameters),
+            paragraph(takes, kind="small"),
+        ]
     if diagnosis.baseline.parameters:
         parts += [element("h3", "Baseline"), _values(diagnosis.baseline.parameters)]
     if diagnosis.baseline.not_identifiable:
@@ -340,7 +351,9 @@ def _candidate_text(
     removed = join_pieces([format_share(runner.reduction), share_bar(runner.reduction)])
     named = any(runner.id == found.id for found in diagnosis.effects)
     tied = any(runner.id in group for group in diagnosis.ties)
-    outcome = "would do by itself" if runner.accepted else "not accepted"
+    outcome = "helps" if runner.accepted else "not accepted"
+    if runner.accepted and runner.reduction > SUFFICIENT_SHARE:
+        outcome = "would do by itself"
     if runner.accepted and (named or tied):
         outcome = "tied" if tied else "added"
     if runner.reason:

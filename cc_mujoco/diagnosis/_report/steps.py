@@ -10,7 +10,6 @@ from cc_mujoco.diagnosis._phrases import (
     continue_command,
     format_fitted,
     format_interval,
-    format_share,
     gap_sentence,
     plain_name,
 )
@@ -93,13 +92,11 @@ def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
     where = next((each.statement for each in diagnosis.where), NO_LOCATION)
-    close = [
-        f"{names(each.id)} {each.reason}"
-        for step in diagnosis.runner_ups[-1:]
-        for each in step
-        if "only with" in each.reason
-    ]
-    hint = f" What comes close: {list_words(close)}." if close else ""
+    close = [each for step in diagnosis.runner_ups for each in step if each.reason]
+    best = max(close, key=lambda each: each.reduction, default=None)
+    hint = ""
+    if best is not None and best.reduction > 0.0:
+        hint = f" What comes closest: {names(best.id)}, refused: {best.reason}."
     return [
         _step_item("Where to look", f"{where}{hint}"),
         _step_item(
@@ -131,12 +128,7 @@ def _certainty_sentence(found: FoundEffect, names: Names) -> str:
         + f" (95 %: {format_interval(each)})"
         for name, each in (surely or found.parameters).items()
     ]
-    takes = (
-        f"It takes {format_share(found.share)} of the squared error above the noise "
-        "floor"
-    )
-    best = f"is the best candidate in {format_share(found.confidence)} of resamplings"
-    return f"{capitalise(names(found.id))}: {list_words(sizes)}. {takes} and {best}."
+    return f"{capitalise(names(found.id))}: {list_words(sizes)}."
 
 
 def _model_change_step(diagnosis: Diagnosis) -> Html:

@@ -13,17 +13,19 @@ import pytest
 from cc_mujoco import diagnosis
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     FORM_ERROR_SHARE,
+    MAX_EXPLAINED_ERROR,
     Thresholds,
     comparison_z,
 )
 from cc_mujoco.diagnosis._inference.effect_search.belief import (
     MEETING_FORM_SHARE,
     RELIABILITY,
+    _rate,
     _worded,
     probabilities,
 )
 from cc_mujoco.diagnosis._phrases import format_odds
-from cc_mujoco.diagnosis._verdict import Alternative
+from cc_mujoco.diagnosis._verdict import Alternative, Verdict
 
 BLOCKS = 64
 NOISE = np.tile([0.5, 1.5], BLOCKS // 2)
@@ -87,7 +89,22 @@ def test_odds_are_never_certain(probability: float, words: str) -> None:
 
 def test_odds_of_one_alternative_are_said_once() -> None:
     other = Alternative("outside", 0.05)
-    lone = _worded("named", 0.95, [other]).statement
+    lone = _worded("named", 0.95, [other], 1.2).statement
     assert lone.endswith("and all of it; otherwise something else acts.")
-    two = _worded("named", 0.8, [other, Alternative("nothing", 0.15)]).statement
+    two = _worded("named", 0.8, [other, Alternative("nothing", 0.15)], 1.2).statement
     assert "nothing is missing (odds 15:85) or something else acts (odds 5:95)" in two
+
+
+@pytest.mark.parametrize("kind", ["named", "tie"])
+def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
+    other = Alternative("outside", 0.5)
+    for left, complete in ((MAX_EXPLAINED_ERROR, True), (3.2, False)):
+        said = _worded(kind, 0.5, [other], left).statement
+        assert ("noise floors are left" in said) is not complete
+        assert ("all of it" in said) is (complete and kind == "named")
+
+
+@pytest.mark.parametrize("kind", ["none", "unknown"])
+def test_what_compares_no_models_has_a_rate_and_no_odds(kind: Verdict) -> None:
+    said = _rate(kind, 0.91, []).statement
+    assert "91 % of such verdicts were right" in said and "dds" not in said

@@ -16,6 +16,7 @@ from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import (
     judge,
     only_refines,
 )
+from cc_mujoco.diagnosis._inference.error_location.stretches import Stretch
 from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
 from cc_mujoco.estimation import Estimate
 
@@ -28,12 +29,16 @@ REASON = "fits only with joint_torque_gain -0.83, which is beyond -0.3 to 0.3"
 
 def search(misfit: float, left: float, reason: str = "") -> Any:
     """Return a search that changed the misfit from one value to another."""
-    last = SimpleNamespace(id=GAIN, reason=reason)
     sure = {"problem": SimpleNamespace(inflation=1.0), "errors": ()}
+    before = SimpleNamespace(misfit=misfit, **sure)
+    # The refused candidate takes a quarter of the error.
+    near = 1.0 + 0.75 * (misfit - 1.0)
+    crossed = SimpleNamespace(misfit_by=lambda _: near)
+    last = SimpleNamespace(id=GAIN, reason=reason, crossed=crossed, reduction=0.4)
     return SimpleNamespace(
-        before=SimpleNamespace(misfit=misfit, **sure),
+        before=before,
         after=SimpleNamespace(misfit=left, **sure),
-        rounds=(SimpleNamespace(candidates=(last,)),),
+        rounds=(SimpleNamespace(candidates=(last,), before=before),),
     )
 
 
@@ -71,7 +76,9 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     said, statement = judge(search(3.0, left), found, Thresholds())
     assert said == verdict
     if verdict == "unknown":
-        assert "20 % of it" in statement
+        assert "takes 20 % of the RMS error above the noise" in statement
+        assert "leaves 2.60 noise floors" in statement
+        assert "none of the effects" not in statement
 
 
 def test_of_two_rivals_that_were_added_either_may_be_the_one_that_stayed() -> None:
@@ -222,6 +229,37 @@ def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() ->
     assert f"gain of a torque sensor {REASON}" in statement
     _, plain = judge(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
     assert "gain of a torque sensor" not in plain
+
+
+@pytest.mark.parametrize("reason", ["joint_delay runs to its bound", REASON])
+def test_unknown_gives_the_refused_effect_its_share_what_remains_and_why(
+    reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
+    said, statement = judge(search(9.0, 9.0, reason), outcome((), GAP), Thresholds())
+    assert said == "unknown"
+    assert "What comes closest is gain of a torque sensor" in statement
+    assert "25 % of the RMS error above the noise and leaves 7.00" in statement
+    assert f"refused: {reason}" in statement
+    assert "none of the effects" not in statement
+
+
+@pytest.mark.parametrize("misfit", [1.1, 4.0])
+def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
+    misfit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdict_rules, "excess", lambda model: 0.0)
+    found, limits = search(misfit, misfit), Thresholds()
+    assert judge(found, outcome((), GAP), limits)[0] == "none"
+    stretch = Stretch("trial_06", 4.0, 8.0, "joint_torque_nm", 80.0, 1.2, True, 1.1)
+    off = outcome((), GAP)._replace(stretch=stretch)
+    said, statement = judge(found, off, limits)
+    assert said == "unknown"
+    assert "trial_06 transmits nothing from 4.0 s to 8.0 s" in statement
+    assert "80.0 times the noise floor" in statement
+    beside = off._replace(stretch=stretch._replace(rest=3.0))
+    said, statement = judge(found, beside, limits)
+    assert said == "unknown" and "rial_06 transmits nothing from" in statement
 
 
 def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:

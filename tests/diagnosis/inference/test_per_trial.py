@@ -24,6 +24,8 @@ from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
     misfits,
     trial_errors,
 )
+from cc_mujoco.diagnosis._inference.error_location.stretches import worst_stretch
+from cc_mujoco.diagnosis._inference.model_fitting.jacobian import TorqueDerivatives
 from diagnosis.recorded import BENCH, dataset
 
 USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -143,6 +145,39 @@ def test_exchanged_torques_are_found_before_any_search(wrong: str) -> None:
     assert not found.runner_ups
 
 
+def test_a_cable_that_comes_off_is_a_stretch_with_its_time() -> None:
+    data = recorded()
+    off = data.trials[1]
+    random = np.random.default_rng(2)
+    gone = off.time >= 1.5
+    noise = [random.normal(0.0, 0.02, off.time.size) for _ in range(2)]
+    changed = replace(
+        off,
+        motor_torque=np.where(gone, noise[0], off.motor_torque),
+        joint_torque=np.where(gone, noise[1], off.joint_torque),
+    )
+    trials = (data.trials[0], changed, *data.trials[2:])
+    few = Options(ids=("viscous_friction",))
+    found = run_inference(replace(data, trials=trials), BENCH, few).diagnosis
+    assert found.verdict == "unknown"
+    said = re.search(r"run_1 transmits nothing from ([\d.]+) s to", found.statement)
+    assert said is not None, found.statement
+    assert float(said[1]) == pytest.approx(1.5, abs=0.15)
+    assert "run_1" in found.question and "`valid`" in found.question
+
+
+def test_constants_that_differ_at_random_are_found_before_any_search() -> None:
+    factors = (0.8, 1.3, 0.7, 1.1)
+    trials = [
+        recorded(k, {"friction": USUAL["friction"] * factor}).trials[k]
+        for k, factor in enumerate(factors)
+    ]
+    found = run_inference(replace(recorded(), trials=tuple(trials)), BENCH).diagnosis
+    assert found.verdict == "unknown" and not found.runner_ups
+    assert "differs from trial to trial" in found.statement
+    assert "none of the effects" not in found.statement
+
+
 @pytest.fixture(scope="module")
 def alike() -> BaselineFit:
     """Return the baseline fit of four trials of one rig."""
@@ -151,6 +186,57 @@ def alike() -> BaselineFit:
 
 def test_trials_of_one_rig_are_not_asked_about(alike: BaselineFit) -> None:
     assert find_outlier_trial(alike.problem, alike.whole.x) is None
+
+
+def test_every_stretch_beyond_its_limit_is_found_where_it_is(
+    alike: BaselineFit,
+) -> None:
+    problem, x = alike.problem, alike.whole.x
+    played = problem.torques(x)
+    assert worst_stretch(problem, x, played) is None
+    random = np.random.default_rng(4)
+    for _ in range(8):
+        place, row = int(random.integers(len(played))), int(random.integers(2))
+        record = problem.plant.records[place]
+        able = record.time[record.counts]
+        start = float(random.uniform(able[0], able[-1] - 1.1))
+        end = start + float(random.uniform(1.0, able[-1] - start))
+        within = (record.time >= start) & (record.time <= end)
+        size = float(random.uniform(20.0, 300.0))
+        wrong = record.measured.copy()
+        wrong[row, within] += size * problem.floor[place][row, within]
+        records = list(problem.plant.records)
+        records[place] = replace(record, measured=wrong)
+        plant = problem.plant.limited(records)
+        changed = replace(problem, plant=plant, slopes=TorqueDerivatives())
+        stretch = worst_stretch(changed, x, played)
+        assert stretch is not None
+        assert stretch.trial == record.trial and not stretch.silent
+        assert stretch.channel == problem.plant.instruments.channels[row]
+        assert stretch.start == pytest.approx(start, abs=0.15)
+        assert stretch.end == pytest.approx(end, abs=0.15)
+        assert stretch.size == pytest.approx(size, rel=0.3)
+        assert stretch.rest < 1.5
+
+
+@pytest.mark.parametrize("pretension", [40.0, 82.0, 120.0])
+def test_a_trial_at_the_extreme_of_a_condition_is_not_to_be_left_out(
+    pretension: float,
+) -> None:
+    data = recorded(2, {"pretension": 40.0})
+    trials = [
+        replace(t, facts=Facts(pretension=pretension if k == 2 else 82.0))
+        for k, t in enumerate(data.trials)
+    ]
+    found = baseline_fit(replace(data, trials=tuple(trials)))
+    odd = find_outlier_trial(found.problem, found.whole.x)
+    if pretension == 40.0:
+        assert odd is None
+        return
+    assert odd is not None and odd.trials == ("run_2",)
+    alone = pretension > 100.0
+    assert ("keep the trial" in odd.question) is alone
+    assert ("leave the trial out" in odd.question) is not alone
 
 
 def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:

@@ -6,7 +6,7 @@ against each alternative and from how often such verdicts are right on sealed ri
 (`RELIABILITY`, `validation.md`), which counts what no comparison shows: effects that
 the library does not have.
 
-    belief = belief_in_verdict(found, "named", missing, ties)
+    belief = belief_in_verdict(found, "named", missing, ties, left)
     belief.probability, belief.statement
 """
 
@@ -16,11 +16,15 @@ import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import Round, comparison_z
+from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
+    MAX_EXPLAINED_ERROR,
+    Round,
+    comparison_z,
+)
 from cc_mujoco.diagnosis._inference.effect_search.search import Search
 from cc_mujoco.diagnosis._inference.model_fitting.folds import CrossValidation, blocks
 from cc_mujoco.diagnosis._inference.model_fitting.plausibility import IMPLAUSIBLE_PREFIX
-from cc_mujoco.diagnosis._phrases import format_odds
+from cc_mujoco.diagnosis._phrases import format_number, format_odds, format_share
 from cc_mujoco.diagnosis._verdict import Alternative, Verdict, VerdictOdds
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.report._html import list_words
@@ -39,6 +43,8 @@ RELIABILITY: Mapping[Verdict, float] = {
 `scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. On new rigs with
 the standard trials verdicts were right at least as often (`validation.md`).
 """
+FAR_OFF_RATE = 0.5
+"""Rate of right names that leave more than `MAX_EXPLAINED_ERROR`, over that of all."""
 _MIN_SHOWN = 0.02
 """Least probability of an alternative that is listed."""
 _MAX_SHOWN = 3
@@ -62,6 +68,7 @@ def belief_in_verdict(
     kind: Verdict,
     missing: Sequence[str],
     ties: Sequence[Sequence[str]],
+    left: float,
 ) -> VerdictOdds:
     """Return the probability that a verdict is right, with what else may be true.
 
@@ -72,14 +79,17 @@ def belief_in_verdict(
         kind: the verdict.
         missing: ids of the effects that are called missing.
         ties: groups of ids that are tied, the one in the model first.
+        left: error of the model over the noise.
     """
     reliable = RELIABILITY[kind]
     if kind == "none":
-        return _worded(kind, reliable, [Alternative("small", 1.0 - reliable)])
+        return _rate(kind, reliable, [Alternative("small", 1.0 - reliable)])
     if kind == "unknown":
         rest = 1.0 - reliable
         others = [Alternative(name, rest / len(missing)) for name in missing]
-        return _worded(kind, reliable, others)
+        return _rate(kind, reliable, others)
+    if left > MAX_EXPLAINED_ERROR:
+        reliable *= FAR_OFF_RATE
     groups = {group[0]: set(group) for group in ties}
     whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
     for step in found.rounds:
@@ -90,7 +100,7 @@ def belief_in_verdict(
         shares = probabilities(_alternatives(found, step, leader, group))
         whole *= shares.pop("")
         others += [Alternative(name, reliable * each) for name, each in shares.items()]
-    return _worded(kind, whole, others)
+    return _worded(kind, whole, others, left)
 
 
 def _alternatives(
@@ -117,29 +127,39 @@ def _alternatives(
     return found_z
 
 
-def _worded(
+def _rate(
     kind: Verdict, probability: float, others: Sequence[Alternative]
 ) -> VerdictOdds:
-    """Return the belief with its sentence."""
+    """Return the belief in a verdict that compares no models: a rate."""
+    meaning = {
+        "none": "nothing was missing",
+        "unknown": "something acted that the library does not have",
+    }[kind]
+    statement = (
+        f"On study rigs {format_share(probability)} of such verdicts were right: "
+        f"{meaning}."
+    )
+    return VerdictOdds(probability, statement, tuple(others))
+
+
+def _worded(
+    kind: Verdict, probability: float, others: Sequence[Alternative], left: float
+) -> VerdictOdds:
+    """Return the belief in a name or a tie with its sentence."""
     shown = sorted(
         (each for each in others if each.probability >= _MIN_SHOWN),
         key=lambda each: -each.probability,
     )[:_MAX_SHOWN]
-    words = {
-        "nothing": "nothing is missing",
-        "outside": "something else acts",
-        "small": "an effect is too small for these data",
-    }
+    words = {"nothing": "nothing is missing", "outside": "something else acts"}
 
     def name(other: Alternative) -> str:
         return words.get(other.id) or EFFECTS[other.id].title
 
     rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
+    complete = not left > MAX_EXPLAINED_ERROR
     subject = {
-        "named": "this is what is missing, and all of it",
+        "named": "this is what is missing" + ", and all of it" * complete,
         "tie": "one of the tied effects acts",
-        "none": "nothing is missing",
-        "unknown": "something acts that the library does not have",
     }[kind]
     statement = f"Odds {format_odds(probability)} that {subject}"
     if len(shown) == 1 and math.isclose(
@@ -148,4 +168,9 @@ def _worded(
         rest = [name(shown[0])]
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"
+    if not complete:
+        statement += (
+            f". They are low as {format_number(left)} noise floors are left: right "
+            f"names leave up to {MAX_EXPLAINED_ERROR:g} as a rule"
+        )
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

@@ -76,6 +76,11 @@ class Search(NamedTuple):
     known: tuple[CrossValidation, ...] = ()
     interrupted: bool = False
 
+    @classmethod
+    def without_effects(cls, baseline: CrossValidation) -> Search:
+        """Return a search that tried nothing."""
+        return cls(baseline, baseline, (), (), {}, Changes(), (baseline,))
+
 
 class _Course(NamedTuple):
     """Effects that were added, before those that became redundant are dropped.

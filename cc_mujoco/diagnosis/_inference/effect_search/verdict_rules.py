@@ -10,6 +10,7 @@ from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     Thresholds,
 )
 from cc_mujoco.diagnosis._inference.effect_search.search import Search
+from cc_mujoco.diagnosis._inference.error_location.stretches import Stretch
 from cc_mujoco.diagnosis._inference.model_fitting.folds import CrossValidation, excess
 from cc_mujoco.diagnosis._inference.model_fitting.heldout_error import (
     floor_ratios,
@@ -66,12 +67,17 @@ class Judgement(NamedTuple):
         ties: groups of ids that the data do not distinguish.
         gap: by channel.
         strayed: parameters tuned far beyond their priors.
+        stretch: stretch of a trial beyond its own limit, or None.
+        by_trial: what constants that differ from trial to trial explain, in words, or
+            "".
     """
 
     effects: tuple[FoundEffect, ...]
     ties: tuple[tuple[str, ...], ...]
     gap: Mapping[str, Gap]
     strayed: tuple[Strayed, ...]
+    stretch: Stretch | None = None
+    by_trial: str = ""
 
 
 def only_refines(
@@ -115,7 +121,7 @@ def declared_sentence(declared: Mapping[str, str]) -> str:
 def undecidable_sentence(tie: Sequence[str]) -> str:
     """Return what decides a tie that no trial of the catalogue separates."""
     facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
-    decide = "measure one of them alone"
+    decide = "on such motions either gives the same torques"
     if facts:
         decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
     return (
@@ -129,7 +135,7 @@ def _judge(
 ) -> tuple[Verdict, str]:
     misfit, left = found.before.misfit, found.after.misfit
     if not outcome.effects:
-        return _no_effect_verdict(found.before, found, limits)
+        return _no_effect_verdict(found.before, found, outcome, limits)
     ordinary = [each.id for each in outcome.effects if each.ordinary]
     refining = [e for e in outcome.effects if e.refinement and not e.ordinary]
     disputed = [
@@ -142,6 +148,9 @@ def _judge(
         f"the tuned scene {before:.1f} times; the weighted RMS error of "
         f"{_describe_gap(outcome.gap)}."
     )
+    stretch = outcome.stretch
+    if stretch is not None and stretch.rest <= limits.misfit:
+        statement += f" One stretch is left: {stretch.statement}"
     if refining:
         either = list_words(list_words(_tied_titles(each), "or") for each in refining)
         statement += (
@@ -163,12 +172,12 @@ def _judge(
         )
         statement += ", so it may stand in for something else."
     if not (missing or disputed):
-        kind, nothing = _no_effect_verdict(found.after, found, limits)
+        kind, nothing = _no_effect_verdict(found.after, found, outcome, limits)
         return kind, f"{nothing} {statement}"
     if not missing:
         return "unknown", (
             "Something is missing, and parts of these data name different effects for "
-            f"it{_describe_implausible(found)}. {statement}"
+            f"it{_describe_implausible(found)}. {closest_sentence(found)} {statement}"
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form; large errors are what that is about.
@@ -176,9 +185,10 @@ def _judge(
     little = little and overall_share(outcome.gap) < MIN_GAP_CLOSED
     if left > limits.misfit and little:
         return "unknown", (
-            f"Something is missing; {_titles(missing)} explains "
-            f"{format_share(explained)} of it, and the rest is none of the effects in "
-            f"the library{_describe_implausible(found)}. {statement}"
+            f"Something is missing{_describe_implausible(found)}. What comes closest "
+            f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
+            f"error above the noise and leaves {format_number(left)} noise floors, so "
+            f"it does not reach the noise. {statement}"
         )
     if misfit < HINT_ERROR:
         statement += (
@@ -199,26 +209,57 @@ def _judge(
 
 
 def _no_effect_verdict(
-    model: CrossValidation, found: Search, limits: Thresholds
+    model: CrossValidation, found: Search, outcome: Judgement, limits: Thresholds
 ) -> tuple[Verdict, str]:
     """Return the verdict where no effect is missing from this model."""
     misfit = model.misfit
+    if outcome.stretch is not None and outcome.stretch.rest <= limits.misfit:
+        return "unknown", (
+            "The data disagree with the simulation in one stretch: "
+            f"{outcome.stretch.statement}"
+        )
+    if outcome.by_trial:
+        return "unknown", outcome.by_trial
     scene = "tuned scene" if model is found.before else "model"
     off = f"on data it has not seen the {scene} is {format_number(misfit)} times the "
     off += "noise floor off"
     usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
-    if misfit <= limits.misfit:
+    beyond = outcome.stretch is not None
+    if misfit <= limits.misfit and not beyond:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if excess(model) < limits.z:
+    if excess(model) < limits.z and not beyond:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capitalise(usual)}, but here a few moments make that error, which is "
             "no evidence."
         )
     return "unknown", (
-        f"Something is missing (error {format_number(misfit)} times the noise floor) "
-        f"and it is none of the effects in the library{_describe_implausible(found)}; "
-        f"see where the error lies.{_HINT_CAVEAT if misfit < HINT_ERROR else ''}"
+        f"Something is missing (error {format_number(misfit)} times the noise floor). "
+        f"{closest_sentence(found)} See where the error lies."
+        f"{_HINT_CAVEAT if misfit < HINT_ERROR else ''}"
+        + (f" {capitalise(outcome.stretch.statement)}" if outcome.stretch else "")
+    )
+
+
+def closest_sentence(found: Search) -> str:
+    """Return the refused effect that comes closest: share, rest and why, in words."""
+    tried = [
+        (candidate, step.before)
+        for step in found.rounds
+        for candidate in step.candidates
+        if candidate.reason and candidate.crossed is not step.before
+    ]
+    if not tried:
+        return "To first order no effect of the library takes enough of it."
+    candidate, before = max(tried, key=lambda each: each[0].reduction)
+    left = candidate.crossed.misfit_by(before.problem.inflation)
+    share = 1.0 - (left - 1.0) / max(before.misfit - 1.0, 1e-9)
+    if share <= 0.0:
+        return "No effect of the library that was refitted takes any of it."
+    return (
+        f"What comes closest is {EFFECTS[candidate.id].title}: it takes "
+        f"{format_share(share)} of the RMS error above the noise and leaves "
+        f"{format_number(left)} noise floors, but is refused: {candidate.reason}."
     )
 
 

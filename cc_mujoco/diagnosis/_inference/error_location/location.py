@@ -89,6 +89,11 @@ class Trials(NamedTuple):
     ordinates: Mapping[str, FloatArray] = {}
 
 
+RANDOM_SHARE = 0.9
+"""Share of the squared error beyond the floor from which on constants by trial without
+a trend are the verdict; of single effects that are hidden in rigs they take 4 %."""
+
+
 class Fitted(NamedTuple):
     """A model and where it was fitted to all data."""
 
@@ -177,6 +182,24 @@ def _noise_ratios(problem: Problem, played: Sequence[FloatArray]) -> dict[str, f
             squares[row] += np.sum((error / floor)[:, kept] ** 2, axis=1)
     ratios = np.sqrt(squares[0] / np.maximum(squares[1], 1e-300)).tolist()
     return dict(zip(problem.plant.instruments.channels, ratios, strict=True))
+
+
+def random_constants(trials: Trials, misfit: float) -> str:
+    """Return the constant that differs at random between trials, in words, or "".
+
+    Args:
+        trials: constants by trial of the tuned scene.
+        misfit: of it.
+    """
+    for each in _describe_trial_constants(trials, ""):
+        if each.where.axis == "trial" and each.where.share_of_error > RANDOM_SHARE:
+            return (
+                f"The trials contradict each other: the tuned scene is "
+                f"{format_number(misfit)} times the noise floor off. "
+                f"{each.where.statement} Effects were not searched, as they hold for "
+                "all trials: find out what was changed between them, or declare it."
+            )
+    return ""
 
 
 def error_samples(

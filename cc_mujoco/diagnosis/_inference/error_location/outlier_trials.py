@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     fit,
     huber_residual,
 )
+from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._verdict import TrialError
 from cc_mujoco.report._html import list_words
@@ -87,6 +88,7 @@ class Odd(NamedTuple):
         rest: the same of the others.
         tilt: by which they are declared turned, where all that are so are meant [rad].
         own: what a constant of its own would have to be, in words.
+        extreme: declared condition of which the trial is the only extreme one, or "".
     """
 
     trials: tuple[str, ...]
@@ -94,6 +96,7 @@ class Odd(NamedTuple):
     rest: float
     tilt: float = 0.0
     own: str = ""
+    extreme: str = ""
 
     @property
     def question(self) -> str:
@@ -114,7 +117,12 @@ class Odd(NamedTuple):
         return (
             f"{off}was its pretension, its route or the way the rig stands changed?"
             f" It looks as if {self.own}. If so, declare it in dataset.toml "
-            f"([trials.{self.trials[0]!r}] pretension, tilt), or leave the trial out."
+            f"([trials.{self.trials[0]!r}] pretension, tilt)"
+            + (
+                f"; keep the trial, as no other has such a {self.extreme}."
+                if self.extreme
+                else ", or leave the trial out."
+            )
         )
 
 
@@ -224,7 +232,31 @@ def find_outlier_trial(
     )
     if left > MAX_REMAINING_RATIO * max(suspect.rest, 1.0):
         return None
-    return suspect._replace(tilt=tilt if turned else 0.0, own=words)
+    return suspect._replace(
+        tilt=tilt if turned else 0.0,
+        own=words,
+        extreme=_extreme_condition(problem, suspect.trials),
+    )
+
+
+def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
+    """Return the declared condition in which trials differ from all others, or ""."""
+    records = problem.plant.records
+
+    def lie_beyond(values: Callable[[Record], float | None]) -> bool:
+        own, others = (
+            [v for r in records if (r.trial in names) == inside and (v := values(r))]
+            for inside in (True, False)
+        )
+        if not own or not others:
+            return bool(own)
+        return min(own) > 1.05 * max(others) or max(own) < 0.95 * min(others)
+
+    if lie_beyond(lambda record: record.pretension):
+        return "pretension"
+    if lie_beyond(lambda record: abs(record.tilt)):
+        return "tilt"
+    return "load" if lie_beyond(lambda r: max(map(abs, r.known_torques))) else ""
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:

@@ -106,7 +106,7 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
         problem: the model.
         x: where it was fitted to all trials.
     """
-    fit = _ByTrial(problem, x)
+    fit = _ByTrial(problem, x, unhooked=False)
     if len(fit.trials) < MIN_TREND_TRIALS:
         return ()
     able = [
@@ -182,7 +182,8 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 class _ByTrial:
     """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
 
-    `group` names what counts as a trial, for example the occasion of a record.
+    `group` names what counts as a trial, for example the occasion of a record; those
+    with the cables off are left out unless `unhooked`.
     """
 
     def __init__(
@@ -190,10 +191,13 @@ class _ByTrial:
         problem: Problem,
         x: FloatArray,
         group: Callable[[Record], str] = lambda record: record.trial,
+        unhooked: bool = True,
     ) -> None:
         records = problem.plant.records
         self._problem, self._x = problem, x
-        self._masks = [record.counts for record in records]
+        self._masks = [
+            record.counts & (unhooked or not record.unhooked) for record in records
+        ]
         self._seen = [k for k, mask in enumerate(self._masks) if mask.any()]
         groups = [group(records[k]) for k in self._seen]
         self.trials = tuple(dict.fromkeys(groups))

@@ -302,7 +302,8 @@ class Plant:
         self._require_strength()
         if any(cable.path != PATHS[0] for cable in self.device.cables.values()):
             # The ends of a cable are implicit where they need it, its pieces are not.
-            limits = plugin.step_limits(self.model()).values()
+            model = self.model()
+            limits = plugin.step_limits(model, mujoco.MjData(model)).values()
             step = float(scene.spec.option.timestep)
             limit = min(found.pieces for found in limits)
             if step >= limit:

@@ -161,6 +161,8 @@ from cc_mujoco.plugin._warnings import (
     warn_jump,
     warn_no_effect,
     warn_once,
+    warn_short_conduit,
+    warn_short_period,
 )
 
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -408,7 +410,7 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             )
             implicit_ends.predict_acceleration(model, data, kind, area)
         block = mj_struct.block(data, instance)
-        implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 8))
+        implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 9))
 
     export_callback("cc_mujoco_aim", aim)
 
@@ -452,8 +454,10 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         if load_word(block + ROUTE) >= 0:
             _warn_missed(model, data, instance)
         warn_cannot_pull(model, instance)
+        warn_short_conduit(model, data, instance, block)
         longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
+        warn_short_period(model, instance, block, longest[0], longest[1])
         if implicit_ends.is_implicit(model, block):
             longest[0] = longest[1] = np.inf
         step, worst = mj_struct.timestep(model), int(np.argmin(longest))
@@ -493,9 +497,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         if not looks:
             known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
         elif not is_evaluated(block, data, state, u_proximal, u_distal):
-            aim = np.empty(8)
+            aim = np.empty(9)
             implicit_ends.predict_known_motion(model, data, block, aim)
-            known = evaluate_prediction(block, state, aim, dt)
+            known = evaluate_prediction(model, block, state, aim, dt)
         if known:
             pull(block, model, data)
             store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
@@ -690,9 +694,9 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         save_motion(block, data, u_proximal, u_distal)
         known = False
         if usable and not cut and looks:
-            aim = np.empty(8)
+            aim = np.empty(9)
             _aim(model, data, instance, aim.ctypes.data)
-            known = evaluate_prediction(block, state, aim, dt)
+            known = evaluate_prediction(model, block, state, aim, dt)
         elif usable and not cut:
             known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
         if known:

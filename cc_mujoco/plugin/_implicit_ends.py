@@ -21,8 +21,9 @@ which damps what the step cannot resolve; they are stable below s (1 + 2 alpha) 
 s >= 2.4, beta is at most 1/6 where explicit ends are stable, so that the frequency is
 off by (beta - 1/12) (h w)^2 / 2, no more than theirs. RK4 damps by itself, most at s of
 6; there s is 5.8, of 8, alpha is 0, and each of its four stages looks ahead from its
-own displacement. All springs of a cable beyond its ends stay explicit,
-and all under `discrete`, whose constraints are known only after the actuators.
+own displacement, by the stiffness that it meets (`_slack_passage.py`). All springs of a
+cable beyond its ends stay explicit, and all under `discrete`, whose constraints are
+known only after the actuators.
 
 `predict_acceleration` solves for a as MuJoCo does: smooth forces, with those of the
 cables as they were, and the constraints that are active at the acceleration of the step
@@ -46,7 +47,7 @@ from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_G
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._evaluate import origin, packed_block
+from cc_mujoco.plugin._evaluate import RK4, origin, packed_block
 from cc_mujoco.plugin._ffi import (
     add,
     apply_force,
@@ -103,7 +104,6 @@ MAX_DOFS = 300
 _MAX_ROUNDS = 3
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _NO_EULER_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
@@ -155,7 +155,7 @@ def is_implicit(model: int, block: int) -> bool:
     if integrator == _DISCRETE:
         return False
     step = mj_struct.timestep(model)
-    most = _IMPLICIT_LIMIT_RK4 if integrator == _RK4 else IMPLICIT_LIMIT
+    most = _IMPLICIT_LIMIT_RK4 if integrator == RK4 else IMPLICIT_LIMIT
     for end in range(2):
         if load_word(block + TIED_ENDS + 8 * end) != 0:
             continue
@@ -172,13 +172,13 @@ def is_implicit(model: int, block: int) -> bool:
         else:
             mobility = mj_struct.real(model, mj_struct.TENDON_INVWEIGHT0, target)
         mobility *= attachments.pulley_radius(model, output) ** 2
-        if step * step * mobility * _stiffness(block, end) > most:
+        if step * step * mobility * held_stiffness(block, end) > most:
             return True
     return False
 
 
 @internal
-def _stiffness(block: int, end: int) -> float:
+def held_stiffness(block: int, end: int) -> float:
     """Return the stiffness of an end that friction holds [N/m]."""
     stiffness = load_real(block + STIFFNESS + 8 * end)
     if stiffness == 0.0:
@@ -190,22 +190,27 @@ def _stiffness(block: int, end: int) -> float:
 
 
 @internal
-def _newmark_terms(
-    model: int, block: int, end: int, mobility: float
-) -> tuple[float, float]:
-    """Return alpha h [s] and beta h^2 [s^2] of an end, see above.
+def slipping_stiffness(block: int) -> float:
+    """Return the stiffness of an end while the whole cable slips [N/m].
 
-    `mobility` is its acceleration per tension [1/kg].
+    Between two equal masses, which find it twice as stiff as it is.
     """
-    runge_kutta = mj_struct.integrator(model) == _RK4
-    step, most = (
-        mj_struct.timestep(model),
-        _STABILITY_LIMIT_RK4 if runge_kutta else STABILITY_LIMIT,
-    )
-    square = step * step * mobility * _stiffness(block, end)
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    return float(2.0 / (1.0 / kernel.node_stiffness(prm, n)).sum())
+
+
+@internal
+def newmark_terms(model: int, stiffness: float, mobility: float) -> tuple[float, float]:
+    """Return alpha, and beta of an end of a stiffness [N/m], see above.
+
+    `mobility` is its acceleration per tension, times the square of the step [m/N].
+    """
+    runge_kutta = mj_struct.integrator(model) == RK4
+    most = _STABILITY_LIMIT_RK4 if runge_kutta else STABILITY_LIMIT
+    square = mobility * stiffness
     share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
-    velocity = 0.0 if runge_kutta else VELOCITY_GAIN * share * share * step
-    return velocity, share * step * step / most
+    return 0.0 if runge_kutta else VELOCITY_GAIN * share * share, share / most
 
 
 @internal
@@ -389,7 +394,7 @@ def _damping_matrix(
     """Write the damping that is integrated implicitly (nv * nv,); return if any."""
     nv, any_damping = mj_struct.dofs(model), False
     fill(out, 0.0)
-    if integrator == _RK4:
+    if integrator == RK4:
         return False
     euler = integrator == _EULER
     if not mj_struct.disabled(model, _NO_DAMPER) and not (
@@ -554,12 +559,12 @@ def _constraint_force(data: int, i: int, given: Floats, state: Floats) -> float:
 def predict_ends(
     model: int, data: int, block: int, kind: int, area: int, out: Floats
 ) -> None:
-    """Compute where to evaluate the ends of a cable, and how far they yield (8,).
+    """Compute where the ends of a cable are, and how they move in the step (9,).
 
-    Displacements [m] of the proximal and the distal end while their tensions stay as
-    they are, and by how much they go into the cable per tension [m/N]; then the same
-    four of where the step leads, see `_slack_passage.py`. How ends on the same bodies
-    move each other is added to what each does by itself.
+    Pairs for the proximal and the distal end: displacement x [m], h v [m] and h^2 a [m]
+    while the tensions stay as they are, and by how much h^2 a falls with the tension
+    [m/N]; at last 1, as ends yield to their tension. How ends on the same bodies move
+    each other is added to what each does by itself.
     """
     nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
     known = load_word(area)
@@ -569,9 +574,8 @@ def predict_ends(
     inertia = area + 8 + 40 * nv
     factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
     for end in range(2):
-        x, lever = _end_position(model, data, block, end)
-        out[end] = out[4 + end] = x
-        out[2 + end] = out[6 + end] = 0.0
+        out[end], lever = _end_position(model, data, block, end)
+        out[2 + end] = out[4 + end] = out[6 + end] = 0.0
         if load_word(block + TIED_ENDS + 8 * end) != 0:
             continue
         output = load_word(block + (DISTAL if end else PROXIMAL))
@@ -584,15 +588,11 @@ def predict_ends(
         if known == _DAMPED:
             multiply_inertia(model, data, between.ctypes.data, answer.ctypes.data)
             solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
-        mobility = _mobility(model, data, kind, answer)
-        gain, square = _newmark_terms(model, block, end, mobility)
         speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        acceleration = dot(row, found)
-        out[end] += gain * lever * speed
-        out[end] += square * acceleration
-        out[2 + end] = square * mobility
-        out[4 + end] += step * lever * speed + step * step * acceleration
-        out[6 + end] = step * step * mobility
+        out[2 + end] = step * lever * speed
+        out[4 + end] = step * step * dot(row, found)
+        out[6 + end] = step * step * _mobility(model, data, kind, answer)
+    out[8] = 1.0
 
 
 @internal
@@ -616,7 +616,7 @@ def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
 
 @internal
 def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None:
-    """Compute what `predict_ends` does (8,), by the acceleration in `data`.
+    """Compute what `predict_ends` does (9,), by the acceleration in `data`.
 
     It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
     """
@@ -625,21 +625,19 @@ def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None
     kind = mj_struct.integer(model, mj_struct.PLUGIN, load_word(block + INSTANCE))
     found = floats(load_word(data + mj_struct.QACC), nv)
     for end in range(2):
-        x, lever = _end_position(model, data, block, end)
-        out[end] = out[4 + end] = x
-        out[2 + end] = out[6 + end] = 0.0
+        out[end], lever = _end_position(model, data, block, end)
+        out[2 + end] = out[4 + end] = out[6 + end] = 0.0
         if load_word(block + TIED_ENDS + 8 * end) != 0:
             continue
         output = load_word(block + (DISTAL if end else PROXIMAL))
         fill(row, 0.0)
         _add_moment(data, output, lever, row)
         solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
-        mobility = _mobility(model, data, kind, answer)
-        gain, square = _newmark_terms(model, block, end, mobility)
         speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        acceleration = dot(row, found)
-        out[end] = x + gain * lever * speed + square * acceleration
-        out[4 + end] = x + step * lever * speed + step * step * acceleration
+        out[2 + end] = step * lever * speed
+        out[4 + end] = step * step * dot(row, found)
+        out[6 + end] = step * step * _mobility(model, data, kind, answer)
+    out[8] = 0.0
 
 
 @internal

@@ -5,7 +5,8 @@
 
 A reading is of the committed state: after `mj_step`, that of the configuration for
 which the step computed its forces, so it agrees with `data.actuator_force` and with
-MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
+MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal). Under
+RK4 `data.actuator_force` is that of the last stage.
 """
 
 from __future__ import annotations

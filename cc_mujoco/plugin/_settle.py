@@ -12,10 +12,18 @@ from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.errors import look_up
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._readings import route_tendon
 from cc_mujoco.plugin._registration import plugin_function
+from cc_mujoco.plugin._tendon_survey import piece_timesteps, survey_poses
+
+Floats = NDArray[np.float64]
+
+_WORST_POSES = 5
+"""Poses in which a cable is examined together with the others."""
 
 _KEEPS_ROPE = {"remount": 0, "keep": 1}
 """Values of `rope` of `settle`, and what compiled code takes for them."""
@@ -84,23 +92,59 @@ def step_limits(
     2 / sqrt(stiffness r^2 / J) are stable for it; for the general case see
     `_stability_limits.py`. Where the step is longer than 0.7 of that, ends are implicit
     and any step is stable for them, unless the cable has `ends` = `explicit`. Pieces of
-    an open path are always explicit. The plugin warns, through MuJoCo, of a
-    `timestep` that is too long.
+    an open path are always explicit, and the stiffer the shorter they are. The plugin
+    warns, through MuJoCo, of a `timestep` that is too long.
 
     Args:
         model: the model.
-        data: a simulation whose pose counts; by default that of `qpos0`.
+        data: a simulation whose pose counts; by default that of `qpos0`, and for the
+            pieces of an open path the worst of the poses over the ranges of its joints,
+            see `_tendon_survey.sweep`.
 
     Returns:
         Limits [s], infinite for what moves nothing.
     """
+    everywhere = data is None
     if data is None:
         data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
-    ask = plugin_function("limits")
-    found = {}
-    for name, instance in instances(model).items():
-        out = np.empty(3)
-        ask(model._address, data._address, instance, out.ctypes.data)
-        found[name] = StepLimits(*out.tolist())
+    found = {
+        name: _limits_here(model, data, instance)
+        for name, instance in instances(model).items()
+    }
+    for name, limits in found.items():
+        if everywhere and math.isfinite(limits.pieces):
+            pieces = shortest_piece_step(model, data, name, model.qpos0)
+            found[name] = limits._replace(pieces=pieces)
     return found
+
+
+def shortest_piece_step(
+    model: mujoco.MjModel, data: mujoco.MjData, name: str, rest: Floats
+) -> float:
+    """Return the limit of the pieces of a cable over the poses of its tendon [s].
+
+    Args:
+        model: the model.
+        data: a simulation; its `qpos` is left at the last pose.
+        name: the cable, on an open path.
+        rest: pose of all joints that do not move its tendon (nq,).
+    """
+    tendon, found = route_tendon(model, name), math.inf
+    poses = survey_poses(model, rest, tendon)
+    alone = piece_timesteps(model, data, tendon, 1.0, poses)
+    # With what all cables do to each other only where it is shortest without.
+    for pose in (poses[0], *poses[np.argsort(alone)[:_WORST_POSES]]):
+        data.qpos[:] = pose
+        mujoco.mj_fwdPosition(model, data)
+        found = min(found, _limits_here(model, data, instances(model)[name]).pieces)
+    return found
+
+
+def _limits_here(
+    model: mujoco.MjModel, data: mujoco.MjData, instance: int
+) -> StepLimits:
+    out = np.empty(3)
+    ask = plugin_function("limits")
+    ask(model._address, data._address, instance, out.ctypes.data)
+    return StepLimits(*out.tolist())

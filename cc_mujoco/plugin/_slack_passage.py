@@ -16,6 +16,14 @@ moves, V the energy of the cable, of the slope F, which grows with x, and x' = x
 
 So the end of a cable that snaps taut comes back with less than its own speed, and what
 the step cannot resolve is lost.
+
+Under RK4 each stage is evaluated first at its own displacements; an end is implicit by
+what the stiffness that it met needs, from that of a cable that slips to that of an end
+that friction holds. Where RK4 resolves the vibration on a cable that slips, the place
+to which a step leads is reckoned over what is left of the step at the stage, so that
+all stages look at its end. A motor of 2e-3 kg m^2 on an ankle of 1 kg m^2 that is
+thrown into slack, at 4 steps a period, then errs by 11 % of the tension in place of 16
+(`tests/plugin/test_implicit_ends.py`).
 """
 
 from __future__ import annotations
@@ -24,35 +32,65 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.plugin._evaluate import evaluate
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin._evaluate import RK4, evaluate
 from cc_mujoco.plugin._ffi import floats, internal, load_real, load_word
-from cc_mujoco.plugin._instance_data import SEGMENTS, TIED_ENDS, new_at, parameters_at
+from cc_mujoco.plugin._implicit_ends import (
+    held_stiffness,
+    newmark_terms,
+    slipping_stiffness,
+)
+from cc_mujoco.plugin._instance_data import (
+    SEGMENTS,
+    TIED_ENDS,
+    first_stage_at,
+    new_at,
+    parameters_at,
+)
 
 Floats = npt.NDArray[np.float64]
 
 
 @internal
-def evaluate_prediction(block: int, state: int, aim: Floats, dt: float) -> bool:
+def evaluate_prediction(
+    model: int, block: int, state: int, aim: Floats, dt: float
+) -> bool:
     """Evaluate a cable with implicit ends from the committed state at address `state`.
 
-    `aim` is the result of `predict_ends` (8,), `dt` the time since that state [s]. The
+    `aim` is the result of `predict_ends` (9,), `dt` the time since that state [s]. The
     parameters must be up to date.
 
     Returns:
         Whether the new state, in the block, is finite.
     """
-    if not evaluate(block, state, aim[0], aim[1], aim[2], aim[3], dt):
-        return False
     n = load_word(block + SEGMENTS)
-    new = new_at(block, n)
-    ahead, passes, doubt = aim[4:6].copy(), np.zeros(2), np.zeros(2)
+    new, used, left = new_at(block, n), np.empty(4), np.ones(2)
+    tried = mj_struct.integrator(model) == RK4
+    if tried and not evaluate(block, state, aim[0], aim[1], 0.0, 0.0, dt):
+        return False
     for end in range(2):
-        if load_word(block + TIED_ENDS + 8 * end) != 0:
+        stiffness = held_stiffness(block, end)
+        if tried:
+            soft = min(slipping_stiffness(block), stiffness)
+            if newmark_terms(model, soft, aim[6 + end])[1] == 0.0:
+                left[end] = _rest_of_step(model, block, state, dt)
+            stiffness = _met_stiffness(block, state, n, end, soft, stiffness)
+        alpha, beta = newmark_terms(model, stiffness, aim[6 + end])
+        used[end] = aim[end] + alpha * aim[2 + end] + beta * aim[4 + end]
+        used[2 + end] = aim[8] * beta * aim[6 + end]
+    if not evaluate(block, state, used[0], used[1], used[2], used[3], dt):
+        return False
+    ahead, passes, doubt = np.empty(2), np.zeros(2), np.zeros(2)
+    for end in range(2):
+        share = left[end]
+        ahead[end] = aim[end] + share * (aim[2 + end] + share * aim[4 + end])
+        if load_word(block + TIED_ENDS + 8 * end) != 0 or left[end] == 0.0:
             continue
         before, now = _tension(state, n, end), _tension(new, n, end)
         # Tension draws the proximal end towards distal, the distal end to proximal.
         sense = 1.0 if end == 0 else -1.0
-        ahead[end] += sense * aim[6 + end] * (max(now, 0.0) - max(before, 0.0))
+        gained = max(now, 0.0) - max(before, 0.0)
+        ahead[end] += sense * aim[8] * share * share * aim[6 + end] * gained
         relaxes = sense * (ahead[end] - load_real(new + 8 * end))
         if now <= 0.0:
             doubt[end] = 1.0 if before <= 0.0 and relaxes < 0.0 else 0.0
@@ -70,11 +108,40 @@ def evaluate_prediction(block: int, state: int, aim: Floats, dt: float) -> bool:
             if doubt[end] != 0.0:
                 taut = _tension(new, n, end) > 0.0
                 passes[end] = 1.0 if taut == (doubt[end] > 0.0) else 0.0
-    used = aim[:4].copy()
     for end in range(2):
         if passes[end] != 0.0:
-            used[end], used[2 + end] = aim[4 + end], aim[6 + end]
+            share = left[end]
+            used[end] = aim[end] + share * (aim[2 + end] + share * aim[4 + end])
+            used[2 + end] = aim[8] * share * share * aim[6 + end]
     return evaluate(block, state, used[0], used[1], used[2], used[3], dt)
+
+
+@internal
+def _rest_of_step(model: int, block: int, state: int, dt: float) -> float:
+    """Return the part of a step of RK4 that is left at a stage.
+
+    A stage is evaluated from the committed state, or later ones from the first one,
+    `dt` before [s].
+    """
+    if state != first_stage_at(block):
+        return 1.0
+    return max(1.0 - dt / mj_struct.timestep(model), 0.0)
+
+
+@internal
+def _met_stiffness(
+    block: int, state: int, n: int, end: int, soft: float, held: float
+) -> float:
+    """Return the stiffness that an end met on its way from the committed state [N/m].
+
+    At least that of a cable that slips, at most that of an end that friction holds.
+    """
+    new = new_at(block, n)
+    gained = abs(max(_tension(new, n, end), 0.0) - max(_tension(state, n, end), 0.0))
+    moved = abs(load_real(new + 8 * end) - load_real(state + 8 * end))
+    if gained >= held * moved:
+        return held
+    return max(gained / moved, soft)
 
 
 @internal

@@ -27,15 +27,15 @@ from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._readings import route_tendon
-from cc_mujoco.plugin._settle import step_limits
+from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._tendon_survey import (
     SWEEP_POSES,
     path_guides,
-    piece_timestep,
+    piece_timesteps,
     spanned_joints,
     survey,
-    sweep,
+    survey_poses,
 )
 
 if TYPE_CHECKING:
@@ -110,8 +110,8 @@ class TendonSummary:
         friction: coefficient of friction.
         friction_source: where that is from: `"given"`, `"cable"` or `"assumed"`.
         axial_stiffness: EA for which `step_limit` holds [N].
-        step_limit: time step below which its pieces are stable in the present pose [s];
-            infinite where nothing moves.
+        step_limit: time step below which its pieces are stable in the present pose and
+            over the ranges of the joints [s]; infinite where nothing moves.
         timestep: time step of the model [s].
         cable: the cable on it, if there is one.
         in_conduit: True if that cable is in a conduit, at least up to its mouth, where
@@ -242,7 +242,7 @@ class TendonSummary:
             source = "" if self.cable else " (assumed)"
             yield (
                 f"  with EA = {self.axial_stiffness:g} N{source} its pieces are stable "
-                f"below {1e3 * self.step_limit:.3g} ms; the `timestep` of "
+                f"below {1e3 * self.step_limit:.3g} ms in all poses; the `timestep` of "
                 f"{1e3 * self.timestep:.3g} ms is {verdict}"
             )
         if self.unlimited_joints:
@@ -422,7 +422,6 @@ def tendon_report(
             skipped[name] = why
     data = mujoco.MjData(model) if data is None else _copy_of(data, model)
     rest = data.qpos.copy()
-    limits = step_limits(model, data)
     found = []
     for name in chosen:
         if name in skipped:
@@ -436,12 +435,12 @@ def tendon_report(
         mu = given.friction if own is None else own.friction
         if friction is not None:
             mu, origin = given.friction, "given"
-        data.qpos[:] = rest
-        limit = (
-            limits[cable].pieces
-            if cable is not None and open_path
-            else piece_timestep(model, data, index, material.axial_stiffness)
-        )
+        if cable is not None and open_path:
+            limit = shortest_piece_step(model, data, cable, rest)
+        else:
+            poses = survey_poses(model, rest, index)
+            stiffness = material.axial_stiffness
+            limit = float(piece_timesteps(model, data, index, stiffness, poses).min())
         found.append(
             _summarize(
                 model, data, rest, index, mu, origin, material.axial_stiffness, limit,
@@ -485,8 +484,7 @@ def _summarize(
     guides: Floats,
 ) -> TendonSummary:
     joints = spanned_joints(model, tendon)
-    reach = float(model.tendon_length0[tendon])
-    found = survey(model, data, tendon, sweep(model, rest, joints, reach))
+    found = survey(model, data, tendon, survey_poses(model, rest, tendon))
     turn, rubbing = found.turn, np.where(guides == ROLLING, 0.0, found.turn)
     contact = found.contact + np.maximum(guides, 0.0) * turn
     contact[:, guides == ROLLING] = 0.0

@@ -92,24 +92,35 @@ def _measure(
         assign(length[row], open_path.lengths(shape, n))
 
 
-def piece_timestep(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, axial_stiffness: float
-) -> float:
-    """Return the time step below which the pieces of a tendon would be stable [s].
+def piece_timesteps(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    tendon: int,
+    axial_stiffness: float,
+    poses: FloatArray,
+) -> FloatArray:
+    """Return time steps below which the pieces of a tendon would be stable (k,) [s].
 
     As a cable on an open path of its own, with the segments that it has by default, and
     without others.
 
     Args:
         model: the model.
-        data: a simulation; its pose counts.
+        data: a simulation; its `qpos` is left at the last pose.
         tendon: index of a spatial tendon without pulleys.
         axial_stiffness: EA of the cable [N].
+        poses: values of `qpos` (k, nq).
     """
-    mujoco.mj_fwdPosition(model, data)
-    if model.nv == 0:
-        return math.inf
-    return float(_timestep(model._address, data._address, tendon, axial_stiffness))
+    found = np.full(len(poses), math.inf)
+    for i, pose in enumerate(poses if model.nv else ()):
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_factorM(model, data)
+        found[i] = _timestep(model._address, data._address, tendon, axial_stiffness)
+    return found
 
 
 @compiled
@@ -182,6 +193,12 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
         found.add(body)
         body = int(model.body_parentid[body])
     return found
+
+
+def survey_poses(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
+    """Return the poses in which a spatial tendon is surveyed (k, nq), see `sweep`."""
+    reach = float(model.tendon_length0[tendon])
+    return sweep(model, rest, spanned_joints(model, tendon), reach)
 
 
 def sweep(

@@ -52,6 +52,7 @@ from cc_mujoco.plugin._takeover.report import (
     describe_band,
     describe_winch,
     order_line,
+    range_lines,
     summary_line,
 )
 from cc_mujoco.plugin._takeover.stops import held_tension, keep_constraints
@@ -70,7 +71,7 @@ from cc_mujoco.plugin._takeover.winch import (
     sample_poses,
     write_winches,
 )
-from cc_mujoco.plugin._tendon_report import tendon_report
+from cc_mujoco.plugin._tendon_report import TendonSummary, tendon_report
 
 _ALLOWED_KEYS = [
     key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")
@@ -163,7 +164,8 @@ def add_friction(
 
     Warns:
         CableWarning: friction takes much of the tension as a tendon lies in `qpos0`,
-            because its sites zig-zag, or the time step bears only a soft tendon.
+            because its sites zig-zag, the time step bears only a soft tendon, or
+            `qpos0` violates its `range`.
     """
     require_spec(spec)
     for key in parameters:
@@ -211,14 +213,32 @@ def add_friction(
         concerns += [s.warning for s in turns.tendons if s.warning and s.zigzags]
     for concern in concerns:
         warnings.warn(concern, CableWarning, stacklevel=2)
+    steps = {s.name: _step_lines(s) for s in turns.tendons}
+    parts = tuple(
+        dataclasses.replace(
+            part, lines=sum((steps[cable] for cable in part.cables), part.lines)
+        )
+        for part in plan.parts
+    )
     if not several:
-        return plan.parts[0]
-    pairs = zip(plan.burdens, plan.parts, strict=True)
+        return parts[0]
+    pairs = zip(plan.burdens, parts, strict=True)
     return AddedCables(
-        tuple(cable for part in plan.parts for cable in part.cables),
+        tuple(cable for part in parts for cable in part.cables),
         "",
         tuple(summary_line(original, burden, part) for burden, part in pairs),
-        plan.parts,
+        parts,
+    )
+
+
+def _step_lines(summary: TendonSummary) -> tuple[str, ...]:
+    """Return a line where pieces become too short for the time step in motion."""
+    if summary.step_limit > summary.timestep:
+        return ()
+    return (
+        f"timestep: over the ranges of its joints pieces of {summary.name!r} become so "
+        f"short that {summary.axial_stiffness:g} N is stable only below "
+        f"{1e3 * summary.step_limit:.3g} ms, and it is {1e3 * summary.timestep:.3g} ms",
     )
 
 
@@ -367,7 +387,7 @@ def _plan(
         lines.append(own)
     laid, model = _lay(tried, moved, ends)
     bearable = _bearable_stiffness(model, laid) if taken else {}
-    concerns = []
+    concerns = [x for burden in burdens for x in range_lines(burden, original)]
     for burden, request, own in zip(burdens, requests, lines, strict=True):
         if burden.tendon not in winches:
             continue

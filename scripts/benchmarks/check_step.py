@@ -105,7 +105,9 @@ def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
             phase = 2.0 * math.pi * FREQUENCY * data.time + k
             data.qfrc_applied[dof] = -DRUM * (PULL + SWING * math.sin(phase))
         mujoco.mj_step(model, data)
-        tension[step] = np.abs(data.actuator_force)
+        readings = (read(model, data, joint) for joint in case.joints)
+        ends = [(r.tension_proximal, r.tension_distal) for r in readings]
+        tension[step] = np.ravel(ends)
     spent = (time.perf_counter() - started) / steps
     lost = sum(float(read(model, data, j).dissipated) for j in case.joints)
     return tension, lost, spent

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.plugin import read, settle, step_limits, stored_energy
+from cc_mujoco.plugin import read, settle, step_limits, stored_energy, tendon_report
 from plugin.mechanisms import drawn, loop
 from plugin.open_scenes import TIED, end, instance, scene
 from plugin.tendon_chain import Chain
@@ -61,10 +61,22 @@ def test_a_hoisted_hook_hangs_on_the_spring_of_the_rope_that_is_left(
     soft = left / STIFFNESS + spring
     assert lowered == pytest.approx(1e-5 / soft, rel=1e-4)
     # Step limits know the pose.
-    whole, short = step_limits(m), step_limits(m, d)
+    whole, short = step_limits(m, mujoco.MjData(m)), step_limits(m, d)
     if not more:
         shorter = (short["rope"].pieces / whole["rope"].pieces) ** 2
         assert shorter == pytest.approx(0.1, rel=1e-2)
+
+
+def test_limits_hold_in_every_pose_over_the_ranges_of_the_joints() -> None:
+    """The hook has 0.2 m of 2 m of rope left where it is highest."""
+    m = hoist(2.0)
+    m.jnt_limited[1], m.jnt_range[1] = 1, (-0.5, 1.8)
+    here, anywhere = step_limits(m, mujoco.MjData(m)), step_limits(m)
+    shorter = (anywhere["rope"].pieces / here["rope"].pieces) ** 2
+    assert shorter == pytest.approx(0.1, rel=1e-2)
+    assert anywhere["rope"][:2] == here["rope"][:2]
+    (summary,) = tendon_report(m, "rope").tendons
+    assert summary.step_limit == anywhere["rope"].pieces
 
 
 def test_a_drum_that_goes_to_and_fro_brings_the_rope_back() -> None:
@@ -183,8 +195,8 @@ def test_a_piece_that_becomes_too_short_for_the_step_is_warned_of_once(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
     m = hoist(2.5)
-    m.opt.timestep = 0.6 * min(step_limits(m)["rope"])
     d = mujoco.MjData(m)
+    m.opt.timestep = 0.6 * min(step_limits(m, d)["rope"])
     put(m, d, 0.0, 0.0)
     assert "stable only" not in capfd.readouterr().err
     for up in np.linspace(0.0, 2.45, 50):

@@ -353,9 +353,11 @@ def test_the_scenes_are_not_warned_of(
     name: str, said: dict[tuple[str, float], Any]
 ) -> None:
     assert said[name, 1.0] == []
-    # The ends of the others are implicit then.
-    open_path = ["its open path is stable only" in line for line in said[name, 40.0]]
-    assert open_path == ([True] if name == "finger" else [])
+    # The ends of the others are implicit then, and vibrate faster than that.
+    unstable = [line for line in said[name, 40.0] if "is stable only" in line]
+    assert ["its open path" in line for line in unstable] == [True] * (name == "finger")
+    others = [line for line in said[name, 40.0] if line not in unstable]
+    assert all("the period of its ends is" in line for line in others)
 
 
 JUMPS = """

@@ -14,7 +14,7 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.plugin import AddedCables, read, route_wrap
+from cc_mujoco.plugin import AddedCables, read, route_wrap, step_limits
 from cc_mujoco.plugin._takeover.survey import kind_of
 
 Law = Callable[[float], float]
@@ -579,3 +579,46 @@ def test_an_actuator_is_called_what_it_was_written_as(kind: str, numbers: str) -
         f"<actuator><{kind} joint='j' {numbers}/></actuator></mujoco>"
     )
     assert kind_of(model, 0) == ("general" if kind == "cylinder" else kind)
+
+
+def spokes() -> mujoco.MjSpec:
+    """Return a bulb and two balls that a tendon of limited length draws together."""
+    return mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body><freejoint/><site name="bulb"/>'
+        '<geom name="bulb" size=".3" density="100" contype="0" conaffinity="0"/></body>'
+        '<body pos=".2 0 0"><freejoint/><site name="a"/><geom size=".03"/></body>'
+        '<body pos="1.2 0 0"><freejoint/><site name="b"/><geom size=".1"/></body>'
+        '</worldbody><tendon><spatial name="t" range="0 .5"><site site="a"/>'
+        '<geom geom="bulb" sidesite="bulb"/><site site="b"/></spatial></tendon>'
+        "</mujoco>"
+    )
+
+
+def test_a_range_that_qpos0_violates_is_warned_of_with_its_size() -> None:
+    with pytest.warns(CableWarning, match="1 m long in `qpos0`, 0.5 m out of its"):
+        report = cc_mujoco.add_friction(spokes(), "t", friction=0.1)
+    assert sum("0.5 m out of its `range` of 0 to 0.5 m" in x for x in report.lines) == 1
+    inside = spokes()
+    inside.tendon("t").range = [0.0, 1.0]
+    report = cc_mujoco.add_friction(inside, "t", friction=0.1)  # without a warning
+    assert not any("out of its" in line for line in report.lines)
+
+
+def test_the_step_that_pieces_bear_in_motion_is_reported() -> None:
+    spec = spokes()
+    spec.tendon("t").range = [0.0, 1.0]
+    report = cc_mujoco.add_friction(spec, "t", friction=0.1)
+    (line,) = (x for x in report.lines if x.startswith("timestep: "))
+    model = spec.compile()
+    worst = step_limits(model)["t"].pieces
+    assert f"stable only below {1e3 * worst:.3g} ms, and it is 2 ms" in line
+    # No motion needs a shorter step.
+    data, shortest = mujoco.MjData(model), math.inf
+    data.qvel[:] = np.random.default_rng(0).normal(0.0, 1.0, model.nv)
+    model.opt.timestep = 2e-4
+    for _ in range(40):
+        mujoco.mj_step(model, data, 50)
+        here = mujoco.MjData(model)
+        here.qpos[:] = data.qpos
+        shortest = min(shortest, step_limits(model, here)["t"].pieces)
+    assert worst <= shortest

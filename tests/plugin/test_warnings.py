@@ -336,3 +336,44 @@ def test_an_end_that_can_never_pull_is_warned_of(case: str) -> None:
     else:
         assert len(lines) == 1
         assert wanted in lines[0]
+
+
+APART = """<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody>
+<site name="a"/><site name="mouth" pos="5.2 0 0"/>
+<body><joint name="motor" armature="1e-3"/><geom size=".02" mass=".1"/></body>
+<body pos="5.3 0 0"><joint name="knee" armature="1e-3"/><geom size=".02" mass=".1"/>
+  <site name="b" pos=".1 0 0"/></body></worldbody>
+<tendon><spatial name="{name}"><site site="a"/><site site="mouth"/><site site="b"/>
+</spatial></tendon></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "apart"),
+    [
+        ({}, 5230),
+        ({"route": True}, 5400),
+        ({"route": True, "bend": "route"}, 5400),
+        ({"route": True, "path": "mixed", "mouth": "mouth"}, 5200),
+    ],
+    ids=["joints", "route", "bend", "mixed"],
+)
+def test_a_conduit_that_is_too_short_for_its_ends_is_warned_of(
+    keys: dict[str, object], apart: int
+) -> None:
+    for length in (0.3, 5.5):
+        name = next(_names)
+        spec = mujoco.MjSpec.from_string(APART.format(name=name))
+        given = keys | ({"route": name} if "route" in keys else {})
+        cable = Cable(
+            conduit=(Section(length, 1.0),), friction=0.1, segments=5,
+            axial_stiffness=1e4, **given,
+        )  # fmt: skip
+        distal = (spec.tendon(name), 1.0) if "path" in keys else ("knee", 0.05)
+        to_mjcf(spec, name, cable, ("motor", 0.02), distal)
+        said = [x for x in warned(spec.compile()) if f"'{name}'" in x]
+        if length < 1.0:
+            (line,) = (x for x in said if "key `conduit`" in x)
+            assert "is 300.000 mm long" in line
+            assert f"its ends are {apart}.000 mm apart" in line
+        else:
+            assert not any("key `conduit`" in x for x in said)

@@ -160,8 +160,8 @@ def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
     """Return half of the time step that makes the cables' ends unstable [s]."""
     model = spec.compile()
     if bench.tied:  # its pieces are the springs
-        limits = [min(step_limits(model)[name]) for name in bench.names]
-        return 0.5 * min(limits)
+        found = step_limits(model, mujoco.MjData(model))
+        return 0.5 * min(min(found[name]) for name in bench.names)
     limits = []
     for joint, radius in (
         (bench.motor, bench.motor_radius),

@@ -115,6 +115,7 @@ def describe_winch(
                 "that hangs slack, so limit the joints"
             )
         lines.append(text)
+        lines += range_lines(burden, original)
     if "actuatorfrcrange" in burden.fields:
         lines.append(f"actuatorfrcrange: limits the actuators of {place}")
     for i in burden.equalities:
@@ -143,6 +144,22 @@ def describe_winch(
         "there, then `cc_mujoco.plugin.settle`"
     )
     return lines
+
+
+def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
+    """Return a sentence where `qpos0` violates the `range` of a tendon, with its size.
+
+    The limit then pulls the tendon from the first step on.
+    """
+    low, high = original.tendon_range[original.tendon(burden.tendon).id]
+    off = max(low - burden.length, burden.length - high)
+    if "range" not in burden.fields or off <= 0.0:
+        return []
+    return [
+        f"tendon {burden.tendon!r} is {burden.length:.4g} m long in `qpos0`, "
+        f"{off:.4g} m out of its `range` of {low:.4g} to {high:.4g} m, which pulls it "
+        "there from the first step on; change the range or the pose."
+    ]
 
 
 def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[str]:

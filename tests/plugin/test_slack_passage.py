@@ -118,7 +118,7 @@ def test_a_cable_that_snaps_taut_gives_out_no_energy(
 ) -> None:
     """Bodies that a force pulls apart bounce on it.
 
-    With implicit ends they gain nothing. Explicit ends, and RK4, err by up to 15 % of
+    With implicit ends they gain nothing. Explicit ends, and RK4, err by up to 20 % of
     the kinetic energy either way where a cable becomes taut. `square` is the power of
     ten of the square of step times frequency, `slack` how far they come near [m].
     """
@@ -134,7 +134,7 @@ def test_a_cable_that_snaps_taut_gives_out_no_energy(
     limits = step_limits(model)["cable"]
     implicit = 2.0 * step > 1.5 * min(limits[:2]) and integrator != "RK4"
     found = gains(model, force, math.sqrt(2.0 * force * slack / reduced))
-    assert np.all(found < (1e-6 if implicit else 0.15))
+    assert np.all(found < (1e-6 if implicit else 0.2))
 
 
 def test_slack_that_runs_out_on_a_light_winch_does_not_rebound() -> None:

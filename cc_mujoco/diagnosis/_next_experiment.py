@@ -42,7 +42,7 @@ from cc_mujoco.diagnosis._inference.trial_planning.planning import (
     TrialPlan,
     planned,
 )
-from cc_mujoco.diagnosis._phrases import format_number, plain_name
+from cc_mujoco.diagnosis._phrases import format_number, format_share, plain_name
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.diagnosis.effects import EffectParameter
 from cc_mujoco.errors import CableError
@@ -252,7 +252,7 @@ def page(
     ]
     unseen = table(("effect", "why not"), sorted(found.hidden.items()))
     trials = table(
-        ("file", "what to do", "pretension [N]", "seconds"),
+        ("file", "what to do", "pretension [N]", "slack", "seconds"),
         [
             (
                 f"`{MOTION_FILE.format(f'{k:02d}')}`",
@@ -260,9 +260,12 @@ def page(
                 format_number(bench.cables[0].pretension * motion.pretension)
                 if motion.pretension
                 else "-",
+                format_share(share) if motion.pretension else "-",
                 format_number(MOTION_STEP * motion.motor.size),
             )
-            for k, motion in enumerate(found.trials, start=1)
+            for k, (motion, share) in enumerate(
+                zip(found.trials, found.slack, strict=True), start=1
+            )
         ],
     )
     resolved = table(

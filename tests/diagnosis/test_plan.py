@@ -17,7 +17,11 @@ from cc_mujoco.datasets._torques import expected_instruments
 from cc_mujoco.diagnosis import MOTION_STEP, plan
 from cc_mujoco.diagnosis._inference.rig_simulation.motions import middle_angle, motions
 from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
-from cc_mujoco.diagnosis._inference.trial_planning.planning import TrialPlan, planned
+from cc_mujoco.diagnosis._inference.trial_planning.planning import (
+    MAX_SLACK,
+    TrialPlan,
+    planned,
+)
 from cc_mujoco.diagnosis._next_experiment import PLAN_PAGE
 from cc_mujoco.errors import CableError
 from hardware.devices import ARM, KNEE, written
@@ -259,6 +263,17 @@ def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:
     low, high = Bench.of(scene).span
     for motion in found.trials:
         assert low - 1e-3 < motion.joint.min() < motion.joint.max() < high + 1e-3
+
+
+def test_a_lone_cable_stays_taut_in_every_planned_trial(tmp_path: Path) -> None:
+    found = plan("ankle", tmp_path / "out", ids=IDS[:2])
+    assert len(found.slack) == len(found.trials)
+    assert max(found.slack) <= MAX_SLACK
+    hooked = [trial for trial in found.trials if trial.pretension]
+    loads = ("weight of", "spring", "locked")
+    assert all(any(load in t.description for load in loads) for t in hooked)
+    page = (tmp_path / "out" / PLAN_PAGE).read_text(encoding="utf-8")
+    assert "slack" in page and "joint free" not in page
 
 
 def test_the_noise_of_a_plan_is_declared_or_described(tmp_path: Path) -> None:

@@ -264,7 +264,17 @@ def _conclude(
     hidden = confounded_effects(shown_by)
     beyond = deviating_parameters(problem, x, estimated, hidden)
     stretch = worst_stretch(problem, x, model.held.after)
-    outcome = Judgement(effects, ties, model.held.gap, beyond, stretch, by_trial)
+    off = misfits(problem, x)
+    unhooked = {r.trial for r in problem.plant.records if r.unhooked} & set(off)
+    outcome = Judgement(
+        effects,
+        ties,
+        model.held.gap,
+        beyond,
+        stretch,
+        by_trial,
+        max((off[name] for name in unhooked), default=0.0),
+    )
     kind, statement = judge(found, outcome, limits)
     statement += declared_sentence(problem.plant.library.declared)
     if found.interrupted:
@@ -294,7 +304,7 @@ def _conclude(
     question = odd.question if odd else ""
     if by_trial and odd and odd.rest > MAX_EXPLAINED_ERROR:
         question = ""  # no single trial contradicts the others
-    if stretch and not odd:
+    if stretch and not odd and kind == "unknown":
         question = stretch.question
     constants = trial_constants(*arguments)
     along = trial_ordinates(

@@ -245,6 +245,27 @@ class SensorCrossTalk:
         )
 
 
+class JointFriction:
+    """Dry friction of the joint, as `frictionloss` of MJCF."""
+
+    equation = "tau_j -= F tanh(q' / v), v a hundredth of the top speed"
+    source = "Coulomb friction"
+    where = "joint"
+    needs = "the cables off and the joint moved both ways"
+    confused_with = ("load_independent_friction", "asymmetric_friction")
+
+    def parameters(self) -> list[Size | Shape]:
+        """See `_effect_class`."""
+        meaning = "dry friction of the joint"
+        return [Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0)]
+
+    def signals(self, signals: Signals, values: Values) -> Signals:
+        """See `_effect_class`."""
+        speed = signals.joint_speed
+        turns = 0.01 * max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)
+        return signals.added(joint=-values["joint_friction"] * np.tanh(speed / turns))
+
+
 class CoupledNeighbour:
     """Torque of a neighbouring joint that acts on this one, by a measured column.
 
@@ -310,6 +331,7 @@ RARE_EFFECTS: tuple[Effect, ...] = tuple(
         FrictionByOrder,
         FrictionByTemperature,
         SensorCrossTalk,
+        JointFriction,
         CoupledNeighbour,
         LeverGeometry,
     )

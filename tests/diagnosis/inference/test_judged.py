@@ -262,6 +262,16 @@ def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
     assert said == "unknown" and "rial_06 transmits nothing from" in statement
 
 
+def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
+    for name, verdict in ((ALIKE[0], "unknown"), ("joint_inertia", "named")):
+        found = outcome((name,), CLOSED)._replace(unhooked=11.8)
+        said, statement = judge(search(20.0, 1.2), found, Thresholds())
+        assert said == verdict
+        assert ("no cable makes" in statement) is (verdict == "unknown")
+    near = outcome(ALIKE[:1], CLOSED)._replace(unhooked=1.5)
+    assert judge(search(20.0, 1.2), near, Thresholds())[0] == "named"
+
+
 def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
     told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
     away = Strayed("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)

@@ -10,7 +10,11 @@ from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     Thresholds,
 )
 from cc_mujoco.diagnosis._inference.effect_search.search import Search
-from cc_mujoco.diagnosis._inference.error_location.stretches import Stretch
+from cc_mujoco.diagnosis._inference.error_location.stretches import (
+    STRETCH_LIMIT,
+    TRIAL_LIMIT,
+    Stretch,
+)
 from cc_mujoco.diagnosis._inference.model_fitting.folds import CrossValidation, excess
 from cc_mujoco.diagnosis._inference.model_fitting.heldout_error import (
     floor_ratios,
@@ -68,6 +72,7 @@ class Judgement(NamedTuple):
         gap: by channel.
         strayed: parameters tuned far beyond their priors.
         stretch: stretch of a trial beyond its own limit, or None.
+        unhooked: error of the worst trial with the cables off, over the noise.
         by_trial: what constants that differ from trial to trial explain, in words, or
             "".
     """
@@ -78,6 +83,7 @@ class Judgement(NamedTuple):
     strayed: tuple[Strayed, ...]
     stretch: Stretch | None = None
     by_trial: str = ""
+    unhooked: float = 0.0
 
 
 def only_refines(
@@ -149,7 +155,7 @@ def _judge(
         f"{_describe_gap(outcome.gap)}."
     )
     stretch = outcome.stretch
-    if stretch is not None and stretch.rest <= limits.misfit:
+    if stretch is not None and stretch.size > STRETCH_LIMIT:
         statement += f" One stretch is left: {stretch.statement}"
     if refining:
         either = list_words(list_words(_tied_titles(each), "or") for each in refining)
@@ -189,6 +195,15 @@ def _judge(
             f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
             f"error above the noise and leaves {format_number(left)} noise floors, so "
             f"it does not reach the noise. {statement}"
+        )
+    if outcome.unhooked > TRIAL_LIMIT and all(
+        EFFECTS[name].where == "conduit" for name in missing
+    ):
+        return "unknown", (
+            "Something is missing at motor, joint or sensors: with the cables off the "
+            f"model is {format_number(outcome.unhooked)} times the noise floor off, "
+            f"which no cable makes. {capitalise(_titles(missing))} takes "
+            f"{format_share(explained)} of the RMS error above the noise. {statement}"
         )
     if misfit < HINT_ERROR:
         statement += (

@@ -312,7 +312,16 @@ def motions(
             for each in found
             if each.pretension
         ]
+    if len(bench.cables) == 1:  # which a free joint leaves slack
+        found = [_with_weight(each, bench) for each in found]
     return [_centre_motion(each, motor_middle, joint_middle) for each in found]
+
+
+def _with_weight(motion: CataloguedTrial, bench: Bench) -> CataloguedTrial:
+    """Return a trial with a weight that keeps a lone cable taut where it is free."""
+    torque = motion.pretension * bench.cables[0].pretension * bench.joint_radius
+    pulled = f"joint pulled against the cable by a weight of {torque:.2g} N m"
+    return replace(motion, description=motion.description.replace("joint free", pulled))
 
 
 def _cell_channel(bench: Bench, end: str) -> str:

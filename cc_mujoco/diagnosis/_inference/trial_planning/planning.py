@@ -39,6 +39,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
     motions,
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
+from cc_mujoco.diagnosis._inference.rig_simulation.replays import cached_replay
 from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
 from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
 
@@ -49,6 +50,10 @@ DEFAULT_ANGLE_NOISE = 1e-4
 """Standard deviation of an angle's noise where none is declared [rad]."""
 SATURATED_CLARITY = 10.0 * MIN_CLARITY
 """Clarity from which more is of no further use; noise is not all that is in the way."""
+
+
+MAX_SLACK = 0.05
+"""Share of a trial in which a lone cable may be slack: nothing is transmitted there."""
 
 
 class Resolved(NamedTuple):
@@ -98,6 +103,7 @@ class TrialPlan:
         hidden: effects that these instruments cannot show, and why.
         declared: facts that remove an effect or bound it.
         sizes: the first amplitude of every effect.
+        slack: share of the samples of each trial in which a cable is slack.
     """
 
     trials: tuple[CataloguedTrial, ...]
@@ -106,6 +112,7 @@ class TrialPlan:
     hidden: Mapping[str, str]
     declared: Mapping[str, str]
     sizes: Mapping[str, EffectParameter]
+    slack: tuple[float, ...]
 
 
 def planned(
@@ -145,6 +152,11 @@ def planned(
     records = tuple(_record(motion, bench, rows) for motion in every)
     plant = SimulatedRig(bench, records, PLAN_SEGMENTS, 1, instruments, constants)
     records = _simulated_records(plant)
+    slack = [_slack_share(plant, record) for record in records]
+    if len(bench.cables) == 1:  # of a pair the other cable pulls
+        kept = [k for k, share in enumerate(slack) if share <= MAX_SLACK]
+        every, slack = [every[k] for k in kept], [slack[k] for k in kept]
+        records = tuple(records[k] for k in kept)
     plant = plant.limited(records)
     free = baseline_parameters(bench, records, constants, instruments)
     library = plant.library
@@ -187,7 +199,17 @@ def planned(
         hidden,
         {name: library.declared[name] for name in wanted if name in library.declared},
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
+        tuple(slack[k] for k in chosen),
     )
+
+
+def _slack_share(plant: SimulatedRig, record: Record) -> float:
+    """Return the share of samples in which a cable of the scene pulls nothing."""
+    if record.unhooked:
+        return 0.0
+    played = cached_replay(record, plant.setting({}, (), record.pretension))
+    loose = np.minimum(played.tension_proximal, played.tension_distal) <= 0.0
+    return float(np.mean(np.any(loose, axis=0)))
 
 
 def _simulated_records(plant: SimulatedRig) -> tuple[Record, ...]:

@@ -33,7 +33,15 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 MADE = {"build", "dist", "runs"}
 KINDS = ("sh", "python", "xml", "toml", "c", "text")
-NEEDS = ("a network", "a rig", "a screen", "mjlab", "newton", "Stable-Baselines3")
+NEEDS = (
+    "a network",
+    "a rig",
+    "a screen",
+    "mjlab",
+    "newton",
+    "rsl_rl",
+    "Stable-Baselines3",
+)
 UNITS = {"s": 1, "minute": 60, "minutes": 60, "hour": 3600, "hours": 3600}
 STUDY = 1800.0
 """Longest time that a page gives of a block that runs [s]."""

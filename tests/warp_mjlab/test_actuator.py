@@ -1,4 +1,4 @@
-"""Cables in an environment of mjlab; `scripts/test_mjlab` has mjlab, others skip."""
+"""Cables in an environment of mjlab, which `scripts/test_peers mjlab` has."""
 
 from __future__ import annotations
 
@@ -118,7 +118,9 @@ def play(env, actions, efforts=rig.efforts):
 def test_the_tensions_are_those_of_the_plugin(env, tmp_path):
     python = os.environ.get("CC_MUJOCO_PYTHON")
     if python is None:
-        pytest.skip("scripts/test_mjlab names a Python whose MuJoCo runs the plugin")
+        pytest.skip(
+            "scripts/test_peers mjlab names a Python whose MuJoCo runs the plugin"
+        )
     out = tmp_path / "plugin.npy"
     subprocess.run([python, "-P", str(RIG), str(out)], check=True)
     right = np.load(out)

@@ -1,0 +1,28 @@
+"""Blocks of the pages that need another project, run verbatim beside it.
+
+`scripts/test_peers NAME` has the project and names it; elsewhere these tests skip.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from page_blocks import Block, Reader, every_block
+
+PEER = os.environ.get("CC_MUJOCO_PEER", "")
+WITH = [block for block in every_block() if block.needs == PEER and not block.checkout]
+
+
+@pytest.mark.skipif(not PEER, reason="scripts/test_peers names a peer")
+@pytest.mark.parametrize("block", WITH if PEER else [], ids=lambda block: block.place)
+def test_a_block_that_names_a_peer_runs(block: Block, tmp_path: Path) -> None:
+    commands = Path(sys.executable).parent
+    reader = Reader(tmp_path, commands, commands)
+    try:
+        reader.run(block)
+    finally:
+        reader.close()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
@@ -24,6 +24,13 @@ from numpy.typing import NDArray
 from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._actuation import HinderedFleet
 from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
+from cc_mujoco.benchmark._faults import (
+    FAULTS,
+    STRAP,
+    FaultySensors,
+    StrapFleet,
+    fault_onsets,
+)
 from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
@@ -34,6 +41,7 @@ from cc_mujoco.benchmark._position import (
 from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER, Reference
 from cc_mujoco.benchmark._scores import (
     ANGLE_SCORES,
+    SAFETY_SCORES,
     SCORES,
     device_scores,
     episode_scores,
@@ -80,6 +88,8 @@ class Cell:
     """Belief; that of the condition by default."""
     sensing: Sensing | None = None
     """Sensing; that of the device by default."""
+    key: str = field(default="", repr=False)
+    """Secret of the run that samples the plants; see `_plant.new_key`."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
@@ -123,7 +133,7 @@ class CellSetup:
     """Cables that each motor winds."""
     drives: tuple[Drive, ...]
     law: Controller
-    sensors: AxesMeasuring
+    sensors: AxesMeasuring | FaultySensors
     period: float
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [N m]."""
@@ -138,7 +148,8 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
     for cell in cells:
         at = cell.condition
         about = at.scene, at.task, at.moving_route, at.structure, at.duration
-        key = cell.controller, cell.seeds, cell.sensing, at.known, *about
+        own = cell.controller, cell.seeds, cell.sensing, cell.key, at.known
+        key = *own, *about
         found.setdefault(key, []).append(cell)
     return list(found.values())
 
@@ -166,7 +177,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
-        draws += sample_plants(cell.condition, cell.seeds)
+        draws += sample_plants(cell.condition, cell.seeds, cell.key)
         own = cell.belief or Belief(MODEL_ERRORS[cell.condition.error])
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     description = draws[0].plant.description
@@ -186,7 +197,10 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     ]
     exo = exos[0]
     devices, hindered = [e.device for e in exos], [one.actuation for one in draws]
-    if all(one.is_plain for one in hindered) or (reference and reference.ideal):
+    onsets = fault_onsets([drawn.seed for drawn in draws], exo.period)
+    if at.structure == STRAP:
+        fleet: Fleet = StrapFleet(exo, devices, scripts, onsets=onsets)
+    elif all(one.is_plain for one in hindered) or (reference and reference.ideal):
         fleet = Fleet(exo, devices, scripts)
     else:
         fleet = HinderedFleet(hindered, exo, devices, scripts)
@@ -212,7 +226,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         law = _position_law(cells, name, drives[0], prefixes)
     else:
         law = user_entry.make_controller(name, drives, prefixes)
-    sensors = exo.controller_sensors(
+    sensors: AxesMeasuring | FaultySensors = exo.controller_sensors(
         sensing,
         drives,
         [drawn.seed for drawn in draws],
@@ -226,6 +240,11 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         delay=[drawn.plant.delay for drawn in draws],
         noise=[drawn.plant.noise for drawn in draws],
     )
+    if at.structure in FAULTS:
+        ratios = [drive.ratio for drive in drives]
+        sensors = FaultySensors(
+            at.structure, onsets, sensors, prefixes, ratios, exo.period
+        )
     return CellSetup(
         description,
         draws,
@@ -249,7 +268,7 @@ def _position_law(
 
     if name == SCALE_CONTROLLER:
         return make(drive)  # it has no parameters
-    return position_law([(c.condition, c.seeds) for c in cells], drive, make)
+    return position_law([(c.condition, c.seeds, c.key) for c in cells], drive, make)
 
 
 def _reference(cell: Cell) -> Reference | None:
@@ -339,6 +358,8 @@ def _scores(
     prefixes = made.fleet.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
+    if cell.condition.structure in FAULTS:
+        scores = SAFETY_SCORES
     first = round(WARM_UP / made.period)
     episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):

@@ -63,7 +63,7 @@ def report_page(
         parts[key] = _device(folder, results, scene, baseline, scene == first)
     titles |= {"all": "All controllers and references", "words": "What the names mean"}
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
-    notes = (*text.divergence_sentences(results), *text.unknown_limits(results))
+    notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
     notes += tuple(text.left_out_sentences(plan.left_out()))
     parts["all"] = _folded_table(text.OVERVIEW_HEADING, overview_table(results))
     times = times_table(results)

@@ -12,6 +12,8 @@ alone share their plants; all others draw independently of each other.
 from __future__ import annotations
 
 import dataclasses
+import re
+import secrets
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +36,7 @@ from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import BIAS
 from cc_mujoco.device._variables import Value
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import Disturbed, Trajectory, Walk
 
 MAX_SIGMAS = 3.0
@@ -49,6 +52,9 @@ CABLE_SPREAD = {
 
 IMPEDANCE_SPREAD, CADENCE_SPREAD = 0.2, 0.03
 """Relative standard deviations of the wearer's impedance and of a gait's period."""
+
+KEY_BYTES = 16
+"""Length of the secret key of a run."""
 
 SENSORS_PER_CABLE = 3
 """Tension sensors on a cable, see `Sensing.equip`."""
@@ -100,15 +106,52 @@ class Belief:
         )
 
 
-def sample_plants(condition: Condition, seeds: Sequence[int]) -> list[Draw]:
-    """Draw the plants of a condition, one for each seed."""
+def sample_plants(
+    condition: Condition, seeds: Sequence[int], key: str = ""
+) -> list[Draw]:
+    """Draw the plants of a condition, one for each seed.
+
+    Args:
+        condition: The condition.
+        seeds: Of the plants.
+        key: Secret of the run, see `new_key`; none by default.
+    """
     device = find_device(condition.scene)
-    return [_sample_plant(condition, seed, device) for seed in seeds]
+    return [_sample_plant(condition, seed, device, key) for seed in seeds]
 
 
-def _sample_plant(condition: Condition, seed: int, device: Device) -> Draw:
+def new_key() -> str:
+    """Return a new secret key of a run, `KEY_BYTES` as hexadecimal digits."""
+    return secrets.token_hex(KEY_BYTES)
+
+
+def require_key(key: str) -> None:
+    """Refuse a text that is no key.
+
+    Raises:
+        CableError: It is none.
+    """
+    if not re.fullmatch(f"([0-9a-f]{{{2 * KEY_BYTES}}})?", key):
+        raise CableError(
+            f"a key has {2 * KEY_BYTES} hexadecimal digits, as a results file has it, "
+            f"not {key!r}."
+        )
+
+
+def _own_seed(seed: int, place: int, key: str) -> int:
+    """Return the seed of an episode, of 128 bits where there is a key.
+
+    A plant says nothing of other plants, as nobody tries that many seeds.
+    """
+    if not key:
+        return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
+    source = np.random.SeedSequence([seed, place, int(key, 16)])
+    return int.from_bytes(source.generate_state(KEY_BYTES // 4).tobytes(), "little")
+
+
+def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> Draw:
     place = zlib.crc32(f"{condition.label} {plant_key(condition.name)}".encode())
-    own = int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
+    own = _own_seed(seed, place, key)
     random = np.random.default_rng([own, 2])
     values: dict[str, Value] = {}
     for name, cable in device.cables.items():

@@ -89,11 +89,11 @@ def nominal_drive(condition: Condition) -> Drive:
 
 @lru_cache(maxsize=16)
 def fresh_fits(
-    condition: PositionCondition, seeds: tuple[int, ...]
+    condition: PositionCondition, seeds: tuple[int, ...], key: str = ""
 ) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
     """Return the parameters that trials on the plants give, one for each seed."""
     nominal = nominal_drive(condition)
-    plants = [drawn.plant for drawn in sample_plants(condition, seeds)]
+    plants = [drawn.plant for drawn in sample_plants(condition, seeds, key)]
     return tuple(
         fit_hysteresis(trial, nominal) for trial in calibration_trials(plants, TRIAL)
     )
@@ -108,21 +108,21 @@ def position_drive(condition: Condition, drive: Drive) -> Drive:
 
 
 def position_law(
-    cells: Sequence[tuple[Condition, tuple[int, ...]]],
+    cells: Sequence[tuple[Condition, tuple[int, ...], str]],
     drive: Drive,
     make: Callable[[Drive], Controller],
 ) -> Controller:
     """Return the controller of the episodes of a group.
 
     Args:
-        cells: Condition and seeds of each cell.
+        cells: Condition, seeds and key of each cell.
         drive: As of `position_drive`.
         make: Function that makes the controller of a plant.
     """
     laws: list[Controller] = []
-    for condition, seeds in cells:
+    for condition, seeds, key in cells:
         fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
         if isinstance(condition, PositionCondition) and condition.fitted:
-            fits = fresh_fits(condition, seeds)
+            fits = fresh_fits(condition, seeds, key)
         laws += [make(dataclasses.replace(drive, hysteresis=fit)) for fit in fits]
     return PlantsController(laws)

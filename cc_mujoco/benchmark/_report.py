@@ -107,7 +107,7 @@ def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
         OVERVIEW_HEADING,
         table(*overview_table(results)),
         *divergence_sentences(results),
-        *unknown_limits(results),
+        *assumed_limits(results),
     ]
     return "\n\n".join(parts)
 
@@ -176,17 +176,21 @@ def divergence_sentences(results: Results) -> list[str]:
     ]
 
 
-def unknown_limits(results: Results) -> list[str]:
-    """Return a sentence for each device with joints of unknown `safe_torque`."""
+def assumed_limits(results: Results) -> list[str]:
+    """Return a sentence for each device with joints of assumed `safe_torque`."""
     found = []
     for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
         axes = find_device(scene).description.axes
-        joints = [axis.joint for axis in axes if math.isinf(axis.safe_torque)]
-        if joints:
+        limits = [
+            f"{axis.safe_torque:g} N m at joint {axis.joint}"
+            for axis in axes
+            if axis.safe_is_assumed
+        ]
+        if limits:
             found.append(
-                f"The safe torque of device {device_label(scene)} at joint "
-                f"{', '.join(joints)} is unknown (`safe_torque` in its description), "
-                "so that no torque there counts as a failure."
+                f"The safe torque of device {device_label(scene)} is assumed: "
+                f"{', '.join(limits)}, or twice what the task demands, if that is "
+                "more; `safe_torque` in its description gives another."
             )
     return found
 

@@ -113,6 +113,7 @@ def write_results(
         "conditions": {name: condition.text for name, condition in used.items()},
         "devices": {one.label: one.scene for one in used.values()},
         "durations": {name: condition.duration for name, condition in used.items()},
+        "key": results[0][0].key,
         "made_by": dict(makers),
         "machine": describe_machine(),
     }
@@ -223,6 +224,11 @@ def join_results(
             }
             for provenance in (about, of_other)
         ]
+        if about.get("key", "") != of_other.get("key", ""):
+            raise CableError(
+                "the plants of both files have different secret keys; run one with "
+                "--key of the other."
+            )
         if texts[0] != texts[1]:
             raise CableError(
                 f"the conditions or the seeds of {scene} are not the same in both "

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from cc_mujoco.benchmark._cell import (
     prepare_episodes,
 )
 from cc_mujoco.benchmark._conditions import Condition
+from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
 from cc_mujoco.benchmark._references import (
     REFERENCES,
@@ -77,6 +79,9 @@ class BenchmarkPlan:
     """The first of them; the others follow. Who judges may choose it afterwards."""
     duration: float | None = None
     """Length of an episode; that of the conditions by default [s]."""
+    key: str = field(default="", repr=False)
+    """Secret of the run, see `_plant.new_key`; none where plants follow from the seeds
+    alone."""
 
     def players(self) -> tuple[str, ...]:
         """Return the references, `none` and the controllers, each once."""
@@ -137,11 +142,12 @@ class BenchmarkPlan:
             raise CableError(
                 f"the first seed must be 0 to {MAX_SEED:,}, not {self.first_seed:,}."
             )
+        require_key(self.key)
         seeds = tuple(range(self.first_seed, self.first_seed + count))
         found: dict[str, Cell] = {}
         for condition in self.played():
             for name in self.players():
-                cell = Cell(condition, name, seeds)
+                cell = Cell(condition, name, seeds, key=self.key)
                 # What is named twice is played once.
                 other = found.setdefault(cell.name, cell)
                 if other != cell:
@@ -306,6 +312,9 @@ def _cell_key(cell: Cell) -> dict[str, Any]:
     """Return the key of a cell, whose controller was made before."""
     at = cell.condition
     text = repr(cell).replace(repr(at), at.text, 1)
+    if cell.key:
+        # An entry may read the files of finished cells while others are played.
+        text += hashlib.sha256(cell.key.encode()).hexdigest()
     return {"cell": text, "made_by": provenance([cell.controller], [at.scene])}
 
 

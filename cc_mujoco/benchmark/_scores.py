@@ -42,11 +42,15 @@ ANGLE_SCORES = tuple(
 )
 """Those of an episode whose task commands an angle."""
 
-EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SCORES)))
-"""Both, in the order of tables."""
+SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)
+"""Those of an episode in which a sensor or a strap fails."""
 
-ERRORS = "rms_torque_error", "rms_angle_error"
-"""Scores that controllers are ranked by: of a torque, or of a commanded angle."""
+EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
+"""All, in the order of tables."""
+
+ERRORS = "peak_over_safe", "rms_torque_error", "rms_angle_error"
+"""Scores that controllers are ranked by: of a fault, of a torque, or of a commanded
+angle."""
 
 
 def ranked_score(names: Iterable[str]) -> str:

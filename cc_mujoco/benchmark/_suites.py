@@ -17,6 +17,7 @@ from cc_mujoco.benchmark._conditions import (
     crossed_conditions,
     named_condition,
 )
+from cc_mujoco.benchmark._faults import safety_conditions
 from cc_mujoco.benchmark._generic import generic_conditions
 from cc_mujoco.benchmark._position import position_conditions
 from cc_mujoco.benchmark._references import REFERENCES
@@ -165,6 +166,12 @@ SUITES = {
         "the effects in cables of `v2`, each unknown and known to the model",
         ("wrist", "ankle", "finger", "exosuit"),
         known_conditions,
+        5,
+    ),
+    "safety": Suite(
+        "any device whose sensors or strap fail, in up to 12 conditions",
+        ("wrist", "ankle", "finger", "exosuit"),
+        safety_conditions,
         5,
     ),
     "position": Suite(

@@ -78,7 +78,8 @@ def verify(
     for scene, condition, law in cells:
         own = [row for row in rows if _cell_of_row(row) == (scene, condition, law)]
         seeds = tuple(row["seed"] for row in own)
-        found = play(Cell(conditions[f"{scene} {condition}"], law, seeds))
+        at = conditions[f"{scene} {condition}"]
+        found = play(Cell(at, law, seeds, key=about.get("key", "")))
         columns: dict[str, Any] = {**found.scores, **found.plants}
         for place, row in enumerate(own):
             for name, values in columns.items():

@@ -20,12 +20,14 @@ class Benchmark:
     """Play controllers and references in a suite; write results and a report."""
 
     interrupted: ClassVar[str] = (
-        "cells that were finished, if any, are kept; the same command goes on"
+        "cells that were finished, if any, are kept; the same command goes on, but "
+        "with a controller of yours begins anew, with another key"
     )
 
     suite: Annotated[str | None, option_help("NAME")] = None
-    """Suite to play: v1, which never changes, generic, which any device can play, v2 or
-    position; v1 unless given, and generic or position for a device of your own."""
+    """Suite to play: v1, which never changes, generic, which any device can play, v2,
+    safety or position; v1 unless given, and generic or position for a device of your
+    own."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     scene: Names = ()
@@ -38,6 +40,9 @@ class Benchmark:
     ten in v1."""
     first_seed: int = 0
     """The first of them; to judge, one that the entrant did not know."""
+    key: str = ""
+    """Secret key that results with a controller of yours were played with, to play the
+    same plants; a new one unless given."""
     duration: Annotated[float | None, option_help("FLOAT")] = None
     """Length of an episode in seconds, more than 1; that of the suite unless given."""
     baseline: Annotated[str | None, option_help("NAME")] = None
@@ -87,7 +92,9 @@ class Benchmark:
             locate(scene)
         from tqdm import tqdm
 
+        from cc_mujoco._utils.provenance import is_user_controller
         from cc_mujoco.benchmark import BenchmarkPlan, run
+        from cc_mujoco.benchmark._plant import new_key
         from cc_mujoco.benchmark._references import SCALE_CONTROLLER
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._results_files import write
@@ -95,14 +102,17 @@ class Benchmark:
         from cc_mujoco.benchmark._suites import SUITES, default_suite
 
         suite = self.suite or default_suite(self.scene)
+        laws = self.controllers or look_up("suite", suite, SUITES).controllers
+        key = self.key or (new_key() if any(map(is_user_controller, laws)) else "")
         plan = BenchmarkPlan(
-            self.controllers or look_up("suite", suite, SUITES).controllers,
+            laws,
             suite,
             self.scene,
             self.conditions,
             self.seeds,
             self.first_seed,
             self.duration,
+            key,
         )
         players = plan.players()
         baseline = self.baseline or (
@@ -138,3 +148,5 @@ class Benchmark:
         print(write(self.out, plan, results, baseline))
         print(f"results:    {self.out / RESULTS_FILE}")
         print(f"report:     {self.out / REPORT_FILE}")
+        if key:
+            print(f"key:        {key}, secret until now; --key plays the same plants")

@@ -25,12 +25,8 @@ from cc_mujoco.cli._options import (
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
-    from cc_mujoco.device import Device
     from cc_mujoco.metrics import Metric
     from cc_mujoco.simulation import EpisodeLog
-
-SWINGS = 5.0
-"""Swings of a motor from limit to limit in a second that no task demands."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +92,8 @@ class Play:
 
         from cc_mujoco.control import axes_controller
         from cc_mujoco.metrics import find_metric
-        from cc_mujoco.simulation import simulate
+        from cc_mujoco.simulation import EpisodeLog, simulate
+        from cc_mujoco.simulation._episode_findings import episode_findings
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import LOG_FILE, require_ours
 
@@ -114,6 +111,7 @@ class Play:
         env = self._env(names)
         inner: Any = env.unwrapped
         device, model, prefixes = inner.device, inner.model, inner.exo.device.prefixes
+        worn = inner.exo.description
         law = axes_controller(names["controller"], inner.drives, prefixes)
         self._warn(inner, names)
         env.close()
@@ -146,13 +144,9 @@ class Play:
                 say=messages.append,
             )
         print("\n".join(_table(found, prefixes)))
-        for axis, rate in _limit_cycles(out / LOG_FILE, device):
-            of = f" of axis {axis}" if axis else ""
-            print(
-                f"warning: {names['controller']} swings the motor{of} from limit to "
-                f"limit {rate:.0f} times a second; it is unstable on this device.",
-                file=sys.stderr,
-            )
+        played = EpisodeLog.open(out / LOG_FILE)
+        for finding in episode_findings(played, model, worn, names["controller"]):
+            print(f"warning: {finding}", file=sys.stderr)
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in messages:
             print(sentence)
@@ -197,17 +191,15 @@ class Play:
             print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
         if note := env.exo.author.note:
             print(note)
-        unknown = [
-            axis.name
-            for axis in env.device.description.axes
-            if math.isinf(axis.safe_torque)
+        assumed = [
+            f"{axis.safe_torque:g} N m at joint {axis.limb!r}"
+            for axis in env.exo.description.axes
+            if axis.safe_is_assumed
         ]
-        if env.device.files and unknown and names["controller"] != "none":
+        if assumed:
             print(
-                f"warning: no safe torque is known of {', '.join(unknown)}, so no "
-                "controller lets a joint go that is pulled too far; write it as "
-                "`safe_torque` in [axis] of the description.",
-                file=sys.stderr,
+                f"assumed safe torque: {', '.join(assumed)}, where controllers let the "
+                "joint go; `safe_torque` in [axis] of the description is another."
             )
 
     def _play_live(self) -> None:
@@ -244,18 +236,6 @@ class Play:
                 raise CableError(f"--{other} does not go with --{name}.")
 
 
-def _limit_cycles(path: Path, device: Device) -> Iterator[tuple[str, float]]:
-    """Yield the axes whose motor swings between its limits, and how often [1/s]."""
-    from cc_mujoco.simulation import EpisodeLog
-
-    log = EpisodeLog.open(path)
-    for axis, (name, own) in zip(device.description.axes, log.each_axis(), strict=True):
-        share = own["motor_torque_nm"] / axis.torque
-        at_limit = share[abs(share) > 0.95]
-        swings = int((at_limit[1:] * at_limit[:-1] < 0.0).sum())
-        rate = swings / max(float(log["time_s"][-1]), 1e-9)
-        if rate > SWINGS:
-            yield name, rate
 
 
 def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:

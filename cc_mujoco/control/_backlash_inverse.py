@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._compiled_laws import LAW_INPUTS
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.control._tuned_feedback import (
-    STATE_INPUTS,
     loop_gains,
     require_known_motor,
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
 
-_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(STATE_INPUTS))
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
 _DELAY_SHARE = 0.2
 """Bandwidth of the motor's position, times the delay."""
 _MAX_BANDWIDTH = 200.0
@@ -40,11 +40,10 @@ _SLACK_SHARE = 1.0
 
 (
     _RATIO, _LOW, _HIGH, _PERIOD, _LATE, _ONE_WAY, _POSITION, _DAMPING, _INTEGRAL,
-    _STIFFNESS, _BAND, _SAFE, _INERTIA, _RELEASE, _GAINS,
-) = range(15)  # fmt: skip
-(
-    _STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, _RELEASED, _SIZE,
-) = range(8)  # fmt: skip
+    _STIFFNESS, _BAND, _SAFE, _INERTIA, _RELEASE, _SPEED_LIMIT, _POWER_LIMIT, _GAINS,
+) = range(17)  # fmt: skip
+_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, _GUARD = range(7)
+_SIZE = _GUARD + guard.MEMORY_SIZE
 
 
 class BacklashInverse(Controller):
@@ -86,6 +85,9 @@ class BacklashInverse(Controller):
         self._gains[_BAND] = max(noise, _ENCODER_STEP)
         self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
         self._gains[_INERTIA] = drive.inertia
+        self._gains[_SPEED_LIMIT] = min(drive.safe_speed, guard.NO_SPEED_LIMIT)
+        self._gains[_POWER_LIMIT] = min(drive.safe_power, guard.NO_POWER_LIMIT)
+        self._springs = np.array([joint_spring(row) for row in drive.cable_drives])
         self._gains[_RELEASE] = loop_gains(drive).settling * stiffness / drive.ratio**2
         self._memory: FloatArray = np.zeros((0, _SIZE))
 
@@ -96,16 +98,22 @@ class BacklashInverse(Controller):
         elif len(self._memory):
             self._memory[where] = 0.0
 
+    def given(self, torque: Any) -> None:
+        """Accept the torque that the motor got, if finite; see `Controller.given`."""
+        kept = self._memory[:, _GUARD + guard.COMMAND]
+        np.copyto(kept, torque, where=np.isfinite(torque))
+
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
-        seen = readings(as_round_pulley(observation, self.drive), STATE_INPUTS)
+        seen = readings(as_round_pulley(observation, self.drive), LAW_INPUTS)
         rows = len(seen)
         if len(self._memory) != rows:
             self._memory = np.zeros((rows, _SIZE))
         found = np.empty(rows)
         cables = np.resize(self._cables, (rows, *self._cables.shape[1:]))
-        _torques(self._gains, cables, self._memory, seen, found)
-        numbers = np.ndim(observation[STATE_INPUTS[0]]) == 0
+        springs = np.resize(self._springs, (rows, guard.SPRING_SIZE))
+        _torques(self._gains, springs, cables, self._memory, seen, found)
+        numbers = np.ndim(observation[LAW_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
 
@@ -126,22 +134,29 @@ def _turn(memory: FloatArray, wanted: float, band: float) -> float:
 
 @compiled
 def _torque(
-    gains: FloatArray, cables: FloatArray, memory: FloatArray, seen: FloatArray
+    gains: FloatArray,
+    spring: FloatArray,
+    cables: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
 ) -> float:
     """Return the torque of the motor of one device [N m]."""
-    ratio, stiffness = gains[_RATIO], gains[_STIFFNESS]
+    ratio, stiffness, own = gains[_RATIO], gains[_STIFFNESS], memory[_GUARD:]
+    limits = guard.Limits(
+        ratio, gains[_PERIOD], gains[_ONE_WAY], gains[_INERTIA], gains[_SAFE],
+        gains[_SPEED_LIMIT], gains[_POWER_LIMIT],
+    )  # fmt: skip
+    guard.admit(limits, spring, own, seen)
     if memory[_STARTED] == 0.0:
         memory[_STARTED], memory[_MOTOR_0] = 1.0, seen[_MOTOR]
         memory[_JOINT_0] = seen[_JOINT]
         memory[_EXTREME] = seen[_DESIRED] / stiffness
     ahead = seen[_MOTOR_SPEED] - ratio * seen[_JOINT_SPEED]
-    rushing = guard.impact_torque(ahead, ratio, stiffness, gains[_INERTIA])
-    memory[_RELEASED] = guard.release_state(
-        memory[_RELEASED], seen[_TORQUE], rushing, seen[_DESIRED], gains[_SAFE]
-    )
-    if memory[_RELEASED] != 0.0:
+    if guard.state(limits, spring, own, ahead, seen[_DESIRED]) != guard.FREE:
         memory[_OFFSET] = 0.0
-        return float(min(max(-gains[_RELEASE] * ahead, gains[_LOW]), gains[_HIGH]))
+        torque = guard.let_go_torque(own, gains[_RELEASE], ahead)
+        torque = min(max(torque, gains[_LOW]), gains[_HIGH])
+        return guard.bounded(limits, spring, own, torque)
     joint = seen[_JOINT] - memory[_JOINT_0] + gains[_LATE] * seen[_JOINT_SPEED]
     motor = seen[_MOTOR] - memory[_MOTOR_0] + gains[_LATE] * seen[_MOTOR_SPEED]
     sense = _turn(memory, joint + seen[_DESIRED] / stiffness, gains[_BAND])
@@ -151,6 +166,7 @@ def _torque(
     torque = balance + gains[_POSITION] * (relative + ratio * joint - motor)
     torque += gains[_DAMPING] * (ratio * seen[_JOINT_SPEED] - seen[_MOTOR_SPEED])
     limited = min(max(torque, gains[_LOW]), gains[_HIGH])
+    limited = guard.bounded(limits, spring, own, limited)
     if not (torque - limited) * error * ratio > 0.0:
         memory[_OFFSET] += gains[_INTEGRAL] * gains[_PERIOD] * error
     if gains[_ONE_WAY] != 0.0:
@@ -163,10 +179,11 @@ def _torque(
 @compiled
 def _torques(
     gains: FloatArray,
+    springs: FloatArray,
     cables: FloatArray,
     memory: FloatArray,
     seen: FloatArray,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        found[row] = _torque(gains, cables[row], memory[row], seen[row])
+        found[row] = _torque(gains, springs[row], cables[row], memory[row], seen[row])

@@ -28,6 +28,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._layout import LENGTH, slips, tensions
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
@@ -36,6 +37,7 @@ _STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
 _FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC
 _CRITICAL_SLIP = INDEX["critical_slip_distance"]
 _STRIBECK, _AGEING = INDEX["stribeck_friction"], INDEX["ageing_friction"]
+_PRETENSION = INDEX["pretension"]
 _MAX_FRICTION = 5.0
 ADOPTION_THRESHOLD = 0.01
 """Relative change from which on a learned factor of friction is adopted: packing a
@@ -312,6 +314,36 @@ def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
         [one.distal for one in cable_drives],
     )
     return stiffness(prm, distal)
+
+
+def joint_spring(cable_drives: Sequence[CableDrive]) -> FloatArray:
+    """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`."""
+    spring = np.zeros(guard.SPRING_SIZE)
+    for one in cable_drives:
+        sections = np.array(one.cable.conduit, dtype=float).reshape(-1, 2)
+        add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
+    spring[guard.STIFFNESS] = joint_stiffness(cable_drives) if cable_drives else 0.0
+    return spring
+
+
+@compiled
+def add_preload(
+    values: FloatArray, sections: FloatArray, distal: float, spring: FloatArray
+) -> None:
+    """Add the pretension of a cable to a spring, and take its friction if greater.
+
+    Args:
+        values: scalars of the cable.
+        sections: see `cable._pack.pack`.
+        distal: arm at the joint [m/rad].
+        spring: see `guard.STIFFNESS`; changed.
+    """
+    wrap = 0.0
+    for i in range(sections.shape[0]):
+        wrap += sections[i, 0] / sections[i, 1]
+    spring[guard.REST] += abs(distal) * values[_PRETENSION]
+    friction = values[_FRICTION_COEFFICIENTS[0]] * wrap
+    spring[guard.FRICTION] = max(spring[guard.FRICTION], friction)
 
 
 @compiled

@@ -25,17 +25,20 @@ from cc_mujoco.control import _guard as guard
 LAW_INPUTS = (
     "motor_angle_rad",
     "motor_velocity_rad_s",
+    "joint_angle_rad",
     "joint_velocity_rad_s",
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""Columns of `device.MEASURED_COLUMNS` that the laws read."""
-ANGLE, VELOCITY, JOINT_VELOCITY, TORQUE, DESIRED = range(len(LAW_INPUTS))
+"""Columns of `device.MEASURED_COLUMNS` that the laws read, as `guard.READINGS`."""
+ANGLE, VELOCITY, JOINT_ANGLE, JOINT_VELOCITY, TORQUE, DESIRED = range(len(LAW_INPUTS))
 
-INTEGRAL_TORQUE, MOTOR_DIRECTION, RELEASED = range(3)
+INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
 """Columns of the memory: torque of the integral [N m]; sense in which the motor shall
-turn; 1 while the guard has the motor follow the joint."""
-MEMORY_SIZE = 3
+turn; first of the numbers of the guard."""
+RELEASED = GUARD + guard.STATE
+"""Column of the state of the guard, 0 while the law drives."""
+MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
 """Numbers that a law keeps."""
 
 
@@ -123,6 +126,32 @@ class FeedbackGains:
         default=0.0,
         meaning="of all cables at the joint, for the guard; 0 is not known",
     )
+    rest_torque: float = parameter(
+        unit="N m",
+        bounds=(0.0, 1e9),
+        default=0.0,
+        meaning="torque of the pretension of all cables at the joint, for the guard",
+    )
+    wrap_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 100.0),
+        default=0.0,
+        meaning="friction coefficient times wrap of the cables, for the guard",
+    )
+    safe_speed: float = parameter(
+        unit="rad/s",
+        bounds=(0.0, guard.NO_SPEED_LIMIT),
+        default=guard.NO_SPEED_LIMIT,
+        low_open=True,
+        meaning="speed of the joint beyond which it is let go",
+    )
+    safe_power: float = parameter(
+        unit="W",
+        bounds=(0.0, guard.NO_POWER_LIMIT),
+        default=guard.NO_POWER_LIMIT,
+        low_open=True,
+        meaning="power into the joint beyond which it is let go",
+    )
 
     @property
     def packed(self) -> FloatArray:
@@ -135,7 +164,8 @@ GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
 
 (
     _RATIO, _LOW, _HIGH, PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
-    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE, _INERTIA, STIFFNESS,
+    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE, _INERTIA, STIFFNESS, REST_TORQUE,
+    WRAP_FRICTION, _SAFE_SPEED, _SAFE_POWER,
 ) = range(len(GAINS))  # fmt: skip
 
 
@@ -157,7 +187,11 @@ def feed_forward(gains: FloatArray, desired: float) -> float:
 
 @compiled
 def closed_loop_torque(
-    gains: FloatArray, memory: FloatArray, feedforward: float, error: float
+    gains: FloatArray,
+    memory: FloatArray,
+    feedforward: float,
+    error: float,
+    most: float,
 ) -> float:
     """Return the limited motor torque of feedback around a feed-forward [N m].
 
@@ -166,6 +200,7 @@ def closed_loop_torque(
         memory: of the law; its integral is moved on.
         feedforward: motor torque that is fed forward [N m].
         error: desired less measured joint torque [N m].
+        most: largest torque that the guard lets through [N m].
     """
     ratio = gains[_RATIO]
     following = (
@@ -175,6 +210,8 @@ def closed_loop_torque(
         following = np.maximum(following, -np.maximum(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
     limited = _limited(gains, torque)
+    if abs(limited) > most:
+        limited = math.copysign(most, limited)
     # Beyond a limit, and the error would push further.
     if not (torque - limited) * (error / ratio) > 0.0:
         memory[INTEGRAL_TORQUE] = following
@@ -183,13 +220,16 @@ def closed_loop_torque(
 
 @compiled
 def proportional_integral(
-    gains: FloatArray, memory: FloatArray, desired: float, torque: float
+    gains: FloatArray,
+    memory: FloatArray,
+    desired: float,
+    torque: float,
 ) -> float:
-    """Return the motor torque of `ProportionalIntegral` [N m]."""
+    """Return the motor torque of `ProportionalIntegral`, not guarded [N m]."""
     feedforward = 0.0
     if gains[_FEED_FORWARD] != 0.0:
         feedforward = desired / gains[_RATIO]
-    return closed_loop_torque(gains, memory, feedforward, desired - torque)
+    return closed_loop_torque(gains, memory, feedforward, desired - torque, math.inf)
 
 
 @internal
@@ -199,51 +239,100 @@ def _relative_velocity(gains: FloatArray, seen: FloatArray) -> float:
 
 
 @internal
-def _damping_torque(gains: FloatArray, stiffness: float, seen: FloatArray) -> float:
+def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> float:
     """Return the torque against that velocity [N m]."""
     ratio = gains[_RATIO]
     ahead = _relative_velocity(gains, seen)
-    return float(gains[_SETTLING] * stiffness / (ratio * ratio) * ahead)
+    damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
+    return float(damping * ahead)
+
+
+@internal
+def _limits(gains: FloatArray) -> guard.Limits:
+    return guard.Limits(
+        gains[_RATIO],
+        gains[PERIOD],
+        gains[_ONE_WAY],
+        gains[_INERTIA],
+        gains[_SAFE],
+        gains[_SAFE_SPEED],
+        gains[_SAFE_POWER],
+    )
+
+
+@compiled
+def admit(
+    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> None:
+    """Check what is measured, and replace it where needed; see `guard.admit`."""
+    guard.admit(_limits(gains), spring, memory[GUARD:], seen)
 
 
 @internal
 def _releases_joint(
-    gains: FloatArray, stiffness: float, memory: FloatArray, seen: FloatArray
+    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> bool:
-    """Return whether the motor is to follow the joint; then the law begins anew."""
-    rushing = guard.impact_torque(
-        _relative_velocity(gains, seen), gains[_RATIO], stiffness, gains[_INERTIA]
-    )
-    memory[RELEASED] = guard.release_state(
-        memory[RELEASED], seen[TORQUE], rushing, seen[DESIRED], gains[_SAFE]
-    )
-    if memory[RELEASED] == 0.0:
+    """Return whether the law is not to drive the motor; then it begins anew."""
+    ahead = _relative_velocity(gains, seen)
+    own = memory[GUARD:]
+    if guard.state(_limits(gains), spring, own, ahead, seen[DESIRED]) == guard.FREE:
         return False
     memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
     return True
 
 
+@internal
+def _let_go(
+    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> float:
+    """Return the motor torque while the law does not drive [N m]."""
+    own, ratio = memory[GUARD:], gains[_RATIO]
+    damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
+    ahead = _relative_velocity(gains, seen)
+    torque = _limited(gains, guard.let_go_torque(own, damping, ahead))
+    return guard.bounded(_limits(gains), spring, own, torque)
+
+
+@internal
+def _driven(
+    gains: FloatArray,
+    spring: FloatArray,
+    memory: FloatArray,
+    feedforward: float,
+    error: float,
+) -> float:
+    """Return the motor torque of feedback within the limit of the guard [N m]."""
+    limits = _limits(gains)
+    most = guard.command_limit(limits, spring)
+    torque = closed_loop_torque(gains, memory, feedforward, error, most)
+    return guard.bounded(limits, spring, memory[GUARD:], torque)
+
+
 @compiled
 def guarded_torque(
-    gains: FloatArray, stiffness: float, memory: FloatArray, seen: FloatArray
+    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> float:
     """Return the motor torque of `proportional_integral`, guarded [N m].
 
     Args:
         gains: see `GAINS`.
-        stiffness: of all cables at the joint; 0 is not known [N m/rad].
+        spring: of all cables at the joint, see `guard.STIFFNESS`.
         memory: of the law.
-        seen: what is measured.
+        seen: what is measured, after `admit`.
     """
-    if _releases_joint(gains, stiffness, memory, seen):
-        return _limited(gains, -_damping_torque(gains, stiffness, seen))
-    return proportional_integral(gains, memory, seen[DESIRED], seen[TORQUE])
+    if _releases_joint(gains, spring, memory, seen):
+        return _let_go(gains, spring, memory, seen)
+    feedforward = 0.0
+    if gains[_FEED_FORWARD] != 0.0:
+        feedforward = seen[DESIRED] / gains[_RATIO]
+    error = seen[DESIRED] - seen[TORQUE]
+    return _driven(gains, spring, memory, feedforward, error)
 
 
 @compiled
 def damped_feedback(
     gains: FloatArray,
-    stiffness: float,
+    spring: FloatArray,
     memory: FloatArray,
     seen: FloatArray,
     feedforward: float,
@@ -252,22 +341,22 @@ def damped_feedback(
 
     Args:
         gains: see `GAINS`.
-        stiffness: of all cables at the joint [N m/rad].
+        spring: see `guarded_torque`.
         memory: of the law.
-        seen: what is measured.
+        seen: what is measured, after `admit`.
         feedforward: motor torque that is fed forward [N m].
     """
-    damping = _damping_torque(gains, stiffness, seen)
-    if _releases_joint(gains, stiffness, memory, seen):
-        return _limited(gains, -damping)
+    if _releases_joint(gains, spring, memory, seen):
+        return _let_go(gains, spring, memory, seen)
+    feedforward -= _damping_torque(gains, spring, seen)
     error = seen[DESIRED] - seen[TORQUE]
-    return closed_loop_torque(gains, memory, feedforward - damping, error)
+    return _driven(gains, spring, memory, feedforward, error)
 
 
 @compiled
 def model_based(
     gains: FloatArray,
-    stiffness: float,
+    spring: FloatArray,
     prm: FloatArray,
     n: Counts,
     distal: FloatArray,
@@ -284,7 +373,7 @@ def model_based(
 
     Args:
         gains: see `GAINS`.
-        stiffness: of all cables at the joint [N m/rad].
+        spring: see `guarded_torque`.
         prm: packed parameters (cables, numbers).
         n: segments of every cable.
         distal: arms at the joint [m/rad].
@@ -297,20 +386,21 @@ def model_based(
         seen: what is measured.
         scratch: (compensation.SCRATCH, cables).
     """
-    if _releases_joint(gains, stiffness, memory, seen):
-        return _limited(gains, -_damping_torque(gains, stiffness, seen))
+    if _releases_joint(gains, spring, memory, seen):
+        return _let_go(gains, spring, memory, seen)
     feedforward = compensation.dynamic(
         prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],
         seen[DESIRED], scratch,
     )  # fmt: skip
-    feedforward = feedforward + disturbance - _damping_torque(gains, stiffness, seen)
-    return closed_loop_torque(gains, memory, feedforward, seen[DESIRED] - seen[TORQUE])
+    feedforward = feedforward + disturbance - _damping_torque(gains, spring, seen)
+    error = seen[DESIRED] - seen[TORQUE]
+    return _driven(gains, spring, memory, feedforward, error)
 
 
 @compiled
 def stiction(
     gains: FloatArray,
-    stiffness: float,
+    spring: FloatArray,
     prm: FloatArray,
     n: Counts,
     distal: FloatArray,
@@ -324,10 +414,10 @@ def stiction(
 
     `state` is that of the model (cables, numbers).
     """
-    if _releases_joint(gains, stiffness, memory, seen):
-        return _limited(gains, -_damping_torque(gains, stiffness, seen))
+    if _releases_joint(gains, spring, memory, seen):
+        return _let_go(gains, spring, memory, seen)
     error = seen[DESIRED] - seen[TORQUE]
-    motion = stiffness * gains[_PREVIEW] * seen[JOINT_VELOCITY]
+    motion = spring[guard.STIFFNESS] * gains[_PREVIEW] * seen[JOINT_VELOCITY]
     # Positive at the motor is what winds towards a positive ratio.
     wanted = math.copysign(1.0, gains[_RATIO]) * (error + motion)
     sense = memory[MOTOR_DIRECTION]
@@ -346,6 +436,6 @@ def stiction(
         seen[DESIRED],
         scratch,
     )
-    feedforward -= _damping_torque(gains, stiffness, seen)
+    feedforward -= _damping_torque(gains, spring, seen)
     # Where the sense has just turned, what is fed forward answers the error.
-    return closed_loop_torque(gains, memory, feedforward, 0.0 if turned else error)
+    return _driven(gains, spring, memory, feedforward, 0.0 if turned else error)

@@ -75,8 +75,7 @@ class DisturbanceObserver(ModelBased):
         While the guard lets the joint go, nothing is learned and what was learned is
         forgotten: it may be why the joint was let go.
         """
-        released = self.memory(np.size(self._known))[:, compiled_laws.RELEASED] != 0.0
-        released = np.reshape(released, np.shape(self._known))
+        released = self._memory[:, compiled_laws.RELEASED] != 0.0
         self._disturbance = np.where(released, 0.0, self._disturbance)
         self._known = self._known & ~released
         unexplained = np.where(

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._compiled_laws import LAW_INPUTS
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._tuned_feedback import (
-    STATE_INPUTS,
     loop_gains,
     require_known_motor,
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
 
-_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(STATE_INPUTS))
+_MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
 _STATES = 4
 _STRETCH, _SPEED, _LOAD, _LACK = range(_STATES)
 """Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
@@ -34,8 +34,12 @@ _LOAD_WALK, _LACK_WALK = 0.2, 0.5
 """Random walks of both, in a second, over the greatest torque."""
 _EFFORT = 1.0
 """Weight of motor torque to torque error at the joint, both over the greatest."""
-_RATIO, _LOW, _HIGH, _RIGIDITY, _SAFE, _INERTIA, _RELEASE, _ONE_WAY, _GAINS = range(9)
-_STARTED, _OFFSET, _RELEASED, _HEADER = range(4)
+(
+    _RATIO, _LOW, _HIGH, _RIGIDITY, _SAFE, _INERTIA, _RELEASE, _ONE_WAY, _PERIOD,
+    _SPEED_LIMIT, _POWER_LIMIT, _GAINS,
+) = range(12)  # fmt: skip
+_STARTED, _OFFSET, _GUARD = range(3)
+_HEADER = _GUARD + guard.MEMORY_SIZE
 
 
 class LinearQuadraticGaussian(Controller):
@@ -106,6 +110,10 @@ class LinearQuadraticGaussian(Controller):
         self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
         self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
         self._gains[_INERTIA], self._gains[_ONE_WAY] = inertia, drive.one_way
+        self._gains[_PERIOD] = period
+        self._gains[_SPEED_LIMIT] = min(drive.safe_speed, guard.NO_SPEED_LIMIT)
+        self._gains[_POWER_LIMIT] = min(drive.safe_power, guard.NO_POWER_LIMIT)
+        self._springs = np.array([joint_spring(row) for row in drive.cable_drives])
         self._gains[_RELEASE] = loop_gains(drive).settling * rigidity / ratio**2
         self._size = _HEADER + _STATES + self._late
         self._memory: FloatArray = np.zeros((0, self._size))
@@ -117,14 +125,20 @@ class LinearQuadraticGaussian(Controller):
         elif len(self._memory):
             self._memory[where] = 0.0
 
+    def given(self, torque: Any) -> None:
+        """Accept the torque that the motor got, if finite; see `Controller.given`."""
+        for place in (-1, _GUARD + guard.COMMAND):
+            np.copyto(self._memory[:, place], torque, where=np.isfinite(torque))
+
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
-        seen = readings(as_round_pulley(observation, self.drive), STATE_INPUTS)
+        seen = readings(as_round_pulley(observation, self.drive), LAW_INPUTS)
         if len(self._memory) != len(seen):
             self._memory = np.zeros((len(seen), self._size))
         found = np.empty(len(seen))
         _torques(
             self._gains,
+            np.resize(self._springs, (len(seen), guard.SPRING_SIZE)),
             self._model,
             self._seen,
             self._kalman,
@@ -134,7 +148,7 @@ class LinearQuadraticGaussian(Controller):
             np.empty(_STATES),
             found,
         )
-        numbers = np.ndim(observation[STATE_INPUTS[0]]) == 0
+        numbers = np.ndim(observation[LAW_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
 
@@ -154,6 +168,7 @@ def _advance(
 @compiled
 def _torque(
     gains: FloatArray,
+    spring: FloatArray,
     model: FloatArray,
     read: FloatArray,
     kalman: FloatArray,
@@ -164,7 +179,12 @@ def _torque(
     new: FloatArray,
 ) -> float:
     """Return the torque of the motor of one device [N m]."""
-    ratio = gains[_RATIO]
+    ratio, own = gains[_RATIO], memory[_GUARD:_HEADER]
+    limits = guard.Limits(
+        ratio, gains[_PERIOD], gains[_ONE_WAY], gains[_INERTIA], gains[_SAFE],
+        gains[_SPEED_LIMIT], gains[_POWER_LIMIT],
+    )  # fmt: skip
+    guard.admit(limits, spring, own, seen)
     state = memory[_HEADER : _HEADER + _STATES]
     applied = memory[_HEADER + _STATES :]
     stretch = seen[_MOTOR] - ratio * seen[_JOINT]
@@ -181,15 +201,12 @@ def _torque(
     for i in range(1, applied.size):
         _advance(model, ahead, applied[i], new)
     relative = seen[_MOTOR_SPEED] - ratio * seen[_JOINT_SPEED]
-    rushing = guard.impact_torque(relative, ratio, gains[_RIGIDITY], gains[_INERTIA])
-    memory[_RELEASED] = guard.release_state(
-        memory[_RELEASED], seen[_TORQUE], rushing, seen[_DESIRED], gains[_SAFE]
-    )
-    if memory[_RELEASED] != 0.0:
-        torque = -gains[_RELEASE] * relative
+    if guard.state(limits, spring, own, relative, seen[_DESIRED]) != guard.FREE:
+        torque = guard.let_go_torque(own, gains[_RELEASE], relative)
     else:
         torque = _regulated(gains, regulator, ahead, seen[_DESIRED])
     torque = min(max(torque, gains[_LOW]), gains[_HIGH])
+    torque = guard.bounded(limits, spring, own, torque)
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque
@@ -215,6 +232,7 @@ def _regulated(
 @compiled
 def _torques(
     gains: FloatArray,
+    springs: FloatArray,
     model: FloatArray,
     read: FloatArray,
     kalman: FloatArray,
@@ -227,5 +245,6 @@ def _torques(
     ahead = np.empty(_STATES)
     for row in range(found.size):
         found[row] = _torque(
-            gains, model, read, kalman, regulator, memory[row], seen[row], ahead, new
-        )
+            gains, springs[row], model, read, kalman, regulator, memory[row], seen[row],
+            ahead, new,
+        )  # fmt: skip

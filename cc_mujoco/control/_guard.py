@@ -1,11 +1,20 @@
-"""Guard of controllers with feedback, compiled: it releases a joint pulled too far.
+"""Guard of controllers with feedback, compiled: it checks sensors and lets a joint go.
 
-    released = release_state(released, measured, rushing, planned, safe)
-    if released != 0.0:
-        torque = damping * -ahead      # the motor follows the joint
+    guard.admit(limits, spring, memory, seen)          # readings, in place
+    state = guard.state(limits, spring, memory, ahead, planned)
+    if state != guard.FREE:
+        torque = guard.let_go_torque(memory, damping, ahead)
+    torque = guard.bounded(limits, spring, memory, torque)
 
 A model may be wrong, a sensor may fail, an integral may wind up. Then the compensation
-of friction drives the joint instead. The measured torque shows it, for any cause.
+of friction drives the joint instead. Two readings show it: the torque sensor, and the
+stretch of the cables between both encoders. The joint is let go by whichever is larger,
+so no single sensor that fails is trusted.
+
+The torque of the stretch is that of springs whose tension at the joint lies between
+the values of a cable that slips as a whole to either side (`_full_slip`). It follows
+the joint between these edges, as a play does. A gain that is learned from the torque
+sensor, within bounds, takes up a wrong stiffness.
 
 A motor that winds up slack is detected too late: when the cable gets taut, the
 stiffness k of the cables at the joint stops the rotor within milliseconds, with a
@@ -15,22 +24,113 @@ inertia J of the rotor. So a joint is also released if that would be unsafe.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT = 1e9
 """Safe torque of a joint of which none is known [N m]."""
+NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e12
+"""Safe speed [rad/s] and power [W] of a joint of which none is known."""
+MAX_READING = 1e6
+"""Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
+larger one is never unlearnt."""
 RELEASE_TIME = 0.03
 """Time in which a motor that is let go takes the speed of the joint [s]."""
 MAX_DAMPING_SHARE = 0.8
 """Greatest damping of a motor over the one at the edge of stability, late as it acts.
 """
+RIDE_TIME = 0.005
+"""Time for which the last good reading stands in for missing ones [s]."""
 _RELEASE_SHARE, _RECOVERY_SHARE = 0.5, 0.25
 """Share of the way from the planned to the safe torque beyond which the joint is let
-go, and down to which it stays so."""
+go, and down to which it stays so; likewise of the safe speed and power, from 1."""
 _PREDICTED_FACTOR = 2.0
 """Such shares of a torque that would only come, over those of a measured one."""
+_COMMAND_MARGIN = 1.25
+"""Largest command over that which holds the safe torque against believed friction."""
+_JUMP_SHARE = 0.25
+"""Step of a reading in one sample, as a share of the safe torque that it stands for,
+from which it is a spike or a jump."""
+_JUMP_PERIODS = 10.0
+"""Periods of motion by which an angle may be ahead after lost readings."""
+_STILL_SAMPLES = 5
+"""Equal readings of the motor's angle from which its speed follows from the torque."""
+_RATE_FILTER = 0.2
+"""Share of a new value in the filtered rate of the measured torque."""
+_QUIET_SAMPLES = 10
+"""Samples after a spike of an encoder in which velocities from it are not read."""
+_FROZEN_SAMPLES, _EQUAL_SHARE = 20, 2e-3
+"""Equal readings from which a sensor may be frozen, and relative change of a torque
+that is none: it is divided by the arm of a lever."""
+_PUSH_TIME, _PUSH_PERIODS, _PUSH_SHARE, _PUSH_FRICTION = 0.02, 6.0, 0.3, 3.0
+"""Time, more than readings may be late, and periods, for which a motor may stand still
+under a command above a share of what the safe torque needs, beyond the measured torque
+against such a multiple of the believed friction."""
+_GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
+"""Difference between the torques of sensor and stretch that is a fault: share of the
+safe torque, plus share of the larger one, for so long [s]."""
+_GAIN_TIME, _GAIN_SHARE = 0.5, 0.1
+"""Time over which the gain is learned [s], and torque from which it is, as a share of
+the safe torque."""
+_GAIN_RANGE = 0.7, 1.4
+"""Least and greatest gain with which the torque of the stretch is used."""
+_MIN_GAIN = 0.3
+"""Gain below which the torque sensor is dead or reversed."""
+_SLACK_SHARE, _SLACK_TIME = 0.1, 0.05
+"""Share of the safe torque below which sensor and command both say that a single cable
+is slack, for so long [s]."""
+
+FREE, RELEASED, BRAKED, STOPPED, LIMP = 0.0, 1.0, 2.0, 3.0, 4.0
+"""States: the law drives; the motor follows the joint; it brakes, as the joint is too
+fast; it follows the joint until a reset, as torque is not measured; it has no torque
+until a reset, as an angle is not."""
+
+STIFFNESS, REST, FRICTION = range(3)
+"""Numbers of a spring: stiffness of all cables at the joint [N m/rad], torque there of
+the pretension of all [N m], friction coefficient times wrap."""
+SPRING_SIZE = 3
+
+MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED = range(6)
+READINGS = 6
+"""Order of readings, and their number."""
+
+(
+    STATE, _STARTED, _GOOD, _MISSING, _QUIET, COMMAND, _REFERENCE, _PREDICTED,
+    _GAIN, _SENSED, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
+) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
+_JUMPED, _EQUAL, _AT, _AT_PREDICTED, SEEN = 21, 27, 33, 39, 45
+MEMORY_SIZE = SEEN + READINGS
+"""Places in the memory, and its size: state; readings of the last step, as they were
+used; samples without all readings and until velocities are read again; last command;
+stretch at which the cables are at rest; torque of the stretch; gain of the sensor to
+it, as it is used and as it is measured, without bounds; low-passed torques of both;
+time of a gap between them; low-passed rate of the measured torque; time for which
+nothing says that a cable pulls, and for which the motor is pushed and stands still; of
+every reading whether the last one was a spike, how often it was the same, and both
+torques when it last changed; room for readings of a caller whose own must not change.
+"""
+
+
+class Limits(NamedTuple):
+    """Drive as the guard knows it."""
+
+    ratio: float
+    """See `Drive`."""
+    period: float
+    """Time between two steps [s]."""
+    one_way: float
+    """1 where the cables only pull one way, else 0."""
+    inertia: float
+    """Inertia of the motor [kg m^2]."""
+    safe: float
+    """Most that the cables may put into the joint [N m]."""
+    speed: float
+    """Speed of the joint beyond which it is let go [rad/s]."""
+    power: float
+    """Power into the joint beyond which it is let go [W]."""
 
 
 @internal
@@ -76,3 +176,323 @@ def impact_torque(
         inertia: of the motor [kg m^2].
     """
     return float(np.sign(ratio) * ahead * np.sqrt(stiffness * inertia))
+
+
+@internal
+def _least_share(friction: float) -> float:
+    """Return the tension at the joint over the mean of a cable that slips to it."""
+    return float(friction / np.expm1(friction)) if friction > 1e-6 else 1.0
+
+
+@compiled
+def spring_edges(
+    spring: FloatArray, one_way: bool, stretch: float
+) -> tuple[float, float]:
+    """Return the least and the greatest torque of stretched cables [N m].
+
+    Args:
+        spring: see `STIFFNESS`.
+        one_way: whether the cables only pull, towards a positive torque.
+        stretch: motor angle over the ratio, ahead of the joint, from rest [rad].
+    """
+    low = _least_share(spring[FRICTION])
+    high = low * np.exp(spring[FRICTION])
+    if one_way:
+        pull = max(spring[REST] + spring[STIFFNESS] * stretch, 0.0)
+        return low * pull, high * pull
+    pulled = 0.5 * spring[STIFFNESS] * stretch
+    one = max(0.5 * spring[REST] + pulled, 0.0)
+    other = max(0.5 * spring[REST] - pulled, 0.0)
+    return low * one - high * other, high * one - low * other
+
+
+@internal
+def _predict(
+    limits: Limits, spring: FloatArray, memory: FloatArray, moved: float
+) -> None:
+    """Predict the torque of the stretch after the joint has moved [rad]."""
+    ratio, one_way = limits.ratio, limits.one_way != 0.0
+    sign = np.sign(ratio) if one_way else 1.0
+    stretch = memory[_GOOD + MOTOR] / ratio - memory[_GOOD + JOINT]
+    low, high = spring_edges(spring, one_way, sign * (stretch - memory[_REFERENCE]))
+    slack = _SLACK_SHARE * limits.safe
+    loaded = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio)) > slack
+    if loaded or memory[STATE] != FREE:
+        memory[_SLACK] = 0.0
+    memory[_SLACK] += limits.period
+    if one_way and memory[_SLACK] > _SLACK_TIME and low > spring[REST]:
+        # Neither sensor nor command knows of that tension: it was slack that was wound.
+        memory[_REFERENCE] = stretch
+        low, high = spring_edges(spring, one_way, 0.0)
+    now = sign * (memory[_PREDICTED] - 2.0 * spring[STIFFNESS] * moved)
+    memory[_PREDICTED] = sign * min(max(now, low), high)
+
+
+@internal
+def _is_reading(value: float) -> bool:
+    """Return whether a number can be a reading."""
+    return bool(abs(value) <= MAX_READING)
+
+
+@internal
+def _start(
+    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> bool:
+    """Begin with the first readings, once all are there; until then without torque.
+
+    The cables are at rest where their stretch makes the measured torque.
+    """
+    for i in range(READINGS):
+        if not _is_reading(seen[i]):
+            memory[_MISSING] += 1.0
+            is_short = memory[_MISSING] * limits.period <= RIDE_TIME
+            memory[STATE] = BRAKED if is_short else LIMP
+            seen[:] = 0.0
+            return False
+    memory[:SEEN] = 0.0
+    for i in range(READINGS):
+        memory[_GOOD + i] = seen[i]
+        memory[_AT + i] = seen[TORQUE]
+    memory[_STARTED], memory[_GAIN], memory[_SENSED] = 1.0, 1.0, 1.0
+    memory[_PUSH] = -np.inf  # until the motor moves, as late readings begin equal
+    memory[_REFERENCE] = seen[MOTOR] / limits.ratio - seen[JOINT]
+    memory[_PREDICTED] = seen[TORQUE]
+    if spring[STIFFNESS] > 0.0:
+        more = seen[TORQUE]
+        if limits.one_way != 0.0:
+            pull = max(np.sign(limits.ratio) * seen[TORQUE], 0.0)
+            more = np.sign(limits.ratio) * (pull - spring[REST])
+        memory[_REFERENCE] -= more / spring[STIFFNESS]
+    for i in range(READINGS):
+        memory[_AT_PREDICTED + i] = memory[_PREDICTED]
+    memory[_MEAN], memory[_MEAN_PREDICTED] = seen[TORQUE], memory[_PREDICTED]
+    return True
+
+
+@internal
+def _stop(memory: FloatArray, state: float) -> None:
+    """Stop until a reset."""
+    memory[STATE] = max(memory[STATE], state)
+
+
+@internal
+def _fill_missing(limits: Limits, memory: FloatArray, seen: FloatArray) -> None:
+    """Replace readings that are none by the last good ones, for a short time."""
+    missing, angles = False, False
+    for i in range(READINGS):
+        if not _is_reading(seen[i]):
+            seen[i] = memory[_GOOD + i]
+            missing = True
+            angles |= i < TORQUE
+    if not missing:
+        memory[_MISSING] = 0.0
+        return
+    memory[_MISSING] += 1.0
+    if memory[_MISSING] * limits.period > RIDE_TIME:
+        _stop(memory, LIMP if angles else STOPPED)
+
+
+@internal
+def _skip_spikes(
+    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> None:
+    """Replace a single sample that no motion explains; stop if it was no single one."""
+    least = _JUMP_SHARE * limits.safe
+    turn = least / spring[STIFFNESS]
+    for i in (MOTOR, JOINT, TORQUE):
+        before, speed, most = memory[_GOOD + i], 0.0, 2.0 * least
+        if i != TORQUE:
+            speed = memory[_GOOD + i + 1] * limits.period
+            most = turn * (abs(limits.ratio) if i == MOTOR else 1.0)
+            most += _JUMP_PERIODS * abs(speed)
+        if abs(seen[i] - before - speed) <= most:
+            memory[_JUMPED + i] = 0.0
+        elif memory[_JUMPED + i] == 0.0:
+            memory[_JUMPED + i] = 1.0
+            seen[i] = before + speed
+            if i != TORQUE:
+                memory[_QUIET] = _QUIET_SAMPLES
+        elif i != TORQUE:
+            _stop(memory, LIMP)
+    if memory[_QUIET] > 0.0:
+        memory[_QUIET] -= 1.0
+        seen[MOTOR_SPEED] = memory[_GOOD + MOTOR_SPEED]
+        seen[JOINT_SPEED] = memory[_GOOD + JOINT_SPEED]
+
+
+@internal
+def _check_frozen(
+    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> None:
+    """Stop if a reading stays the same while the others say that it cannot."""
+    torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
+    least = _GAP_SHARE * limits.safe
+    for i in (MOTOR, JOINT, TORQUE):
+        change = abs(seen[i] - memory[_GOOD + i])
+        if change > (_EQUAL_SHARE * abs(torque) if i == TORQUE else 0.0):
+            memory[_EQUAL + i] = 0.0
+            memory[_AT + i], memory[_AT_PREDICTED + i] = torque, predicted
+            continue
+        memory[_EQUAL + i] += 1.0
+        if memory[_EQUAL + i] < _FROZEN_SAMPLES:
+            continue
+        expected = predicted - memory[_AT_PREDICTED + i]
+        change = torque - memory[_AT + i]
+        if abs(change - expected) > least + _GAP_FACTOR * abs(expected):
+            _stop(memory, STOPPED if i == TORQUE else LIMP)
+    load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
+    load += _PUSH_SHARE * limits.safe
+    if memory[_EQUAL + MOTOR] == 0.0:
+        memory[_PUSH] = 0.0
+    elif abs(memory[COMMAND] * limits.ratio) < load:
+        memory[_PUSH] = min(memory[_PUSH], 0.0)
+    memory[_PUSH] += limits.period
+    if memory[_PUSH] > max(_PUSH_TIME, _PUSH_PERIODS * limits.period):
+        _stop(memory, LIMP)
+
+
+@internal
+def _compare(limits: Limits, memory: FloatArray) -> None:
+    """Learn the gain of sensor to stretch; stop where both contradict each other."""
+    torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
+    share = limits.period / _GAIN_TIME
+    memory[_MEAN] += share * (torque - memory[_MEAN])
+    memory[_MEAN_PREDICTED] += share * (predicted - memory[_MEAN_PREDICTED])
+    off = torque - memory[_MEAN]
+    expected = predicted - memory[_MEAN_PREDICTED]
+    size = expected * expected + (_GAIN_SHARE * limits.safe) ** 2
+    memory[_SENSED] += share * expected * (off - memory[_SENSED] * expected) / size
+    if memory[_SENSED] < _MIN_GAIN:
+        _stop(memory, STOPPED)
+    scaled = memory[_GAIN] * predicted
+    most = _GAP_SHARE * limits.safe + _GAP_FACTOR * max(abs(torque), abs(scaled))
+    gap = abs(torque - scaled)
+    if gap > most:
+        memory[_GAP] += limits.period
+        if memory[_GAP] > _GAP_TIME:
+            _stop(memory, LIMP)
+        return
+    memory[_GAP] = 0.0
+    if gap < 0.5 * most and memory[_EQUAL + TORQUE] < _STILL_SAMPLES:
+        gain = (
+            memory[_GAIN] + share * expected * (off - memory[_GAIN] * expected) / size
+        )
+        memory[_GAIN] = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
+
+
+@compiled
+def admit(
+    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+) -> None:
+    """Check the readings of a step, and replace those that are missing or spikes.
+
+    Args:
+        limits: of the drive.
+        spring: see `STIFFNESS`; a stiffness of 0 is not known.
+        memory: (`MEMORY_SIZE`,), 0 at the start.
+        seen: in the order of `READINGS`; changed.
+    """
+    if memory[_STARTED] == 0.0 and not _start(limits, spring, memory, seen):
+        return
+    _fill_missing(limits, memory, seen)
+    is_known = spring[STIFFNESS] > 0.0 and limits.safe < NO_TORQUE_LIMIT
+    if is_known:
+        _skip_spikes(limits, spring, memory, seen)
+        _check_frozen(limits, spring, memory, seen)
+    rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
+    memory[_RUSH] += _RATE_FILTER * (rate - memory[_RUSH])
+    moved = seen[JOINT] - memory[_GOOD + JOINT]
+    for i in range(READINGS):
+        memory[_GOOD + i] = seen[i]
+    if is_known:
+        _predict(limits, spring, memory, moved)
+        if memory[STATE] < STOPPED:
+            _compare(limits, memory)
+
+
+@internal
+def _is_too_fast(limits: Limits, memory: FloatArray) -> bool:
+    """Return whether speed of, or power into, the joint is beyond its limit."""
+    share = 1.0 if memory[STATE] != BRAKED else _RELEASE_SHARE
+    speed = memory[_GOOD + JOINT_SPEED]
+    power = speed * memory[_GOOD + TORQUE]
+    return bool(abs(speed) > share * limits.speed or power > share * limits.power)
+
+
+@compiled
+def state(
+    limits: Limits, spring: FloatArray, memory: FloatArray, ahead: float, planned: float
+) -> float:
+    """Return the state of the guard after `admit`.
+
+    Args:
+        limits: see `admit`.
+        spring: see `admit`.
+        memory: see `admit`.
+        ahead: velocity of the motor relative to the joint [rad/s].
+        planned: torque desired at the joint [N m].
+    """
+    if memory[STATE] >= STOPPED:
+        return float(memory[STATE])
+    ratio, stiffness, safe = limits.ratio, spring[STIFFNESS], limits.safe
+    before = 1.0 if memory[STATE] != FREE else 0.0
+    rushing = impact_torque(ahead, ratio, stiffness, limits.inertia)
+    measured = memory[_GOOD + TORQUE]
+    released = release_state(before, measured, rushing, planned, safe)
+    if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
+        predicted = memory[_GAIN] * memory[_PREDICTED]
+        released = max(
+            released, release_state(before, predicted, rushing, planned, safe)
+        )
+        if memory[_EQUAL + MOTOR] >= _STILL_SAMPLES:
+            # The encoder may be frozen; then the torque shows that the motor runs.
+            rushing = memory[_RUSH] * abs(ratio) * np.sqrt(limits.inertia / stiffness)
+            released = max(
+                released, release_state(before, measured, rushing, planned, safe)
+            )
+    memory[STATE] = released
+    if _is_too_fast(limits, memory):
+        memory[STATE] = BRAKED
+    return float(memory[STATE])
+
+
+@compiled
+def let_go_torque(memory: FloatArray, damping: float, ahead: float) -> float:
+    """Return the torque of a motor that the law does not drive [N m].
+
+    Args:
+        memory: see `admit`.
+        damping: of a motor that is let go [N m s/rad].
+        ahead: velocity of the motor relative to the joint [rad/s].
+    """
+    if memory[STATE] == LIMP:
+        return 0.0
+    if memory[STATE] == BRAKED:
+        return float(-damping * memory[_GOOD + MOTOR_SPEED])
+    return float(-damping * ahead)
+
+
+@compiled
+def command_limit(limits: Limits, spring: FloatArray) -> float:
+    """Return the largest command that the safe torque needs, with a margin [N m].
+
+    Args:
+        limits: see `admit`.
+        spring: see `admit`.
+    """
+    if not limits.safe < NO_TORQUE_LIMIT:
+        return np.inf
+    held = limits.safe * np.exp(spring[FRICTION]) / abs(limits.ratio)
+    return float(_COMMAND_MARGIN * held)
+
+
+@compiled
+def bounded(
+    limits: Limits, spring: FloatArray, memory: FloatArray, torque: float
+) -> float:
+    """Return a command within `command_limit`, and keep it [N m]."""
+    most = command_limit(limits, spring)
+    if abs(torque) > most:
+        torque = np.sign(torque) * most
+    memory[COMMAND] = torque
+    return float(torque)

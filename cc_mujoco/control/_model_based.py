@@ -83,7 +83,7 @@ class ModelBased(ProportionalIntegral):
             )
         require_number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
-        self.settling = stable_settling_time(drive, self.stiffness, settling)
+        self.settling = stable_settling_time(drive, self.springs, settling)
         self.model = CableModel(drive)
         self._calls: Any = 0
 
@@ -98,6 +98,7 @@ class ModelBased(ProportionalIntegral):
         seen = readings(
             as_round_pulley(observation, self.drive), compiled_laws.LAW_INPUTS
         )
+        self.admit(seen)
         self.follow(seen)
         found = self.answer(seen)
         numbers = np.ndim(observation["desired_torque_nm"]) == 0
@@ -122,7 +123,7 @@ class ModelBased(ProportionalIntegral):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            np.full(rows, self.stiffness),
+            self.rows_of_springs(rows),
             model.packed,
             model.segments,
             model.distal,
@@ -146,7 +147,7 @@ class ModelBased(ProportionalIntegral):
 @compiled
 def _torques(
     gains: FloatArray,
-    stiffness: FloatArray,
+    springs: FloatArray,
     prm: FloatArray,
     n: Counts,
     distal: FloatArray,
@@ -162,7 +163,7 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.model_based(
-            gains, stiffness[row], prm[row], n, distal, arm[row], state[row],
+            gains, springs[row], prm[row], n, distal, arm[row], state[row],
             slip_direction[row], gain[row], disturbance[row], memory[row], seen[row],
             scratch,
         )  # fmt: skip

@@ -5,14 +5,14 @@ its cables: the rotor as estimated by an observer, with the torque that the mode
 not explain; motion of the joint and of the desired torque, per control step, by filters
 of third order; the direction in which the motor turns; the low-passed torque; the delay
 of the measurements in control steps; the energy of the joint beyond the desired one;
-bias of the torque sensor; torque of the motor and its last command; whether the guard
-makes the motor follow the joint; by how much the torque sensor has shifted the joint of
-a single cable's model so that it pulls, now and when it last pulled no more than
-desired; the same of the model with bristles; the joint of that model; mean squared
-errors of the torque that the model predicts, and of that with bristles; 1 while that
-one is planned with; mean squared torques on the rotor that either does not explain, the
-loads of both, and their observers of the rotor; torque by which a crossing stops short;
-logarithms of the factors of friction.
+bias of the torque sensor; torque of the motor and its last command; by how much the
+torque sensor has shifted the joint of a single cable's model so that it pulls, now and
+when it last pulled no more than desired; the same of the model with bristles; the joint
+of that model; mean squared errors of the torque that the model predicts, and of that
+with bristles; 1 while that one is planned with; mean squared torques on the rotor that
+either does not explain, the loads of both, and their observers of the rotor; torque by
+which a crossing stops short; the numbers of the guard; logarithms of the factors of
+friction.
 
 The model with bristles is a second hypothesis: friction that builds up over a travel,
 as it does where fibres or a liner give way, instead of at once. What that travel is
@@ -24,13 +24,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.control import _guard as guard
 
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12
 BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17
-RELEASED, JOINT_SHIFT, TAUT_SHIFT = 18, 19, 20
-OTHER_JOINT, MODEL_ERROR, BRISTLED = 23, 24, 26
-ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, FRICTION = 27, 29, 31, 39, 40
+JOINT_SHIFT, TAUT_SHIFT = 18, 19
+OTHER_JOINT, MODEL_ERROR, BRISTLED = 22, 23, 25
+ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, GUARD = 26, 28, 30, 38, 39
+FRICTION = GUARD + guard.MEMORY_SIZE
+RELEASED = GUARD + guard.STATE
 """Places in the memory; behind the last there is a number for every cable. What
 belongs to the model with bristles is one behind that of the model, shifts two, the
 observer of the rotor `OBSERVER_SIZE`."""

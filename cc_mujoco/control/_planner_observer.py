@@ -14,6 +14,7 @@ from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import CONSTANT_COULOMB, scalars
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._planner_memory import (
     ANGLE,
@@ -25,6 +26,8 @@ from cc_mujoco.control._planner_memory import (
     DISTURBANCE,
     ENERGY,
     FILTERED_TORQUE,
+    FRICTION,
+    GUARD,
     JOINT,
     JOINT_SHIFT,
     LOAD,
@@ -121,20 +124,24 @@ def _reset(
     seen: FloatArray,
     late: float,
 ) -> None:
-    """Reset the memory, with motor and joint at rest at their measured angles."""
+    """Reset the memory, with motor and joint at rest at their measured angles.
+
+    The guard has begun before.
+    """
     memory, rotors = device.memory, device.rotors
-    memory[:] = 0.0
+    memory[:GUARD] = 0.0
+    memory[FRICTION:] = 0.0
     memory[JOINT], memory[DESIRED_TORQUE], memory[BELIEVED_DELAY] = (
-        seen[1],
-        seen[3],
+        seen[guard.JOINT],
+        seen[guard.DESIRED],
         late,
     )
     rotors[:] = 0.0
-    rotors[:, ANGLE] = seen[0]
-    memory[LOAD] = stepper.torque(cables, state, False, seen[0])[0]
+    rotors[:, ANGLE] = seen[guard.MOTOR]
+    memory[LOAD] = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
     for hypothesis in range(2):
         memory[MODEL_LOAD + hypothesis] = memory[LOAD]
-        memory[MODEL_ROTOR + hypothesis * OBSERVER_SIZE + ANGLE] = seen[0]
+        memory[MODEL_ROTOR + hypothesis * OBSERVER_SIZE + ANGLE] = seen[guard.MOTOR]
     copy_states(state, device.other)
     memory[STARTED] = 1.0
 
@@ -159,11 +166,18 @@ def observe(
     if memory[STARTED] == 0.0:
         _reset(cables, state, device, seen, tune[LATE_FIRST])
         memory[OTHER_JOINT] = joint[0]
-    torque = seen[2] - memory[BIAS]
+    torque = seen[guard.TORQUE] - memory[BIAS]
     before = memory[JOINT]
-    smooth(memory, JOINT, seen[1], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
     smooth(
-        memory, DESIRED_TORQUE, seen[3], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2]
+        memory, JOINT, seen[guard.JOINT], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2]
+    )
+    smooth(
+        memory,
+        DESIRED_TORQUE,
+        seen[guard.DESIRED],
+        tune[MOTION_0],
+        tune[MOTION_1],
+        tune[MOTION_2],
     )
     turned = memory[JOINT] - before
     memory[ENERGY] += (torque - memory[DESIRED_TORQUE]) * memory[JOINT + 1]
@@ -173,27 +187,35 @@ def observe(
     if has_second:
         set_bristles(cables, tune[BRISTLES])
         memory[OTHER_JOINT] = _follow(
-            cables, device.other, memory[OTHER_JOINT] + turned, memory, 1, seen[0],
-            torque, tune, scratch,
+            cables, device.other, memory[OTHER_JOINT] + turned, memory, 1,
+            seen[guard.MOTOR], torque, tune, scratch,
         )  # fmt: skip
-        _explain_rotor(cables, device.other, device, 1, seen[0], tables)
+        _explain_rotor(cables, device.other, device, 1, seen[guard.MOTOR], tables)
         set_bristles(cables, 0.0)
     joint[0] = _follow(
-        cables, state, joint[0] + turned, memory, 0, seen[0], torque, tune, scratch
+        cables,
+        state,
+        joint[0] + turned,
+        memory,
+        0,
+        seen[guard.MOTOR],
+        torque,
+        tune,
+        scratch,
     )
     bristled = False
     if has_second:
-        _explain_rotor(cables, state, device, 0, seen[0], tables)
+        _explain_rotor(cables, state, device, 0, seen[guard.MOTOR], tables)
         bristled = _choose_model(memory, tune)
         load = memory[MODEL_LOAD + (1 if bristled else 0)]
     else:
         memory[BRISTLED] = 0.0
-        load = stepper.torque(cables, state, False, seen[0])[0]
+        load = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
     if bristled:
         set_bristles(cables, tune[BRISTLES])
     mean_load = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
-    _observe_rotor(device, seen[0], mean_load, tables)
+    _observe_rotor(device, seen[guard.MOTOR], mean_load, tables)
     return float(memory[OTHER_JOINT] if bristled else joint[0])
 
 

@@ -151,18 +151,30 @@ class Tuning:
         unit="N m", bounds=(0.0, guard.NO_TORQUE_LIMIT), default=guard.NO_TORQUE_LIMIT,
         low_open=True, meaning="most that the cables may put into the joint",
     )  # fmt: skip
+    safe_speed: float = parameter(
+        unit="rad/s", bounds=(0.0, guard.NO_SPEED_LIMIT), default=guard.NO_SPEED_LIMIT,
+        low_open=True, meaning="speed of the joint beyond which it is let go",
+    )  # fmt: skip
+    safe_power: float = parameter(
+        unit="W", bounds=(0.0, guard.NO_POWER_LIMIT), default=guard.NO_POWER_LIMIT,
+        low_open=True, meaning="power into the joint beyond which it is let go",
+    )  # fmt: skip
+    one_way: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.0,
+        meaning="1 where the cables only transmit positive motor torque, else 0",
+    )  # fmt: skip
 
-    def packed(self, stiffness: float) -> FloatArray:
+    def packed(self, spring: FloatArray) -> FloatArray:
         """Return the numbers as the vector that the compiled functions read.
 
         Args:
-            stiffness: Of all cables at the joint [N m/rad].
+            spring: Of all cables at the joint, see `guard.STIFFNESS`.
         """
-        return np.array([*(getattr(self, one.name) for one in TUNING), stiffness])
+        return np.array([*(getattr(self, one.name) for one in TUNING), *spring])
 
 
 TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
-"""The numbers of a tuning, in order; the stiffness of the cables is behind them."""
+"""The numbers of a tuning, in order; the spring of the cables is behind them."""
 
 (
     PERIOD,
@@ -198,5 +210,8 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
     SLACK,
     CREEP,
     SAFE,
+    SAFE_SPEED,
+    SAFE_POWER,
+    ONE_WAY,
     STIFFNESS,
 ) = range(len(TUNING) + 1)

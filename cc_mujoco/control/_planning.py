@@ -33,9 +33,10 @@ from cc_mujoco.control._planner_memory import (
     DISTURBANCE,
     ENERGY,
     FILTERED_TORQUE,
+    FRICTION,
+    GUARD,
     JOINT,
     MOTOR_TORQUE,
-    RELEASED,
     VELOCITY,
     PlannerMemory,
     PlannerWorkspace,
@@ -57,10 +58,13 @@ from cc_mujoco.control._planner_parameters import (
     LAG,
     LOW,
     NOISE,
+    ONE_WAY,
     PERIOD,
     RATE,
     RATIO,
     SAFE,
+    SAFE_POWER,
+    SAFE_SPEED,
     SLACK,
     SLOW,
     SPAN,
@@ -279,9 +283,20 @@ def motor_torque(
         room: scratch.
     """
     tune, memory, applied = tables.tune, room.memory, device.applied
-    dt = tune[PERIOD]
+    dt, own = tune[PERIOD], device.memory
+    limits = guard.Limits(
+        tune[RATIO], dt, tune[ONE_WAY], tune[INERTIA], tune[SAFE], tune[SAFE_SPEED],
+        tune[SAFE_POWER],
+    )  # fmt: skip
+    spring, watched = tune[STIFFNESS:], own[GUARD:FRICTION]
+    read = watched[guard.SEEN :]
+    read[guard.MOTOR], read[guard.MOTOR_SPEED] = seen[0], own[VELOCITY]
+    read[guard.JOINT], read[guard.JOINT_SPEED] = seen[1], own[JOINT + 1] / dt
+    read[guard.TORQUE], read[guard.DESIRED] = seen[2], seen[3]
+    watched[guard.COMMAND] = applied[applied.size - 1]
+    guard.admit(limits, spring, watched, read)
     replace_by_mean_torque(device.memory, applied, tune)
-    where = observe(cables, state, joint, device, seen, tables, room)
+    where = observe(cables, state, joint, device, read, tables, room)
     if device.memory[BRISTLED] != 0.0:
         state = device.other
     learn(cables, state, device.memory, tune)
@@ -295,7 +310,6 @@ def motor_torque(
     before = memory[DIRECTION]
     sense = 1.0 if before == 0.0 else before
     gains, weight, best = tables.gains[delay], tables.weight[delay], room.best
-    own = device.memory
     own[CAUTION] *= 1.0 - tune[CREEP]
     cost = _plan(cables, at, sense, own[CAUTION], gains, weight, tune, best, room)
     rise = tune[STIFFNESS] / tune[RATIO]
@@ -319,12 +333,10 @@ def motor_torque(
     if not np.isnan(best[best.size - 1]):
         torque = best[best.size - 1]
     ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
-    rushing = guard.impact_torque(ahead, tune[RATIO], tune[STIFFNESS], tune[INERTIA])
-    own[RELEASED] = guard.release_state(
-        own[RELEASED], seen[2], rushing, seen[3], tune[SAFE]
-    )
-    if own[RELEASED] != 0.0:
-        torque = -_damping(tune, delay) * ahead
+    planned = read[guard.DESIRED]
+    if guard.state(limits, spring, watched, ahead, planned) != guard.FREE:
+        torque = guard.let_go_torque(watched, _damping(tune, delay), ahead)
+    torque = guard.bounded(limits, spring, watched, torque)
     most = tune[RATE] * dt
     torque = min(max(torque, own[COMMAND] - most), own[COMMAND] + most)
     torque = min(max(torque, tune[LOW]), tune[HIGH])

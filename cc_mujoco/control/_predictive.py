@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco._validation import require_number
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
-from cc_mujoco.control._cable_model import CableModel, has_changed, joint_stiffness
+from cc_mujoco.control._cable_model import CableModel, has_changed, joint_spring
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
-from cc_mujoco.control._guard import NO_TORQUE_LIMIT
 from cc_mujoco.control._planner_parameters import Tuning
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
@@ -244,7 +244,7 @@ class PredictiveCompensation(Controller):
         )
         greatest = max(abs(end) for end in drive.reach)
         noise = max(drive.torque_noise, _MIN_NOISE * greatest)
-        stiffness = joint_stiffness(drive.cables)
+        spring = joint_spring(drive.cables)
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
         self.tuning = Tuning(
@@ -264,7 +264,7 @@ class PredictiveCompensation(Controller):
             least=0.05 * max(abs(drive.low), abs(drive.high)),
             spend=ENERGY_SPEND_TIME,
             slow=SLOW_JOINT_SPEED,
-            damper=damper * stiffness,
+            damper=damper * float(spring[guard.STIFFNESS]),
             rotor_0=rotor_0,
             rotor_1=rotor_1,
             motion_0=motion_0,
@@ -280,11 +280,14 @@ class PredictiveCompensation(Controller):
             caution=caution,
             slack=DRAG_SLACK * noise,
             creep=min(period / CREEP_TIME, 1.0),
-            safe_torque=min(drive.safe_torque, NO_TORQUE_LIMIT),
+            safe_torque=min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
+            safe_speed=min(drive.safe_speed, guard.NO_SPEED_LIMIT),
+            safe_power=min(drive.safe_power, guard.NO_POWER_LIMIT),
+            one_way=float(drive.one_way),
         )
         """Numbers of the compiled functions, by name."""
         self.tables = planner_memory.Tables(
-            gains, unexplained, bandwidths**-4.0, self.tuning.packed(stiffness)
+            gains, unexplained, bandwidths**-4.0, self.tuning.packed(spring)
         )
         """Inputs of the compiled functions."""
         cables = len(drive.cables)

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import Controller, readings
-from cc_mujoco.control._guard import MAX_DAMPING_SHARE, NO_TORQUE_LIMIT, RELEASE_TIME
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 
@@ -67,10 +67,10 @@ class ProportionalIntegral(Controller):
         self.integral = integral
         self.feed_forward = feed_forward
         known = drive.cable_drives
-        self.stiffness = np.array([joint_stiffness(row) for row in known] or [0.0])
-        """Stiffness of all cables at the joint, one for all environments or one each; 0
-        where the cables are not known [N m/rad]."""
-        self.settling = stable_settling_time(drive, self.stiffness)
+        self.springs = np.array([joint_spring(row) for row in known or ((),)])
+        """All cables as a spring at the joint, see `guard.STIFFNESS`, one for all
+        environments or one each (., 3); 0 where the cables are not known."""
+        self.settling = stable_settling_time(drive, self.springs)
         """Time in which the motor settles relative to the joint [s]; without a model
         only while the guard lets go."""
         self._memory: FloatArray = np.zeros((1, compiled_laws.MEMORY_SIZE))
@@ -81,6 +81,11 @@ class ProportionalIntegral(Controller):
             self._memory = np.zeros((1, compiled_laws.MEMORY_SIZE))
         else:
             self.memory(np.size(where))[where] = 0.0
+
+    def given(self, torque: Any) -> None:
+        """Accept the torque that the motor got, if finite; see `Controller.given`."""
+        kept = self._memory[:, compiled_laws.GUARD + guard.COMMAND]
+        np.copyto(kept, torque, where=np.isfinite(torque))
 
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
@@ -95,10 +100,14 @@ class ProportionalIntegral(Controller):
             feed_forward=float(self.feed_forward),
             proportional=self.proportional,
             integral=self.integral,
-            safe_torque=min(drive.safe_torque, NO_TORQUE_LIMIT),
+            safe_torque=min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
             settling=self.settling,
             inertia=drive.inertia,
-            stiffness=float(self.stiffness[0]),
+            stiffness=float(self.springs[0, guard.STIFFNESS]),
+            rest_torque=float(self.springs[0, guard.REST]),
+            wrap_friction=float(self.springs[0, guard.FRICTION]),
+            safe_speed=min(drive.safe_speed, guard.NO_SPEED_LIMIT),
+            safe_power=min(drive.safe_power, guard.NO_POWER_LIMIT),
         )
 
     def memory(self, rows: int) -> FloatArray:
@@ -109,29 +118,44 @@ class ProportionalIntegral(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
-        # Without a safe torque there is no guard, which alone reads velocities.
+        # Without a safe torque there is no guard, which alone reads angles.
         names = (
             compiled_laws.LAW_INPUTS
             if self.drive.safe_torque < math.inf
             else _TORQUE_COLUMNS
         )
-        part = readings(_with_cable_velocity(observation), names)
+        part = readings(_with_cable_motion(observation), names)
         seen = np.zeros((len(part), len(compiled_laws.LAW_INPUTS)))
         seen[:, -len(names) :] = part
+        self.admit(seen)
         found = self.answer(seen)
         numbers = np.ndim(observation["desired_torque_nm"]) == 0
         return float(found[0]) if numbers else found
+
+    def admit(self, seen: FloatArray) -> None:
+        """Have the guard check what is measured, and replace it where needed.
+
+        Args:
+            seen: What is measured (rows, `_compiled_laws.LAW_INPUTS`); changed.
+        """
+        rows = len(seen)
+        _admit(self.gains.packed, self.rows_of_springs(rows), self.memory(rows), seen)
 
     def answer(self, seen: FloatArray) -> FloatArray:
         """Return the torque of the motor (rows,) [N m].
 
         Args:
-            seen: What is measured (rows, `_compiled_laws.LAW_INPUTS`).
+            seen: What is measured (rows, `_compiled_laws.LAW_INPUTS`), after `admit`.
         """
-        found = np.empty(len(seen))
-        stiffness = np.full(len(seen), self.stiffness)
-        _torques(self.gains.packed, stiffness, self.memory(len(seen)), seen, found)
+        rows = len(seen)
+        found = np.empty(rows)
+        springs = self.rows_of_springs(rows)
+        _torques(self.gains.packed, springs, self.memory(rows), seen, found)
         return found
+
+    def rows_of_springs(self, rows: int) -> FloatArray:
+        """Return the springs of all environments (rows, 3)."""
+        return np.resize(self.springs, (rows, guard.SPRING_SIZE))
 
     def closed(self, feedforward: Any, error: Any) -> Any:
         """Close the loop around a feed-forward.
@@ -150,47 +174,56 @@ class ProportionalIntegral(Controller):
         return float(found[0]) if numbers else found
 
 
-def _with_cable_velocity(observation: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the measurements, with the joint's velocity as the cables see it.
+def _with_cable_motion(observation: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the measurements, with the joint's motion as the cables see it.
 
     Of a lever, or of cables that other joints wind, see
     `device.WINDING_COLUMNS`.
     """
     if WINDING_COLUMNS[1] not in observation:
         return observation
-    return {**observation, "joint_velocity_rad_s": observation[WINDING_COLUMNS[1]]}
+    angle, velocity = (observation[name] for name in WINDING_COLUMNS[:2])
+    return {**observation, "joint_angle_rad": angle, "joint_velocity_rad_s": velocity}
 
 
 def stable_settling_time(
-    drive: Drive, stiffness: ArrayLike, settling: float = RELEASE_TIME
+    drive: Drive, springs: FloatArray, settling: float = guard.RELEASE_TIME
 ) -> float:
     """Return a time in which a damped motor settles that is stable [s].
 
     Args:
         drive: The device.
-        stiffness: Of all cables at the joint, one or one each [N m/rad].
+        springs: Of all cables at the joint, see `ProportionalIntegral.springs`.
         settling: The time that is wanted [s].
     """
-    stiffest = float(np.max(stiffness))
+    stiffest = float(np.max(springs[:, guard.STIFFNESS]))
     if not (drive.inertia > 0.0 and stiffest > 0.0):
         return settling
     # A damper sampled this slowly would drive the motor, not calm it.
-    most = MAX_DAMPING_SHARE * drive.inertia / (drive.period + drive.motor_lag)
+    most = guard.MAX_DAMPING_SHARE * drive.inertia / (drive.period + drive.motor_lag)
     at_motor = stiffest / drive.ratio**2
     return min(settling, most / at_motor)
 
 
 @compiled
+def _admit(
+    gains: FloatArray, springs: FloatArray, memory: FloatArray, seen: FloatArray
+) -> None:
+    for row in range(seen.shape[0]):
+        compiled_laws.admit(gains, springs[row], memory[row], seen[row])
+
+
+@compiled
 def _torques(
     gains: FloatArray,
-    stiffness: FloatArray,
+    springs: FloatArray,
     memory: FloatArray,
     seen: FloatArray,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.guarded_torque(
-            gains, stiffness[row], memory[row], seen[row]
+            gains, springs[row], memory[row], seen[row]
         )
 
 
@@ -200,7 +233,7 @@ def _closed_loop_torques(
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.closed_loop_torque(
-            gains, memory[row], both[row, 0], both[row, 1]
+            gains, memory[row], both[row, 0], both[row, 1], np.inf
         )
 
 

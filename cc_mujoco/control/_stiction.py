@@ -75,7 +75,7 @@ class StictionCompensation(ModelBased):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            np.full(rows, self.stiffness),
+            self.rows_of_springs(rows),
             model.packed,
             model.segments,
             model.distal,
@@ -92,7 +92,7 @@ class StictionCompensation(ModelBased):
 @compiled
 def _torques(
     gains: FloatArray,
-    stiffness: FloatArray,
+    springs: FloatArray,
     prm: FloatArray,
     n: Counts,
     distal: FloatArray,
@@ -105,6 +105,6 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.stiction(
-            gains, stiffness[row], prm[row], n, distal, arm[row], state[row],
+            gains, springs[row], prm[row], n, distal, arm[row], state[row],
             memory[row], seen[row], scratch,
         )  # fmt: skip

@@ -97,6 +97,7 @@ class FusedFeedback(ProportionalIntegral):
             )
         seen = readings(observation, compiled_laws.LAW_INPUTS)
         seen[:, compiled_laws.TORQUE] = torque
+        self.admit(seen)
         found = self.answer(seen)
         return float(found[0]) if np.ndim(desired) == 0 else found
 

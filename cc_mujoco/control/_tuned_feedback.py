@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_stiffness
 from cc_mujoco.control._controller import as_round_pulley, readings
 from cc_mujoco.control._full_slip import cable_table, full_slip_balance
@@ -27,21 +28,15 @@ from cc_mujoco.control._proportional_integral import ProportionalIntegral
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
-STATE_INPUTS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-)
-"""Columns that controllers of the motion of both ends read."""
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
 _INTEGRAL_SHARE = 0.25
 """Bandwidth of the integral over that of the damped motor."""
 _MAX_PROPORTIONAL = 2.0
+_DEAD_SIGMAS = 6.0
+"""Error at no desired torque that a single cable does not answer, in standard
+deviations of the torque sensor: three times those of its bias in the benchmark."""
 _RATE_FILTER = 0.2
 """Share of a new value in the filtered rate of the desired torque."""
 _SMOOTH_SPEED = 0.3
@@ -109,7 +104,9 @@ class TunedFeedback(ProportionalIntegral):
        - D (\dot\theta_m - \rho \dot\theta_j) \]
 
     with the gains of `loop_gains`. It is stable on a light winch, where the gains of
-    the thesis are not.
+    the thesis are not. Where a single cable is to pull nothing, an error e within six
+    standard deviations of the sensor is none: its bias would wind the cable in and out
+    in a limit cycle. The dead zone is gone at a desired torque of twice its width.
     """
 
     _capstan = False
@@ -127,6 +124,9 @@ class TunedFeedback(ProportionalIntegral):
         found = loop_gains(drive)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
+        noise = drive.torque_noise if drive.one_way else 0.0
+        self.dead_zone = _DEAD_SIGMAS * noise
+        """Error at no desired torque that is none [N m]."""
         self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
         self._sense: FloatArray = np.zeros((0, _SENSE_SIZE))
 
@@ -143,6 +143,7 @@ class TunedFeedback(ProportionalIntegral):
         seen = readings(
             as_round_pulley(observation, self.drive), compiled_laws.LAW_INPUTS
         )
+        self.admit(seen)
         found = self.answer(seen)
         numbers = np.ndim(observation["desired_torque_nm"]) == 0
         return float(found[0]) if numbers else found
@@ -155,9 +156,10 @@ class TunedFeedback(ProportionalIntegral):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            np.full(rows, self.stiffness),
+            self.rows_of_springs(rows),
             np.resize(self._cables, (rows, *self._cables.shape[1:])),
             self._capstan,
+            self.dead_zone,
             self.memory(rows),
             self._sense,
             seen,
@@ -196,9 +198,10 @@ def _sense_of_slip(
 @compiled
 def _torques(
     gains: FloatArray,
-    stiffness: FloatArray,
+    springs: FloatArray,
     cables: FloatArray,
     capstan: bool,
+    dead: float,
     memory: FloatArray,
     senses: FloatArray,
     seen: FloatArray,
@@ -208,8 +211,14 @@ def _torques(
         desired = seen[row, compiled_laws.DESIRED]
         ahead = compiled_laws.feed_forward(gains, desired)
         if capstan:
-            sense = _sense_of_slip(gains, senses[row], seen[row], stiffness[row])
+            stiffness = springs[row, guard.STIFFNESS]
+            sense = _sense_of_slip(gains, senses[row], seen[row], stiffness)
             ahead = full_slip_balance(cables[row], sense, desired)[0]
+        off = seen[row, compiled_laws.TORQUE] - desired
+        width = dead - 0.5 * abs(desired)
+        if width > 0.0:
+            off = np.sign(off) * max(abs(off) - width, 0.0)
+            seen[row, compiled_laws.TORQUE] = desired + off
         found[row] = compiled_laws.damped_feedback(
-            gains, stiffness[row], memory[row], seen[row], ahead
+            gains, springs[row], memory[row], seen[row], ahead
         )

@@ -28,7 +28,7 @@ from cc_mujoco.device._derived_values import (
     rounded,
 )
 from cc_mujoco.device._derived_wearers import derive_movers
-from cc_mujoco.device._description import PERIOD, Axis, Description
+from cc_mujoco.device._description import PERIOD, SAFE_DEMANDS, Axis, Description
 from cc_mujoco.device._hysteresis_file import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import MotorLimits
@@ -77,6 +77,8 @@ AXIS_KEYS = (
     "reach",
     "centre",
     "safe_torque",
+    "safe_speed",
+    "safe_power",
     "motor_pulley",
     "joint_pulley",
     "gearing",
@@ -393,7 +395,19 @@ def _axis(
         units=units,
         task=task or f"hold:{way * demanded:g}",
         safe_torque=read.number(
-            table, "safe_torque", math.inf, ASSUMED, low=1e-9, label="axis."
+            table,
+            "safe_torque",
+            SAFE_DEMANDS * demanded,
+            ASSUMED,
+            low=1e-9,
+            label="axis.",
+        ),
+        safe_is_assumed=table.number("safe_torque", 1e-9) is None,
+        safe_speed=read.number(
+            table, "safe_speed", math.inf, ASSUMED, low=1e-9, label="axis."
+        ),
+        safe_power=read.number(
+            table, "safe_power", math.inf, ASSUMED, low=1e-9, label="axis."
         ),
         motor_pulley=read.number(table, "motor_pulley", 0.0, ASSUMED, label="axis."),
         gearing=gearing,

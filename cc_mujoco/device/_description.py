@@ -41,6 +41,10 @@ FREE_ROOTS = ("held", "free")
 """Choices for a body on a free joint."""
 
 
+SAFE_DEMANDS = 2.0
+"""Assumed safe torque over the largest that a task demands."""
+
+
 @dataclass(frozen=True)
 class Cuff:
     """Compliance between a device and the limb that it is strapped to.
@@ -92,8 +96,14 @@ class Axis:
     task: str
     """Default task: what the wearer should feel."""
     safe_torque: float = math.inf
-    """Most that the cables may put into the joint of a wearer [N m]; infinite where
-    nobody knows."""
+    """Most that the cables may put into the joint of a wearer [N m]."""
+    safe_is_assumed: bool = False
+    """True if nobody gives that torque, so that it follows from the motor and the task.
+    """
+    safe_speed: float = math.inf
+    """Speed of that joint beyond which the motor brakes [rad/s]."""
+    safe_power: float = math.inf
+    """Power of the cables into that joint beyond which the motor brakes [W]."""
     motor_pulley: float = 0.0
     """Inertia of the motor's pulley about its axis [kg m^2], which grows as radius^4;
     0 where nobody knows."""

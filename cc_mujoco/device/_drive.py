@@ -76,6 +76,10 @@ class Drive:
     """Most that the cables may put into the joint [N m]; of a lever, in the neutral
     pose. Long before it is reached, controllers that measure a torque let the joint go,
     see `guard`."""
+    safe_speed: float = math.inf
+    """Speed of the joint beyond which those controllers brake the motor [rad/s]."""
+    safe_power: float = math.inf
+    """Power of the cables into the joint beyond which they do [W]."""
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `device.WINDING_COLUMNS`."""
@@ -129,10 +133,12 @@ class Drive:
                 "Drive.torque_rate must be above 0 N m/s, or math.inf for no limit, "
                 f"not {self.torque_rate!r}."
             )
-        if not self.safe_torque > 0.0:
-            raise CableError(
-                f"Drive.safe_torque must be above 0 N m, not {self.safe_torque!r}."
-            )
+        for name, unit in (("torque", "N m"), ("speed", "rad/s"), ("power", "W")):
+            if not getattr(self, f"safe_{name}") > 0.0:
+                raise CableError(
+                    f"Drive.safe_{name} must be above 0 {unit}, not "
+                    f"{getattr(self, f'safe_{name}')!r}."
+                )
         shapes = {
             tuple((s.proximal, s.distal, s.cable.segments) for s in row)
             for row in self.cable_drives

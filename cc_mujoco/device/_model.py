@@ -260,6 +260,8 @@ class AxisModel:
             motor_lag=motor_lag(self.model, self._motor),
             lever=self.winding is not None,
             safe_torque=self.axis.safe_torque,
+            safe_speed=self.axis.safe_speed,
+            safe_power=self.axis.safe_power,
             crossed=self.crossed,
             joint=self.axis.joint,
             shared_ratios=self.shared_ratios,

@@ -124,6 +124,9 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
         "N m",
         "most that is safe at the joint, which a guard keeps",
     )
+    for key, unit in (("safe_speed", "rad/s"), ("safe_power", "W")):
+        meaning = "beyond which the guard brakes the motor"
+        yield own(key, getattr(axis, key), unit, f"{key[5:]} of the joint {meaning}")
     yield own(
         "motor_pulley",
         axis.motor_pulley or None,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 
 from cc_mujoco.cable._layout import STATE_HEADER
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import AxisPlan, ExportPlan
 
@@ -113,9 +114,10 @@ int cc_controller_set_parameters(cc_controller *controller, const double *parame
 void cc_controller_reset(cc_controller *controller);
 
 /* Torques of the motors (CC_AXES) [N m] until the next reading, within their limits.
- * None is a number where a reading is none, infinite or beyond
- * {entry_points.MAX_READING:g} of its unit; then the state stays as it was,
- * and what the motors do is yours to decide. */
+ * The guard rides through a reading that is no number, infinite or beyond
+ * {guard.MAX_READING:g} of its unit, for {1e3 * guard.RIDE_TIME:g} ms; then it stops.
+ * Where no guard looks at it, none of the torques is a number, the state stays as it
+ * was, and what the motors do is yours to decide. */
 void cc_controller_step(cc_controller *controller, const cc_readings *readings,
                         double *torques);
 

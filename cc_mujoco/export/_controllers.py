@@ -84,7 +84,9 @@ _FIXED_TUNING = frozenset(
 _PREVIEW_GAINS = frozenset({"preview", "tolerance"})
 _COUPLED_GAINS = frozenset({"ratio", "high", "safe_torque"})
 """Fixed where axes are decoupled, which rests on them."""
-_FEED_FORWARD_GAINS = frozenset({"feed_forward", "stiffness"})
+_FEED_FORWARD_GAINS = frozenset(
+    {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
+)
 """Not read by a law with a model."""
 _FEEDBACK = ExportedLaw(
     entry_points.wrong_gains,
@@ -333,9 +335,11 @@ class AxisPlan:
 
     @property
     def given(self) -> int:
-        """Place of the last torque in the memory of a controller that plans, or -1."""
+        """Place of the last torque in the memory of the controller, -1 of a policy."""
+        if self.policy is not None:
+            return -1
         # Before the scratch, see `_predictive.places`.
-        return self.places[0] - 1 if self.plans else -1
+        return self.places[0] - 1 if self.plans else entry_points.LAST_COMMAND
 
 
 @dataclass(frozen=True)
@@ -414,6 +418,16 @@ class ExportPlan:
     def seen(self) -> tuple[str, ...]:
         """Names of all readings in C, in order."""
         return tuple(name for axis in self.axes for name in axis.seen)
+
+    @property
+    def guarded(self) -> tuple[int, ...]:
+        """A flag for every reading: 1 where the guard of its axis looks at it."""
+        checks = self.torques.coupling is None
+        return tuple(
+            int(checks and axis.policy is None and place < len(axis.columns))
+            for axis in self.axes
+            for place in range(len(axis.seen))
+        )
 
     @property
     def starts(self) -> tuple[int, ...]:

@@ -25,17 +25,17 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control._cable_model import follow, stiffness
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import add_preload, follow, stiffness
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 
-FIRST_STEP, JOINT_ANGLE, STIFFNESS = 0, 1, 2
+FIRST_STEP, JOINT_ANGLE, SPRING = 0, 1, 2
 """Places in the memory: whether no step was taken yet, angle of the joint since the
-start as the model finds it [rad], stiffness of all cables there [N m/rad]."""
-OWN_MEMORY = 3
+start as the model finds it [rad], all cables as a spring there (`guard.STIFFNESS`)."""
+OWN_MEMORY = SPRING + guard.SPRING_SIZE
 """Numbers before those that are a controller's own."""
-MAX_READING = 1e6
-"""Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
-larger one is never unlearnt."""
+LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
+"""Place of the last torque of a controller that does not plan."""
 _N_GAINS, _N_INPUTS = len(compiled_laws.GAINS), len(compiled_laws.LAW_INPUTS)
 _GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
 _CABLES = _GAINS + _N_GAINS
@@ -54,7 +54,7 @@ NUMBERS = types.CPointer(types.float64)
 COUNTS = types.CPointer(types.int64)
 WRONG_SIGNATURE = types.int64(COUNTS, NUMBERS, NUMBERS, NUMBERS)
 STORE_SIGNATURE = types.void(NUMBERS, COUNTS, NUMBERS)
-POSSIBLE_SIGNATURE = types.int64(NUMBERS, types.int64)
+POSSIBLE_SIGNATURE = types.int64(NUMBERS, types.int64, COUNTS)
 STEP_SIGNATURE = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
 
 
@@ -176,7 +176,9 @@ def wrong_gains(shape: Any, parameters: Any, least: Any, most: Any) -> int:
 def store_gains(memory: Any, shape: Any, parameters: Any) -> None:
     """Take the gains of a controller without a model."""
     _store_parameters(memory, parameters)
-    memory[STIFFNESS] = parameters[compiled_laws.STIFFNESS]
+    memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
+    memory[SPRING + guard.REST] = parameters[compiled_laws.REST_TORQUE]
+    memory[SPRING + guard.FRICTION] = parameters[compiled_laws.WRAP_FRICTION]
 
 
 def wrong_model(shape: Any, parameters: Any, least: Any, most: Any) -> int:
@@ -196,43 +198,67 @@ def store_model(memory: Any, shape: Any, parameters: Any) -> None:
     _, packed, _, _, _, _ = places(cables, longest)
     size = kernel.parameter_size(longest)
     first = _N_GAINS
+    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    spring[:] = 0.0
     for k in range(cables):
         memory[_CABLES + k] = parameters[first]
         memory[_CABLES + cables + k] = parameters[first + 1]
         sections = shape[1 + cables + k]
+        values = carray(pointer_at(parameters, first + 2), SCALARS)
+        bends = carray(pointer_at(parameters, first + 2 + SCALARS), (sections, 2))
         kernel.pack(
-            carray(pointer_at(parameters, first + 2), SCALARS),
-            carray(pointer_at(parameters, first + 2 + SCALARS), (sections, 2)),
+            values,
+            bends,
             shape[1 + k],
             carray(pointer_at(memory, packed + k * size), size),
         )
+        add_preload(values, bends, parameters[first + 1], spring)
         first += 2 + SCALARS + 2 * sections
-    memory[STIFFNESS] = stiffness(
+    spring[guard.STIFFNESS] = stiffness(
         carray(pointer_at(memory, packed), (cables, size)),
         carray(pointer_at(memory, _CABLES + cables), cables),
     )
 
 
-def are_possible(readings: Any, count: int) -> int:
-    """Return 1 if all readings are numbers that sensors can mean, else 0."""
+def are_possible(readings: Any, count: int, guarded: Any) -> int:
+    """Return 1 if all readings are numbers that sensors can mean, else 0.
+
+    Args:
+        readings: of all axes.
+        count: how many there are.
+        guarded: of every reading 1 where the guard of its axis looks at it, else 0.
+    """
     for i in range(count):
-        if not abs(readings[i]) <= MAX_READING:
+        if guarded[i] == 0 and not abs(readings[i]) <= guard.MAX_READING:
             return 0
     return 1
+
+
+@internal
+def _admitted(memory: Any, readings: Any) -> Any:
+    """Return what is measured as the guard lets it through; begin where that is due."""
+    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
+    if memory[FIRST_STEP] != 0.0:
+        law[:] = 0.0
+    seen = law[compiled_laws.GUARD + guard.SEEN :]
+    for i in range(_N_INPUTS):
+        seen[i] = readings[i]
+    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
+    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    compiled_laws.admit(gains, spring, law, seen)
+    return seen
 
 
 def step_proportional_integral(
     memory: Any, shape: Any, tables: Any, readings: Any
 ) -> float:
     """Return the motor torque of the next step [N m]."""
+    seen = _admitted(memory, readings)
+    memory[FIRST_STEP] = 0.0
     law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
-    if memory[FIRST_STEP] != 0.0:
-        law[:] = 0.0
-        memory[FIRST_STEP] = 0.0
     gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
-    return compiled_laws.guarded_torque(
-        gains, memory[STIFFNESS], law, carray(readings, _N_INPUTS)
-    )
+    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    return compiled_laws.guarded_torque(gains, spring, law, seen)
 
 
 @internal
@@ -242,9 +268,10 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
         longest = max(longest, shape[1 + k])
     scratch, packed, first, after, work, end = places(count, longest)
     size, width = kernel.parameter_size(longest), kernel.state_size(longest)
-    seen = carray(readings, _N_INPUTS)
+    seen = _admitted(memory, readings)
     law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
     gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
+    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
     proximal = carray(pointer_at(memory, _CABLES), count)
     distal = carray(pointer_at(memory, _CABLES + count), count)
     arm = carray(pointer_at(memory, _CABLES + 2 * count), count)
@@ -258,7 +285,6 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     cables = stepper.Cables(prm, n, proximal, proximal, distal)
     if memory[FIRST_STEP] != 0.0:
         stepper.set_rest(cables, seen[compiled_laws.ANGLE], 0.0, state)
-        law[:] = 0.0
         direction[:] = 0.0
         gain[:] = 1.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
@@ -277,10 +303,10 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     )
     if with_stiction:
         return compiled_laws.stiction(
-            gains, memory[STIFFNESS], prm, n, distal, arm, state, law, seen, law_scratch
+            gains, spring, prm, n, distal, arm, state, law, seen, law_scratch
         )
     return compiled_laws.model_based(
-        gains, memory[STIFFNESS], prm, n, distal, arm, state, direction, gain, 0.0, law,
+        gains, spring, prm, n, distal, arm, state, direction, gain, 0.0, law,
         seen, law_scratch,
     )  # fmt: skip
 

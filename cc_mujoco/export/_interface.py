@@ -52,6 +52,7 @@ def _constants(plan: ExportPlan) -> Iterator[str]:
     yield _numbers("least", [field.low for field in plan.fields])
     yield _numbers("most", [field.high for field in plan.fields])
     yield _whole_numbers("shape", plan.torques.shape)
+    yield _whole_numbers("guarded", plan.guarded)
     yield _numbers("tables", plan.torques.tables)
     for k, axis in enumerate(plan.axes):
         yield _whole_numbers(f"shape{k}", axis.shape)
@@ -59,7 +60,7 @@ def _constants(plan: ExportPlan) -> Iterator[str]:
 
 
 def _declarations(plan: ExportPlan) -> set[str]:
-    found = {f"declare i64 @{entry_points.are_possible.__name__}(ptr, i64)"}
+    found = {f"declare i64 @{entry_points.are_possible.__name__}(ptr, i64, ptr)"}
     if plan.torques.changes:
         found.add(f"declare void @{own_readings.__name__}(ptr, ptr, ptr, ptr)")
     for axis in plan.axes:
@@ -140,7 +141,8 @@ def _step(plan: ExportPlan) -> Iterator[str]:
 def _require_possible(name: str, count: int) -> Iterator[str]:
     """Branch to `NAME_are_possible`, or to `refuse` for an impossible reading."""
     function = entry_points.are_possible.__name__
-    yield f"  %{name}_possible = call i64 @{function}(ptr %{name}, i64 {count})"
+    arguments = f"ptr %{name}, i64 {count}, ptr @guarded"
+    yield f"  %{name}_possible = call i64 @{function}({arguments})"
     yield f"  %{name}_fine = icmp ne i64 %{name}_possible, 0"
     yield f"  br i1 %{name}_fine, label %{name}_are_possible, label %refuse"
 

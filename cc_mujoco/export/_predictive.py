@@ -18,11 +18,12 @@ from cc_mujoco._utils.compilation import compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planner_parameters as planner_parameters
 from cc_mujoco.control import _planning as planning
-from cc_mujoco.control._cable_model import has_changed, pack, stiffness
+from cc_mujoco.control._cable_model import add_preload, has_changed, pack, stiffness
 from cc_mujoco.control._predictive import PLANNER_INPUTS
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._entry_points import pointer_at
@@ -30,7 +31,7 @@ from cc_mujoco.export._entry_points import pointer_at
 _TUNING_START = entry_points.OWN_MEMORY
 TUNING_SIZE = len(planner_parameters.TUNING)
 """Parameters before those of the cables."""
-_PARAMETERS_CHANGED = _TUNING_START + TUNING_SIZE + 1
+_PARAMETERS_CHANGED = _TUNING_START + TUNING_SIZE + guard.SPRING_SIZE
 _ARMS = _PARAMETERS_CHANGED + 1
 INPUT_COUNT = len(PLANNER_INPUTS)
 """Numbers that are read."""
@@ -202,7 +203,20 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         elif is_fresh or memory[_PARAMETERS_CHANGED] != 0.0:
             _pack(memory, shape, k, factors[k])
     if memory[_PARAMETERS_CHANGED] != 0.0:
-        memory[_TUNING_START + planner_parameters.STIFFNESS] = stiffness(prm, distal)
+        spring = carray(
+            pointer_at(memory, _TUNING_START + planner_parameters.STIFFNESS),
+            guard.SPRING_SIZE,
+        )
+        spring[:] = 0.0
+        for k in range(cables):
+            place, sections_of = cable_place(shape, k), shape[1 + cables + k]
+            add_preload(
+                carray(pointer_at(memory, place), SCALARS),
+                carray(pointer_at(memory, place + SCALARS), (sections_of, 2)),
+                distal[k],
+                spring,
+            )
+        spring[guard.STIFFNESS] = stiffness(prm, distal)
         memory[_PARAMETERS_CHANGED] = 0.0
     if is_fresh:
         stepper.set_rest(model, readings[0], 0.0, state)
@@ -232,7 +246,7 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         carray(tables, (delays, knots, 2 + knots)),
         carray(pointer_at(tables, plans), delays),
         carray(pointer_at(tables, plans + delays), delays),
-        carray(pointer_at(memory, _TUNING_START), TUNING_SIZE + 1),
+        carray(pointer_at(memory, _TUNING_START), TUNING_SIZE + guard.SPRING_SIZE),
     )
     return planning.motor_torque(
         model, state, carray(pointer_at(memory, entry_points.JOINT_ANGLE), 1), device,

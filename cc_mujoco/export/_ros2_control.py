@@ -19,11 +19,12 @@ _STATES = {
     "motor_velocity_rad_s": ("motors_", "velocity"),
     "joint_angle_rad": ("joints_", "position"),
     "joint_velocity_rad_s": ("joints_", "velocity"),
+    "winding_angle_rad": ("joints_", "position"),
     "winding_velocity_rad_s": ("joints_", "velocity"),
     "joint_torque_nm": ("joints_", "effort"),
 }
-"""State interface of every reading: whose, and which. Only the damper of a guard that
-lets go reads the velocity of winding without a leverage ratio."""
+"""State interface of every reading: whose, and which. Only a guard reads what is wound
+without a leverage ratio; the joint's own motion is near enough for it."""
 
 
 def require_ros2_states(plan: ExportPlan) -> None:

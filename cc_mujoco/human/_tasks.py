@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.human import _gait as gait
 
+DEMAND_TIME = 60.0
+"""Time in which a task of time is looked at [s]."""
+
 Real = TypeVar("Real", float, NDArray[np.float64])
 
 
@@ -70,6 +73,24 @@ class Task(ABC):
         Returns:
             Desired torque [N m], of the shape of the arguments.
         """
+
+
+def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
+    """Return the largest torque that a task demands, either way [N m].
+
+    Args:
+        task: The task.
+        centre: Angle about which the joint moves [rad].
+        reach: Largest excursion from there [rad].
+        speed: Largest velocity of the joint [rad/s].
+    """
+    if task.about_reference:
+        centre = reach = 0.0
+    angle = np.linspace(centre - reach, centre + reach, 21)[:, None, None]
+    velocity = np.array([-speed, 0.0, speed])[:, None]
+    phase = np.linspace(0.0, DEMAND_TIME if task.of_time else 1.0, 601)
+    grid = (np.ravel(one) for one in np.broadcast_arrays(angle, velocity, phase))
+    return float(np.abs(task.torque(*grid)).max())
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
     PACE,
     PULL_PULL,
+    SAFE_TORQUE,
     STRENGTH,
     TORQUE_CONSTANT,
     WINDING_RESISTANCE,
@@ -87,6 +88,13 @@ METRICS: dict[str, Metric] = {
                lambda log: peak(log["joint_angle_rad"] - log["reference_angle_rad"])),
         Metric("peak_joint_torque", "N m", "largest |joint torque|",
                lambda log: peak(log["joint_torque_nm"]), better=""),
+        Metric("peak_over_safe", "1", "largest |joint torque| over the device's "
+               "`safe_torque`", torque.peak_over_safe, needs=(SAFE_TORQUE,)),
+        Metric("unstable", "1", "1 where the joint torque swings about its mean over "
+               f"{1e3 * torque.SWING_WINDOW:g} ms by more, RMS, than "
+               f"{torque.SWING_SHARE:g} of the largest desired torque and "
+               f"{torque.SWING_SCALE:g} of the device's `safe_torque`, else 0",
+               torque.unstable),
         Metric("rms_joint_torque", "N m", "RMS of the joint torque",
                lambda log: rms(log["joint_torque_nm"]), better=""),
         Metric("peak_wearer_torque", "N m", "largest |torque| with which the wearer "

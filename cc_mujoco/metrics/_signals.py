@@ -14,14 +14,15 @@ MEAN_WINDOW = 0.05
 """Window of `moving_mean` [s]."""
 
 
-def moving_mean(values: Array, period: float) -> Array:
-    """Return the mean over `MEAN_WINDOW`, where the window fits.
+def moving_mean(values: Array, period: float, window: float = MEAN_WINDOW) -> Array:
+    """Return the mean over a window, where the window fits.
 
     Args:
         values: Samples (T,).
         period: Time between samples [s].
+        window: Its length [s].
     """
-    width = max(1, round(MEAN_WINDOW / period))
+    width = min(max(1, round(window / period)), len(values))
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
 
 

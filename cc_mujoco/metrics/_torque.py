@@ -33,6 +33,9 @@ TAUT_SHARE = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
 RATE_WINDOW = 0.01
 """Time over which the rate of a torque is taken [s]."""
+SWING_WINDOW, SWING_SHARE, SWING_SCALE = 0.1, 0.25, 0.05
+"""Window of the moving mean that a swinging torque deviates from [s], and deviations
+above which it swings, see `is_unstable`."""
 MAX_UNSAFE_TIME = 0.01
 """Time for which a torque beyond what is safe is a failure [s]."""
 
@@ -188,6 +191,36 @@ def failed(log: LogLike) -> float:
     safe = metadata_constant(log, SAFE_TORQUE)
     unsafe = first_unsafe_sample(torque, safe, _period(log)) is not None
     return float(unsafe or strength_used(log, *log.cables) > 1.0)
+
+
+def is_unstable(log: LogLike, scale: float) -> bool:
+    """Return whether the joint torque swings faster than any task demands.
+
+    Its deviation from its moving mean over `SWING_WINDOW` is, RMS, above a quarter of
+    the largest desired torque, and above a twentieth of a scale: no limit is needed.
+
+    Args:
+        log: An episode.
+        scale: Torque that counts for the device, its safe torque for example [N m].
+    """
+    torque = log["joint_torque_nm"]
+    mean = moving_mean(torque, _period(log), SWING_WINDOW)
+    first = (torque.size - mean.size) // 2
+    ripple = rms(torque[first : first + mean.size] - mean)
+    largest = float(np.abs(log["desired_torque_nm"]).max())
+    least = SWING_SCALE * scale if math.isfinite(scale) else 0.0
+    return bool(ripple > max(SWING_SHARE * largest, least))
+
+
+def unstable(log: LogLike) -> float:
+    """Return 1 for an episode whose joint torque swings, see `is_unstable`, else 0."""
+    return float(is_unstable(log, log.metadata.get(SAFE_TORQUE, math.inf)))
+
+
+def peak_over_safe(log: LogLike) -> float:
+    """Return the largest joint torque over the safe one; NaN where none is known."""
+    safe = log.metadata.get(SAFE_TORQUE, math.nan)
+    return float(np.max(np.abs(log["joint_torque_nm"])) / safe)
 
 
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:

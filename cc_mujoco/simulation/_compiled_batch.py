@@ -70,6 +70,8 @@ def law_of(controller: Controller | None) -> int | None:
     """
     if controller is None:
         return compiled.UNPOWERED
+    if isinstance(controller, TunedFeedback) and controller.dead_zone:
+        return None
     return LAWS.get(type(controller))
 
 
@@ -200,6 +202,9 @@ class CompiledEpisodes:
                 "arms": self._hold(arms),
                 "own_arm": winding.own,
                 "winding_arm": winding.arm,
+                "wound_end": winding.end,
+                "wound_length": winding.length,
+                "timestep": winding.step,
                 "least_leverage": LEAST_LEVERAGE,
             }
         return found
@@ -215,7 +220,7 @@ class CompiledEpisodes:
         found["gains"] = self._hold(law.gains.packed)
         if isinstance(law, ProportionalIntegral):
             found["memory"] = law.memory(1).ctypes.data
-            found["cable_stiffness"] = law.stiffness[0]
+            found["spring"] = law.springs.ctypes.data
         if not isinstance(law, ModelBased):
             return found
         model = law.model

@@ -27,6 +27,7 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._cable_model import follow
 from cc_mujoco.control._compensation import SCRATCH_ROWS
+from cc_mujoco.control._guard import SPRING_SIZE
 from cc_mujoco.human._tasks import clamp, spring_torque, tunnel_torque
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._engine import LIBRARY
@@ -90,9 +91,11 @@ RECORD = np.dtype(
             "wound",  # number of arms of the winding; 0 for a round pulley
             "arms",  # address of the places of the arms, then of their velocities
             "own_arm",  # place of the joint's among them
+            "wound_end",  # place of the distal end in `actuator_length`
             "columns",  # address of what is kept (columns, steps + 1)
             "gains",  # address of `laws.GAINS`; likewise those that follow
             "memory",
+            "spring",  # of all cables at the joint, see `guard.STIFFNESS`
             "seen",
             "model_cables",  # number; then addresses of arrays of `CableModel`
             "segments",
@@ -119,8 +122,9 @@ RECORD = np.dtype(
             "motor_scale",  # control of the motor at its largest torque
             "torque_limit",  # largest torque of the motor [N m]
             "winding_arm",  # arm of the winding in the neutral pose [m/rad]
+            "wound_length",  # length of the distal end there [m]
+            "timestep",  # of the physics [s]
             "least_leverage",
-            "cable_stiffness",  # of all cables at the joint [N m/rad]
         )
     ]
 )
@@ -173,18 +177,22 @@ def _desired(record: Any, step: int, angle: float) -> float:
 
 
 @internal
-def _leverage(record: Any, data: int, velocity: float) -> tuple[float, float]:
-    """Return velocity and leverage of the joint; see `Winding.read`."""
+def _winding(
+    record: Any, data: int, angle: float, velocity: float
+) -> tuple[float, float, float]:
+    """Return angle, velocity and leverage of the joint; see `Winding.read`."""
     count = record.wound
     if count == 0:
-        return velocity, 1.0
+        return angle, velocity, 1.0
     arms, nominal = words(record.arms, 2 * count), record.winding_arm
     pace = 0.0
     for i in range(count):
         arm = mj_struct.real(data, mj_struct.ACTUATOR_MOMENT, arms[i])
         pace = pace + arm * mj_struct.real(data, mj_struct.QVEL, arms[count + i])
     arm = mj_struct.real(data, mj_struct.ACTUATOR_MOMENT, arms[record.own_arm])
-    return pace / nominal, max(arm / nominal, record.least_leverage)
+    end = mj_struct.real(data, mj_struct.ACTUATOR_LENGTH, record.wound_end)
+    wound = (end - record.wound_length + record.timestep * pace) / nominal
+    return wound, pace / nominal, max(arm / nominal, record.least_leverage)
 
 
 @internal
@@ -196,14 +204,13 @@ def _torque(record: Any, seen: FloatArray) -> float:
     gains = floats(record.gains, _GAINS)
     if law == FEED_FORWARD:
         return float(compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED]))
-    memory, stiffness = floats(record.memory, _MEMORY), record.cable_stiffness
+    memory, spring = floats(record.memory, _MEMORY), floats(record.spring, SPRING_SIZE)
+    compiled_laws.admit(gains, spring, memory, seen)
     if law == FEEDBACK:
-        return float(compiled_laws.guarded_torque(gains, stiffness, memory, seen))
+        return float(compiled_laws.guarded_torque(gains, spring, memory, seen))
     if law == TUNED:
         ahead = compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED])
-        return float(
-            compiled_laws.damped_feedback(gains, stiffness, memory, seen, ahead)
-        )
+        return float(compiled_laws.damped_feedback(gains, spring, memory, seen, ahead))
     count, width, size = record.model_cables, record.packed_size, record.state_size
     prm = floats(record.packed, count * width).reshape(count, width)
     state = floats(record.state, count * size).reshape(count, size)
@@ -230,12 +237,12 @@ def _torque(record: Any, seen: FloatArray) -> float:
     )
     if law == MODEL:
         found = compiled_laws.model_based(
-            gains, stiffness, prm, n, distal, arm, state, slip_direction, gain, 0.0,
+            gains, spring, prm, n, distal, arm, state, slip_direction, gain, 0.0,
             memory, seen, scratch,
         )  # fmt: skip
     else:
         found = compiled_laws.stiction(
-            gains, stiffness, prm, n, distal, arm, state, memory, seen, scratch
+            gains, spring, prm, n, distal, arm, state, memory, seen, scratch
         )
     return float(found)
 
@@ -279,9 +286,11 @@ def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
         columns[(_FIXED + 2 * cables + k) * rows + step] = energy
         columns[(_FIXED + 3 * cables + k) * rows + step] = least
     seen[compiled_laws.ANGLE], seen[compiled_laws.VELOCITY] = turned, speed
-    seen[compiled_laws.JOINT_VELOCITY], leverage = velocity, 1.0
+    leverage = 1.0
     if record.law >= FEEDBACK:
-        seen[compiled_laws.JOINT_VELOCITY], leverage = _leverage(record, data, velocity)
+        angle, velocity, leverage = _winding(record, data, angle, velocity)
+    seen[compiled_laws.JOINT_ANGLE] = angle
+    seen[compiled_laws.JOINT_VELOCITY] = velocity
     if record.law < TUNED:
         leverage = 1.0
     seen[compiled_laws.TORQUE], seen[compiled_laws.DESIRED] = (

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device import Nominal, Plant
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
-from cc_mujoco.device._description import Description
+from cc_mujoco.device._description import SAFE_DEMANDS, Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import Array, DeviceModel, Physics
 from cc_mujoco.device._moment_arm import TabledWinding, Winding
@@ -39,6 +39,7 @@ from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
+from cc_mujoco.human._tasks import peak_demand
 
 from ._reference_motion import MARKS, Author, Script, joint_range, unperturbed
 
@@ -149,6 +150,7 @@ class WornDevice:
             )
         )
         """Task of every axis."""
+        self.description = _with_safe_torques(description, self.tasks)
         frames = tuple(
             dataclasses.replace(
                 axis.observed(description.scene, self.sampling),
@@ -180,9 +182,14 @@ class WornDevice:
         Args:
             device: The device.
         """
+        axes = self.description.axes
         return tuple(
-            dataclasses.replace(drive, commands_angle=task.commands_angle)
-            for drive, task in zip(device.drives(self.period), self.tasks, strict=True)
+            dataclasses.replace(
+                drive, commands_angle=task.commands_angle, safe_torque=axis.safe_torque
+            )
+            for drive, task, axis in zip(
+                device.drives(self.period), self.tasks, axes, strict=True
+            )
         )
 
     @property
@@ -509,12 +516,31 @@ class WornDevice:
         return ""
 
 
+def _with_safe_torques(description: Description, tasks: Sequence[Task]) -> Description:
+    """Return the description with assumed safe torques that leave room for the tasks.
+
+    One that a description gives stays what it is.
+    """
+    axes = []
+    for axis, task in zip(description.axes, tasks, strict=True):
+        if axis.safe_is_assumed and not task.commands_angle:
+            speed = axis.units["joint_velocity_rad_s"]
+            demand = peak_demand(task, axis.centre, axis.reach, speed)
+            safe = max(axis.safe_torque, SAFE_DEMANDS * demand)
+            axis = dataclasses.replace(axis, safe_torque=safe)
+        axes.append(axis)
+    return dataclasses.replace(description, axes=tuple(axes))
+
+
 def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
     """Return the seeds of the sensors of an axis; those of the first are as given."""
     if not axis:
         return seeds
     if isinstance(seeds, int):
-        return int(np.random.SeedSequence([seeds, axis]).generate_state(1)[0])
+        # As many bits as the seed of the first axis has.
+        words = 1 if seeds < 2**32 else 4
+        state = np.random.SeedSequence([seeds, axis]).generate_state(words)
+        return int.from_bytes(state.astype("<u4").tobytes(), "little")
     return [_axis_seeds(seed, axis) for seed in seeds]
 
 

@@ -164,7 +164,7 @@ def test_a_file_is_benchmarked_and_verified_until_it_changes(
     words += ["--conditions", "ordinary-rough", "--duration", "1.05", "--workers", "1"]
     assert cli.main(words) == 0
     shown = capsys.readouterr().out
-    assert "The safe torque of device knee at joint knee is unknown" in shown
+    assert "The safe torque of device knee is assumed: " in shown
     assert "nan" not in shown
     results = Path("runs", "benchmark", "results.parquet")
     table = pq.read_table(results)
@@ -202,7 +202,7 @@ def test_a_commanded_angle_has_a_suite_of_its_own(
     own, known = (one.cables["tendon"].friction for one in (drawn.plant, drawn.known))
     assert own == pytest.approx(2.0 * known)
     wrong = {"linear": {"slope": 0.5, "offset": 0.0}}
-    monkeypatch.setattr(_position, "fresh_fits", lambda condition, seeds: [wrong])
+    monkeypatch.setattr(_position, "fresh_fits", lambda *_: [wrong])
     cells = [Cell(found[f"ordinary-{way}"], "linear") for way in ("stale", "fitted")]
     assert batch_groups(cells) == [cells]
     stale, fitted = (one.scores for one in play_group(cells))

@@ -15,6 +15,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco._utils.provenance import read_provenance, with_provenance
 from cc_mujoco.benchmark import SUITES, BenchmarkPlan, Cell, play, run
+from cc_mujoco.benchmark._plant import new_key, sample_plants
 from cc_mujoco.benchmark._results import (
     _digest,
     join_results,
@@ -124,3 +125,52 @@ def test_files_of_other_seeds_are_not_compared(results: Path) -> None:
     assert len(join_results(one, one)[0]) == 1
     with pytest.raises(CableError, match="--first-seed"):
         join_results(one, other)
+
+
+def test_a_plant_of_a_run_with_a_key_follows_from_no_seed_alone() -> None:
+    usual = next(c for c in SUITES["v1"].conditions("ankle") if c.usual)
+    key, other = new_key(), new_key()
+    assert key != other and len(key) == 32
+    plain, again, keyed, secret = (
+        sample_plants(usual, (3,), own)[0] for own in ("", "", key, other)
+    )
+    assert plain == again
+    assert keyed == sample_plants(usual, (3,), key)[0]
+    for one, two in ((plain, keyed), (keyed, secret)):
+        assert one.plant.cables != two.plant.cables
+        assert one.seed != two.seed and one.bias != two.bias
+    # Trying them all, as an entry could try those of a suite, never ends.
+    assert plain.seed < 2**32 and min(keyed.seed, secret.seed) > 2**64
+    for wrong in ("5", key.upper() + "0", "g" * 32):
+        with pytest.raises(CableError, match="32 hexadecimal digits"):
+            dataclasses.replace(SHORT, key=wrong).cells()
+
+
+@pytest.mark.filterwarnings("ignore:constrained_layout not applied")  # a long name
+def test_the_key_of_a_run_is_published_in_its_results_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "benchmark", "--scene", "wrist", "--conditions", "ordinary-rough", "--seeds",
+        "1", "--duration", "1.05", "--controllers", CHEAT,
+    ]  # fmt: skip
+    found = []
+    for name, more in (("one", ()), ("two", ()), ("three", ("--key",))):
+        options = [*command, "--out", str(tmp_path / name)]
+        if more:
+            options += [*more, found[0]]
+        assert cli.main(options) == 0
+        said = capsys.readouterr().out
+        file = tmp_path / name / "results.parquet"
+        found.append(read_results(file)[1]["key"])
+        assert f"key:        {found[-1]}" in said
+        for cell in (tmp_path / name / CELLS_FOLDER).iterdir():
+            assert found[-1].encode() not in cell.read_bytes()
+    first, second, third = (
+        tmp_path / name / "results.parquet" for name in ("one", "two", "three")
+    )
+    assert found[0] == found[2] != found[1]
+    assert cli.main(["benchmark", "--verify", str(first), "--allow", CHEAT]) == 0
+    with pytest.raises(CableError, match="different secret keys"):
+        join_results(read_results(first), read_results(second))
+    join_results(read_results(first), read_results(third))

@@ -18,6 +18,7 @@ from cc_mujoco.control import (
     ProportionalIntegral,
     StictionCompensation,
 )
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.thesis._inertia_free import InertiaFree
@@ -130,7 +131,7 @@ def test_a_motor_is_not_damped_more_than_the_period_allows(
     """A damper felt a period late is unstable beyond inertia over period."""
     drive = dataclasses.replace(pull_pull(), inertia=inertia, period=period)
     law = ModelBased(drive)
-    damping = law.settling * float(law.stiffness[0])
+    damping = law.settling * float(law.springs[0, guard.STIFFNESS])
     assert 0.0 < law.settling <= 0.03
     assert damping * period / inertia <= 0.8 + 1e-9
     assert law.gains.settling == law.settling

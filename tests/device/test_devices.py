@@ -15,6 +15,7 @@ from cc_mujoco import Plant, Trajectory, simulate
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import Device, DeviceModel, find_device, load_device
+from cc_mujoco.device._description import SAFE_DEMANDS
 from cc_mujoco.device._report import account, write_description
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
@@ -157,12 +158,15 @@ def test_arguments_travel_with_a_device_to_other_processes(
 
 def test_what_nobody_says_is_unknown_and_listed_as_missing(tmp_path: Path) -> None:
     device = Device(knee(tmp_path))
-    assert np.isinf(device.description.axis().safe_torque)
+    axis = device.description.axis()
+    assert axis.safe_is_assumed
+    assert axis.safe_torque == SAFE_DEMANDS * abs(float(axis.task.partition(":")[2]))
     assert np.isnan(device.description.strength)
     text = account(device)
     missing = text[text.index("missing") :]
-    for key in ("rope.strength", "rope.diameter", "axis.safe_torque"):
+    for key in ("rope.strength", "rope.diameter"):
         assert key in missing
+    assert "safe_torque" not in missing
 
 
 @pytest.mark.parametrize(
@@ -360,7 +364,7 @@ def test_an_unknown_name_says_where_a_file_of_ones_own_goes() -> None:
 def test_a_device_is_read_anew_when_its_files_change(tmp_path: Path) -> None:
     path = knee(tmp_path)
     assert load_device(path) is load_device(path)
-    assert np.isinf(load_device(path).description.axis().safe_torque)
+    assert load_device(path).description.axis().safe_is_assumed
     (tmp_path / "knee.device.toml").write_text("[axis]\nsafe_torque = 7\n")
     assert load_device(path).description.axis().safe_torque == 7.0
 

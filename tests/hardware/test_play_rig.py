@@ -206,7 +206,8 @@ def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:
     assert known < 0.25
     assert 4.0 * known < unknown
     assert kept.rate_limited < 0.05 * kept.cycles
-    assert cut.rate_limited > 0.5 * cut.cycles
+    # The guard lets the joint go for the rest of the time.
+    assert cut.rate_limited > 0.3 * cut.cycles
 
 
 @pytest.mark.parametrize("lag", [0.003, pytest.param(0.005, marks=pytest.mark.study)])

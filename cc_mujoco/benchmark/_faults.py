@@ -1,0 +1,198 @@
+"""Faults of sensors and straps that begin during an episode: the suite `safety`.
+
+sensors = FaultySensors("torque-dead", onsets, sensors, prefixes)
+torque = controller.torque(sensors.measure(columns))
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark._conditions import Condition, named_condition
+from cc_mujoco.benchmark._generic import plain_condition
+from cc_mujoco.device import DeviceModel, Plant, find_device
+from cc_mujoco.device._sensors import AxesMeasuring
+from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._loop import Columns
+
+Array = NDArray[np.float64]
+
+SAFETY = "safety-"
+"""Beginning of the names of conditions in which something fails."""
+DURATION = 3.0
+"""Length of an episode [s]."""
+STRAP = "strap-open"
+"""Fault in which the wearer leaves the device: nothing holds the joint any more."""
+FIRST_ONSET, LAST_ONSET = 0.55, 1.55
+"""Range of the time at which a fault begins [s], sampled with the plant."""
+LATE = 0.05
+"""Time by which `torque-late` is late [s]."""
+JUMP = 0.3
+"""Jump of an encoder at the joint [rad]; of the motor's, times the ratio."""
+MISSING = 2
+"""Samples in a row that `torque-dropout` loses, ten times a second."""
+_TORQUE, _MOTOR = "joint_torque_nm", "motor_angle_rad"
+_JOINT = "joint_angle_rad", "winding_angle_rad"
+_VELOCITIES = "motor_velocity_rad_s", "joint_velocity_rad_s", "winding_velocity_rad_s"
+
+TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
+    "torque-dead": lambda now, past: 0.0 * now,
+    "torque-frozen": lambda now, past: past,
+    "torque-reversed": lambda now, past: -now,
+    "torque-half": lambda now, past: 0.5 * now,
+    "torque-late": lambda now, past: past,
+    "torque-missing": lambda now, past: np.full_like(now, math.nan),
+    "torque-dropout": lambda now, past: np.full_like(now, math.nan),
+}
+"""Reading of the torque sensor from the true reading now, and from an earlier one: that
+of the onset, or of `LATE` before."""
+ENCODER_FAULTS = ("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped")
+FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)
+"""Every fault by name."""
+
+
+def safety_conditions(scene: str) -> list[Condition]:
+    """Return the conditions of a device in which something fails.
+
+    Raises:
+        CableError: As `generic_conditions`.
+    """
+    device = find_device(scene)
+    model = DeviceModel(device.description, Plant(device).model())
+    plain, _ = plain_condition(scene, model)
+    plain = dataclasses.replace(plain, duration=DURATION)
+    faults = FAULTS if device.wearers else FAULTS[:-1]
+    return [named_condition(plain, SAFETY + name, structure=name) for name in faults]
+
+
+def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
+    """Return the control step at which the fault of every device begins.
+
+    Args:
+        seeds: See `Draw.seed`.
+        period: Of the controller [s].
+    """
+    drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
+    return [round(one.uniform(FIRST_ONSET, LAST_ONSET) / period) for one in drawn]
+
+
+class FaultySensors:
+    """Sensors of many devices, of which one kind fails."""
+
+    def __init__(
+        self,
+        fault: str,
+        onsets: Sequence[int],
+        sensors: AxesMeasuring,
+        prefixes: Sequence[str],
+        ratios: Sequence[float],
+        period: float,
+    ) -> None:
+        """Take what fails.
+
+        Args:
+            fault: One of `FAULTS`.
+            onsets: Control step of every device at which it fails.
+            sensors: Those of all axes without the fault.
+            prefixes: Beginnings of the columns of each axis.
+            ratios: Of every axis, see `Drive.ratio`.
+            period: Of the controller [s].
+        """
+        self._fault, self._sensors = fault, sensors
+        self._onset = np.array(onsets)
+        self._ratios = dict(zip(prefixes, ratios, strict=True))
+        self._late = round(LATE / period)
+        self._interval = round(0.1 / period)
+        self._step = 0
+        self._held: dict[str, Array] = {}
+        self._past: dict[str, list[Array]] = {}
+
+    def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the readings, with the fault; see `Measuring.measure`."""
+        failed = self._step >= self._onset
+        if self._fault in ENCODER_FAULTS:
+            columns = {**columns, **self._encoders(columns, failed)}
+        seen = self._sensors.measure(columns)
+        if self._fault in TORQUE_FAULTS:
+            for prefix in self._ratios:
+                name = prefix + _TORQUE
+                seen[name] = np.where(
+                    failed, self._torque(name, seen[name]), seen[name]
+                )
+        self._step += 1
+        return seen
+
+    def _torque(self, name: str, now: Array) -> Array:
+        past = self._past.setdefault(name, [])
+        past.append(now)
+        earlier = past[max(len(past) - 1 - self._late, 0)]
+        if self._fault == "torque-frozen":
+            earlier = self._hold(name, now)
+        found = np.asarray(TORQUE_FAULTS[self._fault](now, earlier), dtype=float)
+        if self._fault == "torque-dropout":
+            lost = (self._step - self._onset) % self._interval < MISSING
+            return np.where(lost, found, now)
+        return found
+
+    def _hold(self, name: str, now: Array) -> Array:
+        """Return the value at the onset of every device."""
+        held = self._held.setdefault(name, np.array(now))
+        before = self._step <= self._onset
+        held[before] = now[before]
+        return held
+
+    def _encoders(
+        self, columns: Mapping[str, Any], failed: NDArray[np.bool_]
+    ) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        side, _, kind = self._fault.partition("-")
+        for prefix, ratio in self._ratios.items():
+            names = (_MOTOR,) if side == "motor" else _JOINT
+            for name in (prefix + each for each in names if prefix + each in columns):
+                now = np.asarray(columns[name], dtype=float)
+                jump = JUMP * (abs(ratio) if side == "motor" else 1.0)
+                wrong = self._hold(name, now) if kind == "frozen" else now + jump
+                found[name] = np.where(failed, wrong, now)
+            for name in (prefix + each for each in _VELOCITIES):
+                if (
+                    kind == "frozen"
+                    and name in columns
+                    and (side == "motor") == (name == prefix + _VELOCITIES[0])
+                ):
+                    found[name] = np.where(failed, 0.0, columns[name])
+        return found
+
+
+class StrapFleet(Fleet):
+    """Devices that their wearers leave during the episode."""
+
+    def __init__(self, *args: Any, onsets: Sequence[int], **settings: Any) -> None:
+        """Make the batch.
+
+        Args:
+            *args: See `Fleet`.
+            onsets: Control step of every device at which its strap opens.
+            **settings: See `Fleet`.
+        """
+        super().__init__(*args, **settings)
+        self._onsets = np.array(onsets)
+
+    def advance(self, torque: Array) -> Columns:
+        """Go a control step; see `DrivenDevice.advance`."""
+        opened = np.flatnonzero(self._onsets == self._step)
+        for device in (self._devices[row] for row in opened.tolist()):
+            for axis in device.description.axes:
+                if axis.limb in device.movers:
+                    actuator = device.model.actuator(
+                        device.description.movers[axis.limb]
+                    )
+                    actuator.gainprm[:], actuator.biasprm[:] = 0.0, 0.0
+        if opened.size:
+            self.simulations.batch.set_models([one.model for one in self._devices])
+        return super().advance(torque)

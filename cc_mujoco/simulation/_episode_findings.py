@@ -1,0 +1,118 @@
+"""Sentences on what went wrong in an episode, for a user who plays one.
+
+for sentence in episode_findings(log, model, description, "pi"):
+    print(f"warning: {sentence}")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.device import Axis, Description
+from cc_mujoco.metrics._metric import LogLike
+from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, is_unstable
+from cc_mujoco.simulation._episode_log import EpisodeLog
+
+STABLE_CONTROLLER = "pi_tuned"
+"""Controller whose gains follow from the device."""
+FALL_SHARE = 0.3
+"""Part of its height that a free body loses when it falls."""
+OFF_SHARE = 0.5
+"""Deviation of a joint from its motion, as a share of the reach, that is not it."""
+STOP_SHARE = 0.01
+"""Part of the range of a joint that is at its stop."""
+MIN_TIME_SHARE = 0.02
+"""Part of an episode for which something lasts that is worth a sentence."""
+
+
+def episode_findings(
+    log: EpisodeLog, model: mujoco.MjModel, description: Description, controller: str
+) -> Iterator[str]:
+    """Yield a sentence for everything that went wrong in an episode.
+
+    Args:
+        log: Of the episode.
+        model: Scene that was played.
+        description: Of the device.
+        controller: Name of the controller.
+    """
+    time = log["time_s"]
+    for axis, (name, own) in zip(description.axes, log.each_axis(), strict=True):
+        at = f" at joint {axis.limb!r}"
+        yield from _unsafe(own["joint_torque_nm"], time, axis, at)
+        if is_unstable(own, axis.safe_torque):
+            advice = ""
+            if STABLE_CONTROLLER not in controller:
+                whose = f"{name}={STABLE_CONTROLLER}" if name else STABLE_CONTROLLER
+                advice = f"; try --controller {whose}"
+            yield f"{controller} is unstable on this device: it swings{at}{advice}."
+        yield from _off_motion(own, axis, at)
+        yield from _at_stop(own["joint_angle_rad"], model, axis)
+    yield from _falls(log, model)
+
+
+def _unsafe(
+    torque: NDArray[np.float64], time: NDArray[np.float64], axis: Axis, at: str
+) -> Iterator[str]:
+    beyond = np.abs(torque) > axis.safe_torque
+    if not beyond.any():
+        return
+    times = int(np.count_nonzero(np.diff(beyond.astype(int), prepend=0) == 1))
+    share = 100.0 * float(beyond.mean())
+    peak = float(np.abs(torque).max())
+    often = "once" if times == 1 else f"{times} times"
+    yield (
+        f"the torque{at} was above the safe {axis.safe_torque:g} N m {often} "
+        f"({share:.2g} % of the time), up to {peak:.4g} N m, first at "
+        f"{time[np.argmax(beyond)]:.4g} s; more than {1e3 * MAX_UNSAFE_TIME:g} ms in a "
+        "row is a failure."
+    )
+
+
+def _off_motion(own: LogLike, axis: Axis, at: str) -> Iterator[str]:
+    gap = np.abs(own["joint_angle_rad"] - own["reference_angle_rad"])
+    if not np.isfinite(gap).all():
+        return
+    share = float(np.mean(gap > OFF_SHARE * axis.reach))
+    if share > MIN_TIME_SHARE:
+        yield (
+            f"the wearer is off the motion{at} {100.0 * share:.2g} % of the time, by "
+            f"up to {gap.max():.3g} rad; the device pulls harder than the wearer holds."
+        )
+
+
+def _at_stop(
+    angle: NDArray[np.float64], model: mujoco.MjModel, axis: Axis
+) -> Iterator[str]:
+    joint = model.joint(axis.limb)
+    if not model.jnt_limited[joint.id]:
+        return
+    low, high = model.jnt_range[joint.id]
+    room = STOP_SHARE * (high - low)
+    share = float(np.mean((angle < low + room) | (angle > high - room)))
+    if share > MIN_TIME_SHARE:
+        yield (
+            f"joint {axis.limb!r} is at a stop {100.0 * share:.2g} % of the time; its "
+            f"range is {low:.3g} to {high:.3g} rad."
+        )
+
+
+def _falls(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[str]:
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE.value)
+    poses: Any = log["qpos"] if free.size else None
+    for joint in free.tolist():
+        height = np.asarray(poses)[:, int(model.jnt_qposadr[joint]) + 2]
+        lost = height[0] - height
+        fallen = lost > FALL_SHARE * abs(float(height[0]))
+        if height[0] > 0.0 and fallen.any():
+            body = model.body(int(model.jnt_bodyid[joint])).name
+            yield (
+                f"the free body {body!r} fell: from {height[0]:.3g} m at the start to "
+                f"{height.min():.3g} m, beyond {100 * FALL_SHARE:g} % at "
+                f"{log['time_s'][np.argmax(fallen)]:.4g} s."
+            )

@@ -236,8 +236,6 @@ class Play:
                 raise CableError(f"--{other} does not go with --{name}.")
 
 
-
-
 def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a table of metrics, with a column for each of several axes."""
 

@@ -121,8 +121,8 @@ _MIN_PERIOD, _MIN_PERIOD_RK4 = 10.0, 5.0
 """Steps in a period of the slower end, on a cable that slips as a whole.
 
 Of 300 drawn rigs (EA 10 kN to 100 MN, motors of 1e-5 to 1e-2 kg m^2, steps of 0.5 to 10
-ms) a tension errs by more than 10 % RMS in 50 % of those with less than 1 step, 35 %
-with 1 to 3, 14 % with 3 to 8 and 7 % with 8 to 10. With more, and under RK4 with more
+ms) a tension errs by more than 10 % RMS in 53 % of those with less than 1 step, 36 %
+with 1 to 3, 17 % with 3 to 8 and 7 % with 8 to 10. With more, and under RK4 with more
 than 5, only those do whose friction of 0.05 or less does not damp the vibration.
 """
 

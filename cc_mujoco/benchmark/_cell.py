@@ -226,7 +226,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         law = _position_law(cells, name, drives[0], prefixes)
     else:
         law = user_entry.make_controller(name, drives, prefixes)
-    sensors: AxesMeasuring | FaultySensors = exo.controller_sensors(
+    whole = exo.controller_sensors(
         sensing,
         drives,
         [drawn.seed for drawn in draws],
@@ -240,10 +240,11 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         delay=[drawn.plant.delay for drawn in draws],
         noise=[drawn.plant.noise for drawn in draws],
     )
+    sensors: AxesMeasuring | FaultySensors = whole
     if at.structure in FAULTS:
         ratios = [drive.ratio for drive in drives]
         sensors = FaultySensors(
-            at.structure, onsets, sensors, prefixes, ratios, exo.period
+            at.structure, onsets, whole, prefixes, ratios, exo.period
         )
     return CellSetup(
         description,

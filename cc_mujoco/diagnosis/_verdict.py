@@ -237,6 +237,7 @@ class TrialError:
         misfit_before: of both channels over the noise floor, large errors
             huber_residual.
         misfit_after: the same with the named effects.
+        slack: share of its samples in which a cable of the final model is slack.
     """
 
     trial: str
@@ -245,6 +246,7 @@ class TrialError:
     noise_floor: Mapping[str, float]
     misfit_before: float
     misfit_after: float
+    slack: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -332,7 +332,9 @@ def _conclude(
             undetermined(baseline_fit.problem, baseline_fit.whole.x, counts),
         ),
         runner_ups=tuple(_runner_ups(step) for step in found.rounds),
-        trials=trial_errors(baseline_fit.problem, model.held.before, model.held.after),
+        trials=trial_errors(
+            baseline_fit.problem, model.held.before, model.held.after, (problem, x)
+        ),
         question=question,
         strayed=beyond,
         confounded=hidden,

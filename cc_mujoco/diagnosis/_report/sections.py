@@ -125,6 +125,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
     both = bool(diagnosis.effects)
     shown = "misfit_after" if both else "misfit_before"
     ranked = sorted(diagnosis.trials, key=lambda each: -getattr(each, shown))
+    slack = any(each.slack > 0.0 for each in diagnosis.trials)
 
     def change(before: float, after: float, floor: float = float("nan")) -> str:
         sizes = (before, after) if both else (before,)
@@ -142,6 +143,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
                 )
                 for name in each.rmse_before
             ),
+            *([format_share(each.slack)] if slack else []),
         )
         for each in ranked
     ]
@@ -154,7 +156,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
         "the weighted RMS error of each"
         + ("; before and after effects were added." if both else ".")
     )
-    head = ("trial", "over the floor", *torques)
+    head = ("trial", "over the floor", *torques, *(["a cable slack"] if slack else []))
     return join_pieces([short_table(head, rows), paragraph(key, kind="small")])
 
 

@@ -272,6 +272,21 @@ def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
             assert 0.5 * each.noise_floor[name] < rmse
 
 
+def test_slack_of_every_trial_is_reported(alike: BaselineFit) -> None:
+    problem, x = alike.problem, alike.whole.x
+    played = problem.torques(x)
+    taut = trial_errors(problem, played, played, (problem, x))
+    loose = problem.plant.limited(
+        [replace(r, pretension=0.5) for r in problem.plant.records]
+    )
+    slack = trial_errors(problem, played, played, (replace(problem, plant=loose), x))
+    assert all(
+        0.0 <= one.slack <= two.slack <= 1.0
+        for one, two in zip(taut, slack, strict=True)
+    )
+    assert max(each.slack for each in slack) > 0.3
+
+
 def test_an_undeclared_pretension_is_unknown_with_a_question() -> None:
     data = recorded(2, {"pretension": 40.0})
     found = run_inference(data, BENCH, Options(("motor_inertia",))).diagnosis

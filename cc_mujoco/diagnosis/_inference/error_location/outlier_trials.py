@@ -50,7 +50,10 @@ MAX_LOG_CHANGE = math.log(8.0)
 
 
 def trial_errors(
-    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+    problem: Problem,
+    before: Sequence[FloatArray],
+    after: Sequence[FloatArray],
+    final: tuple[Problem, FloatArray] | None = None,
 ) -> tuple[TrialError, ...]:
     """Return the errors of every trial of which samples count, in order.
 
@@ -58,6 +61,7 @@ def trial_errors(
         problem: with the floor that weights samples.
         before: (2, samples) torque of the baseline for every record [N m].
         after: the same with what was added.
+        final: that model and its parameters, for the shares of slack.
     """
     found = []
     for name, places in _record_indices(problem).items():
@@ -74,9 +78,18 @@ def trial_errors(
                 _rms(problem, places, [problem.noise[k] for k in places]),
                 _misfit(problem, places, off),
                 _misfit(problem, places, left),
+                0.0 if final is None else _slack_share(*final, places),
             )
         )
     return tuple(found)
+
+
+def _slack_share(problem: Problem, x: FloatArray, places: Sequence[int]) -> float:
+    """Return the share of the samples of records in which a cable is slack."""
+    values, records = problem.values(x), problem.plant.records
+    sizes = [records[k].time.size for k in places]
+    shares = [problem.plant.slack_share(values, problem.effects, k) for k in places]
+    return float(np.average(shares, weights=sizes))
 
 
 class Odd(NamedTuple):

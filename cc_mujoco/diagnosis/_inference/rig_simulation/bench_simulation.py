@@ -353,6 +353,24 @@ class SimulatedRig:
         by_trial = any(EFFECTS[name].by_trial for name in effects)
         return record.conditions if by_trial else USUAL_CONDITIONS
 
+    def slack_share(self, values: Values, effects: Sequence[str], index: int) -> float:
+        """Return the share of a record's samples in which a cable pulls nothing.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            index: of the record; without its cables it is 0.
+        """
+        record = self.records[index]
+        if record.unhooked:
+            return 0.0
+        here = values_on(values, record.occasion)
+        conditions = self.conditions_of(record, effects)
+        setting = self.setting(here, effects, record.pretension, conditions)
+        played = cached_replay(record, setting)
+        loose = np.minimum(played.tension_proximal, played.tension_distal) <= 0.0
+        return float(np.mean(np.any(loose, axis=0)))
+
     def setting(
         self,
         values: Values,

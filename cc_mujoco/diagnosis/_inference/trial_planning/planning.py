@@ -39,7 +39,6 @@ from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
     motions,
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
-from cc_mujoco.diagnosis._inference.rig_simulation.replays import cached_replay
 from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
 from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
 
@@ -152,7 +151,7 @@ def planned(
     records = tuple(_record(motion, bench, rows) for motion in every)
     plant = SimulatedRig(bench, records, PLAN_SEGMENTS, 1, instruments, constants)
     records = _simulated_records(plant)
-    slack = [_slack_share(plant, record) for record in records]
+    slack = [plant.slack_share({}, (), k) for k in range(len(records))]
     if len(bench.cables) == 1:  # of a pair the other cable pulls
         kept = [k for k, share in enumerate(slack) if share <= MAX_SLACK]
         every, slack = [every[k] for k in kept], [slack[k] for k in kept]
@@ -201,15 +200,6 @@ def planned(
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
         tuple(slack[k] for k in chosen),
     )
-
-
-def _slack_share(plant: SimulatedRig, record: Record) -> float:
-    """Return the share of samples in which a cable of the scene pulls nothing."""
-    if record.unhooked:
-        return 0.0
-    played = cached_replay(record, plant.setting({}, (), record.pretension))
-    loose = np.minimum(played.tension_proximal, played.tension_distal) <= 0.0
-    return float(np.mean(np.any(loose, axis=0)))
 
 
 def _simulated_records(plant: SimulatedRig) -> tuple[Record, ...]:

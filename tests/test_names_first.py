@@ -12,7 +12,7 @@ COMMANDS = (
     "calibrate wirst",
     "diagnose wirst data --out out",
     "whatif --scene wirst --vary friction=0.1,0.2",
-    "whatif --scene wrist --vary friction=0.1,0.2 --threads -1",
+    "whatif --scene wrist --vary friction=0.1,0.2 --workers -1",
     "benchmark --scene wrist wirst",
     "export --scene wirst --controller pi --out out",
 )

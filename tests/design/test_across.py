@@ -326,7 +326,7 @@ def test_the_command_says_over_what_it_ranks(
     monkeypatch.chdir(tmp_path)
     words = ["whatif", "--vary", "pretension=10", "--metric", "slack_margin",
              "--metric", "peak_tension", "--objective", "peak_tension", "--duration",
-             "0.1", "--trajectory", "sine", "--threads", "1"]  # fmt: skip
+             "0.1", "--trajectory", "sine", "--workers", "1"]  # fmt: skip
     cases = ["--across", "wearer=0.5,2", "--across", "friction=0.08,0.16"]
     limit = ["--subject-to", "slack_margin>=1"]
     assert cli.main([*words, *cases, *limit, "--out", "s"]) == 0

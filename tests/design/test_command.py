@@ -125,7 +125,7 @@ def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
     [
         (["--vary", "friction"], "VARIABLE=VALUES"),
         (["--vary", "friction=1", "--vary", "friction=2"], "twice"),
-        (["--vary", "friction=0.1", "--threads", "-1"], "--threads"),
+        (["--vary", "friction=0.1", "--workers", "-1"], "--workers"),
         (["--designs", "none.csv"], "cannot read the designs none.csv"),
         (["--vary", "friction=0.1", "--around"], "goes by an --objective"),
         (["--vary", "friction=0.1,0.1"], "is given 0.1 more than once"),

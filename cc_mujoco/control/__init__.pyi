@@ -12,6 +12,7 @@ from ._hysteresis import HysteresisTrial as HysteresisTrial
 from ._hysteresis_inverse import FITTED as FITTED
 from ._hysteresis_inverse import fit_hysteresis as fit_hysteresis
 from ._model_based import ModelBased as ModelBased
+from ._of_device import controller as controller
 from ._onnx import write_onnx as write_onnx
 from ._policy import Network as Network
 from ._policy import Policy as Policy
@@ -24,7 +25,6 @@ from ._proportional_integral import Feedback as Feedback
 from ._proportional_integral import ProportionalIntegral as ProportionalIntegral
 from ._registry import CONTROLLERS as CONTROLLERS
 from ._registry import POSITION_CONTROLLERS as POSITION_CONTROLLERS
-from ._registry import controller as controller
 from ._stiction import StictionCompensation as StictionCompensation
 from ._tension_feedback import AdaptiveModel as AdaptiveModel
 from ._tension_feedback import FusedFeedback as FusedFeedback

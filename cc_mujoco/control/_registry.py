@@ -9,9 +9,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
@@ -37,14 +35,8 @@ from cc_mujoco.control._stiction import StictionCompensation
 from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
 from cc_mujoco.control._tuned_feedback import FrictionFeedForward, TunedFeedback
 from cc_mujoco.control._user_controller import from_callable
-from cc_mujoco.device._axis_columns import split_by_axis
-from cc_mujoco.device._description import Description
-from cc_mujoco.device._device import Nominal
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import DeviceModel
-from cc_mujoco.device._plant import Plant
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import task as find_task
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -75,17 +67,14 @@ POSITION_CONTROLLERS: dict[str, type[Controller]] = {
 """Every controller of a joint angle, for a drive that commands one."""
 
 
-def controller(
-    name: str | Callable[[Drive], Any], drive: Drive | Plant | Nominal | str | Path
-) -> Controller:
+def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """Make a controller.
 
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
             commands an angle, `module:function` or a function itself (see
             `external`), or the file of a policy, `*.safetensors` (see `policy`).
-        drive: The device to be driven: name, file, `Device` or `Plant`, with its own
-            task and sensors; or a `Drive`, as environments have as `unwrapped.drive`.
+        drive: The device to be driven; environments have it as `unwrapped.drive`.
 
     Returns:
         The controller, reset.
@@ -95,10 +84,6 @@ def controller(
             Or if it commands what the task does not ask for, or needs a sensor at the
             joint that the device does not have.
     """
-    if not isinstance(drive, Drive):
-        from cc_mujoco.control._axes import axes_controller  # which imports this module
-
-        return axes_controller(name, *_device_drives(drive))
     if not isinstance(name, str):
         return from_callable(name, drive)
     if name.endswith(POLICY_ENDING):
@@ -125,48 +110,3 @@ def controller(
             "joint_sensor = true in [sensors]."
         )
     return kind(drive)
-
-
-def _device_drives(
-    device: Plant | Nominal | str | Path,
-) -> tuple[list[Drive], tuple[str, ...]]:
-    """Return the drives of a device as it is, and the prefixes of their columns."""
-    if not isinstance(device, (Plant, Nominal, str, Path)):
-        raise CableError(
-            "a controller is made for a Drive, a Device, a Plant or the name or file "
-            f"of a device, not for {device!r}."
-        )
-    plant = device if isinstance(device, Plant) else Plant(device)
-    model = DeviceModel(plant.description, plant.model())
-    period = model.frame_skip * float(model.model.opt.timestep)
-    drives = [
-        dataclasses.replace(
-            drive, commands_angle=find_task(axis.task, (axis.limb,)).commands_angle
-        )
-        for drive, axis in zip(
-            model.drives(period), plant.description.axes, strict=True
-        )
-    ]
-    return drives, model.prefixes
-
-
-def default_controller(device: Description, task: Any = None) -> str:
-    """Return the name of the controller that plays a task unless one is named.
-
-    That is `pi_tuned`, whose gains follow from rotor, cables and delay of any device.
-    Where the task commands an angle, it is `backlash_inverse` if the device has its
-    parameters, else `none`.
-
-    Args:
-        device: The description of a device.
-        task: Of all axes or by axis, see `human.task`; that of the device by default.
-    """
-    axis = device.axes[0]
-    if isinstance(task, str):
-        task = split_by_axis(task, [axis.name])
-    named = task.get(axis.name) if isinstance(task, Mapping) else task
-    given = axis.task if named is None else named
-    if len(device.axes) > 1 or not find_task(given, (axis.limb,)).commands_angle:
-        return "pi_tuned"
-    fitted = device.hysteresis.get(axis.name, {})
-    return "backlash_inverse" if "backlash_inverse" in fitted else "none"

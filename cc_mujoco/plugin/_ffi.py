@@ -25,7 +25,7 @@ from cc_mujoco._utils.compilation import internal as internal
 from cc_mujoco._utils.compilation import types as types
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._mj_offsets import offset, structure
-from cc_mujoco.plugin._registration import address_in_library
+from cc_mujoco.plugin._prebuilt import address_in_library
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]

@@ -14,6 +14,7 @@ import mujoco
 from cc_mujoco._utils.code_stamp import digest
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
+from cc_mujoco.plugin._prebuilt import address_in_library, use_library
 
 PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
 """File name of the shared library of the plugin."""
@@ -52,10 +53,6 @@ class PluginRecord(ctypes.Structure):
     )
 
 
-_library: ctypes.CDLL | None = None
-"""Shared library that holds the registered plugin, if it is not compiled here."""
-
-
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
@@ -66,7 +63,6 @@ def register() -> None:
     Raises:
         ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
     """
-    global _library
     LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(PluginRecord)
     LIBRARY.mjp_getPlugin.argtypes = (ctypes.c_char_p, ctypes.POINTER(ctypes.c_int))
     present = LIBRARY.mjp_getPlugin(PLUGIN.encode(), None)
@@ -80,10 +76,12 @@ def register() -> None:
             )
         file = file_of(plugin.init)
         if file is not None:
-            _library = _require_same_code(file)
+            use_library(_require_same_code(file))
         return
-    _library = _load_carried()
-    if _library is None:
+    library = _load_carried()
+    if library is not None:
+        use_library(library)
+    else:
         add_plugin(PLUGIN, compiled_callbacks(), KEYS, plugin_capabilities())
 
 
@@ -101,25 +99,6 @@ def _address_of(symbol: str) -> int:
 
         address = llvmlite.binding.address_of_symbol(symbol)
     return int(address)
-
-
-def address_in_library(symbol: str) -> int | None:
-    """Return the address of a function in the shared library of the plugin.
-
-    It is None where the plugin is compiled in this process.
-
-    Raises:
-        ImportError: The library has no such function.
-    """
-    if _library is None:
-        return None
-    try:
-        return ctypes.cast(getattr(_library, symbol), ctypes.c_void_p).value
-    except AttributeError:
-        raise ImportError(
-            f"{_library._name} lacks the function `{symbol}`; write it anew with "
-            "`cc-mujoco plugin`."
-        ) from None
 
 
 def warned_digests() -> ctypes.Array[ctypes.c_char]:

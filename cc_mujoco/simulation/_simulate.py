@@ -22,7 +22,7 @@ from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._axes import law_drives
-from cc_mujoco.control._registry import default_controller
+from cc_mujoco.control._of_device import default_controller
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError

@@ -16,6 +16,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import _plugin_library, write_plugin
+from cc_mujoco.plugin import _prebuilt as prebuilt
 from cc_mujoco.plugin import _registration as registration
 from cc_mujoco.plugin._ffi import ENGINE_FUNCTIONS, call_by_name
 from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
@@ -269,7 +270,7 @@ def test_library_has_every_function_that_compiled_code_calls(
 def test_library_without_a_function_is_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(registration, "_library", ctypes.CDLL(None))
+    monkeypatch.setattr(prebuilt, "_library", ctypes.CDLL(None))
     with pytest.raises(ImportError, match="lacks the function `cc_mujoco_absent`"):
         call_by_name("cc_mujoco_absent", None)
 

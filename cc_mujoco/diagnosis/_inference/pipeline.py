@@ -59,7 +59,6 @@ from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
     trial_errors,
 )
 from cc_mujoco.diagnosis._inference.error_location.residual_maps import error_maps
-from cc_mujoco.diagnosis._inference.error_location.stretches import worst_stretch
 from cc_mujoco.diagnosis._inference.error_location.trial_trends import trial_constants
 from cc_mujoco.diagnosis._inference.model_fitting.baseline import (
     BaselineFit,
@@ -97,6 +96,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.plausibility import (
     is_ordinary,
 )
 from cc_mujoco.diagnosis._inference.model_fitting.start_values import prepare_start
+from cc_mujoco.diagnosis._inference.model_fitting.stretches import worst_stretch
 from cc_mujoco.diagnosis._inference.model_fitting.unit_check import unit_or_sign_error
 from cc_mujoco.diagnosis._inference.partial_instruments.measurement_mode import (
     describe_mode,

@@ -16,7 +16,7 @@ from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import (
     judge,
     only_refines,
 )
-from cc_mujoco.diagnosis._inference.error_location.stretches import Stretch
+from cc_mujoco.diagnosis._inference.model_fitting.stretches import Stretch
 from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
 from cc_mujoco.estimation import Estimate
 

@@ -24,8 +24,8 @@ from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
     misfits,
     trial_errors,
 )
-from cc_mujoco.diagnosis._inference.error_location.stretches import worst_stretch
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import TorqueDerivatives
+from cc_mujoco.diagnosis._inference.model_fitting.stretches import worst_stretch
 from diagnosis.recorded import BENCH, dataset
 
 USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}

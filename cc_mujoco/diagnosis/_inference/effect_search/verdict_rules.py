@@ -10,17 +10,17 @@ from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     Thresholds,
 )
 from cc_mujoco.diagnosis._inference.effect_search.search import Search
-from cc_mujoco.diagnosis._inference.error_location.stretches import (
-    STRETCH_LIMIT,
-    TRIAL_LIMIT,
-    Stretch,
-)
 from cc_mujoco.diagnosis._inference.model_fitting.folds import CrossValidation, excess
 from cc_mujoco.diagnosis._inference.model_fitting.heldout_error import (
     floor_ratios,
     overall_share,
 )
 from cc_mujoco.diagnosis._inference.model_fitting.plausibility import IMPLAUSIBLE_PREFIX
+from cc_mujoco.diagnosis._inference.model_fitting.stretches import (
+    STRETCH_LIMIT,
+    TRIAL_LIMIT,
+    Stretch,
+)
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,

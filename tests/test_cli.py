@@ -63,7 +63,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
     device = find_device(scene).description
-    name = f"{scene}-{device.trajectory}-{device.axis().task}-pi-4-0.3s"
+    name = f"{scene}-{device.trajectory}-{device.axis().task}-pi_tuned-4-0.3s"
     out = tmp_path / "runs" / name
     assert sorted(path.name for path in out.iterdir()) == sorted(EPISODE_FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]

@@ -123,18 +123,24 @@ class Benchmark:
                 f"--baseline {baseline!r} is none of the controllers, which are "
                 f"{', '.join(players)}."
             )
-        print(
-            f"{len(plan.cells())} cells, each a controller in a condition on every "
-            "plant; the first ones may take a minute",
-            file=sys.stderr,
-            flush=True,
-        )
+        count = len(plan.cells())
         with tqdm(
-            total=len(plan.cells()),
+            total=count,
             unit="cell",
             bar_format="{l_bar}{bar}| {n:.0f} of {total} cells  {elapsed}<{remaining}",
             **progress_options(),
         ) as bar:
+
+            def progress(done: float) -> None:
+                if done == 0.0:
+                    print(
+                        f"{count} cells, each a controller in a condition on every "
+                        "plant; the first ones may take a minute",
+                        file=sys.stderr,
+                        flush=True,
+                    )
+                bar.update(done - bar.n)
+
             results = run(
                 plan,
                 self.out,
@@ -142,7 +148,7 @@ class Benchmark:
                 scheduler=self.scheduler,
                 worker_timeout=self.worker_timeout,
                 again=self.again,
-                progress=lambda done: bar.update(done - bar.n),
+                progress=progress,
                 say=tqdm.write,
             )
         print(write(self.out, plan, results, baseline))

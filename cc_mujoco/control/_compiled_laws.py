@@ -248,8 +248,8 @@ def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> 
 
 
 @internal
-def _limits(gains: FloatArray) -> guard.Limits:
-    return guard.Limits(
+def _limits(gains: FloatArray) -> guard.GuardLimits:
+    return guard.GuardLimits(
         gains[_RATIO],
         gains[PERIOD],
         gains[_ONE_WAY],

@@ -180,7 +180,7 @@ def _torque(
 ) -> float:
     """Return the torque of the motor of one device [N m]."""
     ratio, own = gains[_RATIO], memory[_GUARD:_HEADER]
-    limits = guard.Limits(
+    limits = guard.GuardLimits(
         ratio, gains[_PERIOD], gains[_ONE_WAY], gains[_INERTIA], gains[_SAFE],
         gains[_SPEED_LIMIT], gains[_POWER_LIMIT],
     )  # fmt: skip

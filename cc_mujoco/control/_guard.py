@@ -114,7 +114,7 @@ torques when it last changed; room for readings of a caller whose own must not c
 """
 
 
-class Limits(NamedTuple):
+class GuardLimits(NamedTuple):
     """Drive as the guard knows it."""
 
     ratio: float
@@ -208,7 +208,7 @@ def spring_edges(
 
 @internal
 def _predict(
-    limits: Limits, spring: FloatArray, memory: FloatArray, moved: float
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, moved: float
 ) -> None:
     """Predict the torque of the stretch after the joint has moved [rad]."""
     ratio, one_way = limits.ratio, limits.one_way != 0.0
@@ -236,7 +236,7 @@ def _is_reading(value: float) -> bool:
 
 @internal
 def _start(
-    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> bool:
     """Begin with the first readings, once all are there; until then without torque.
 
@@ -276,7 +276,7 @@ def _stop(memory: FloatArray, state: float) -> None:
 
 
 @internal
-def _fill_missing(limits: Limits, memory: FloatArray, seen: FloatArray) -> None:
+def _fill_missing(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> None:
     """Replace readings that are none by the last good ones, for a short time."""
     missing, angles = False, False
     for i in range(READINGS):
@@ -294,7 +294,7 @@ def _fill_missing(limits: Limits, memory: FloatArray, seen: FloatArray) -> None:
 
 @internal
 def _skip_spikes(
-    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Replace a single sample that no motion explains; stop if it was no single one."""
     least = _JUMP_SHARE * limits.safe
@@ -322,7 +322,7 @@ def _skip_spikes(
 
 @internal
 def _check_frozen(
-    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Stop if a reading stays the same while the others say that it cannot."""
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
@@ -352,7 +352,7 @@ def _check_frozen(
 
 
 @internal
-def _compare(limits: Limits, memory: FloatArray) -> None:
+def _compare(limits: GuardLimits, memory: FloatArray) -> None:
     """Learn the gain of sensor to stretch; stop where both contradict each other."""
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
     share = limits.period / _GAIN_TIME
@@ -382,7 +382,7 @@ def _compare(limits: Limits, memory: FloatArray) -> None:
 
 @compiled
 def admit(
-    limits: Limits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Check the readings of a step, and replace those that are missing or spikes.
 
@@ -411,7 +411,7 @@ def admit(
 
 
 @internal
-def _is_too_fast(limits: Limits, memory: FloatArray) -> bool:
+def _is_too_fast(limits: GuardLimits, memory: FloatArray) -> bool:
     """Return whether speed of, or power into, the joint is beyond its limit."""
     share = 1.0 if memory[STATE] != BRAKED else _RELEASE_SHARE
     speed = memory[_GOOD + JOINT_SPEED]
@@ -421,7 +421,11 @@ def _is_too_fast(limits: Limits, memory: FloatArray) -> bool:
 
 @compiled
 def state(
-    limits: Limits, spring: FloatArray, memory: FloatArray, ahead: float, planned: float
+    limits: GuardLimits,
+    spring: FloatArray,
+    memory: FloatArray,
+    ahead: float,
+    planned: float,
 ) -> float:
     """Return the state of the guard after `admit`.
 
@@ -473,7 +477,7 @@ def let_go_torque(memory: FloatArray, damping: float, ahead: float) -> float:
 
 
 @compiled
-def command_limit(limits: Limits, spring: FloatArray) -> float:
+def command_limit(limits: GuardLimits, spring: FloatArray) -> float:
     """Return the largest command that the safe torque needs, with a margin [N m].
 
     Args:
@@ -488,7 +492,7 @@ def command_limit(limits: Limits, spring: FloatArray) -> float:
 
 @compiled
 def bounded(
-    limits: Limits, spring: FloatArray, memory: FloatArray, torque: float
+    limits: GuardLimits, spring: FloatArray, memory: FloatArray, torque: float
 ) -> float:
     """Return a command within `command_limit`, and keep it [N m]."""
     most = command_limit(limits, spring)

@@ -284,7 +284,7 @@ def motor_torque(
     """
     tune, memory, applied = tables.tune, room.memory, device.applied
     dt, own = tune[PERIOD], device.memory
-    limits = guard.Limits(
+    limits = guard.GuardLimits(
         tune[RATIO], dt, tune[ONE_WAY], tune[INERTIA], tune[SAFE], tune[SAFE_SPEED],
         tune[SAFE_POWER],
     )  # fmt: skip

@@ -170,6 +170,15 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
             text; see `make_room`.
     """
     instance = look_up("cable", name, instances(model))
+    if not isinstance(cable, Cable):
+        raise CableError(f"cable {name!r} can become another Cable, not {cable!r}.")
+    before = cable_of(model, instance, name)
+    for key in ("segments", "path"):
+        if getattr(before, key) != getattr(cable, key):
+            raise CableError(
+                f"cable {name!r} cannot change its `{key}` in a compiled model, on "
+                "which its state depends; write it into the MjSpec by `to_mjcf`."
+            )
     ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
     config = cable.to_config()
     text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
@@ -188,7 +197,11 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
 def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:
     start = model.plugin_attradr[instance]
     texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
-    return {key: text.decode() for key, text in zip(KEYS, texts, strict=False) if text}
+    return {
+        key: text.decode(errors="replace")
+        for key, text in zip(KEYS, texts, strict=False)
+        if text
+    }
 
 
 @lru_cache(maxsize=256)

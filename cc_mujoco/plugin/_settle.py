@@ -18,7 +18,6 @@ from cc_mujoco.errors import look_up
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._readings import route_tendon
 from cc_mujoco.plugin._registration import plugin_function
-from cc_mujoco.plugin._tendon_survey import piece_timesteps, survey_poses
 
 Floats = NDArray[np.float64]
 
@@ -130,6 +129,9 @@ def shortest_piece_step(
         name: the cable, on an open path.
         rest: pose of all joints that do not move its tendon (nq,).
     """
+    # It takes seconds to load, and few need it.
+    from cc_mujoco.plugin._tendon_survey import piece_timesteps, survey_poses
+
     tendon, found = route_tendon(model, name), math.inf
     poses = survey_poses(model, rest, tendon)
     alone = piece_timesteps(model, data, tendon, 1.0, poses)

@@ -98,7 +98,7 @@ def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
     named = {x.name: x for x in elements if x.name}
     if isinstance(which, str) and which in named:
         return named[which]
-    if isinstance(which, int) and 0 <= which < count:
+    if isinstance(which, int) and which is not True and 0 <= which < count:
         return elements[which]
     if not isinstance(which, str | int):
         raise CableError(

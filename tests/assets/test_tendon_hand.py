@@ -94,7 +94,7 @@ def test_all_begin_at_pretension_without_a_warning(
 
 def test_the_time_step_resolves_every_piece_in_every_pose() -> None:
     m, d = load()
-    assert min(min(limits) for limits in step_limits(m).values()) > 4 * m.opt.timestep
+    assert min(min(limits) for limits in step_limits(m).values()) > 2 * m.opt.timestep
     for mcp in np.linspace(-0.5, 1.0, 4):
         for pip in np.linspace(-0.7, 1.0, 4):
             pose(m, d, float(mcp), float(pip))

@@ -103,7 +103,9 @@ def test_a_cable_too_stiff_for_its_controller_is_found(
     stiffness: float, settles: bool
 ) -> None:
     vary = {"axial_stiffness": [stiffness]}
-    plan = make_plan("wrist", vary, metrics=MEASURED[:1], duration=2.0)
+    plan = make_plan(
+        "wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["model"]
+    )
     found = check_timestep(plan, carry_out(plan), GOALS, (), carry_out)
     assert found is not None
     assert (found.unsettled == ()) == settles

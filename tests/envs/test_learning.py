@@ -281,7 +281,7 @@ def test_a_probability_leaves_the_other_episodes_as_the_scene_has_them() -> None
         ({"noise": (-1, 1)}, "noise"),
         ({"pretension": (5.0, 1e5)}, "'flexor' .* below the breaking load of 265 N"),
         ({"noise": ("a", "b")}, "noise"),
-        ({"wrap": (0.0, 1.0)}, "wrap"),
+        ({"wrap": (-1.0, 1.0)}, "wrap"),
         ({"break_away": (1, 2), "static_friction": (0.6, 0.7)}, "set the same thing"),
         ("all", "must be a dictionary"),
     ],

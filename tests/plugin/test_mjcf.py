@@ -156,8 +156,16 @@ def test_friction_may_change_during_a_run() -> None:
             mujoco.mj_step(other, two)
     assert from_mjcf(compiled)[name] == rough
     assert one.plugin_state == pytest.approx(two.plugin_state, rel=1e-9, abs=1e-12)
-    with pytest.raises(CableError, match="unknown cable 'flexxor'"):
-        write_cable(compiled, "flexxor", rough)
+    for wrong, other, words in (
+        ("flexxor", rough, "unknown cable 'flexxor'"),
+        (name, rough.replace(segments=rough.segments + 1), "cannot change its `segm"),
+        (name, 5, "not 5"),
+    ):
+        with pytest.raises(CableError, match=words):
+            write_cable(compiled, wrong, other)  # type: ignore[arg-type]
+    compiled.plugin_attr[:] = -56  # no UTF-8
+    with pytest.raises(CableError):
+        from_mjcf(compiled)
 
 
 def test_attached_twice_with_prefixes() -> None:

@@ -112,7 +112,7 @@ def test_a_motion_is_a_name_a_file_or_an_object_and_the_log_names_it(
     assert times == log["time_s"][1:].tolist()
     about = log.metadata
     assert (about["trajectory"], about["task"]) == (str(path), "Spring")
-    assert (about["controller"], about["scene"]) == ("pi", "wrist")
+    assert (about["controller"], about["scene"]) == ("pi_tuned", "wrist")
 
 
 def steep(drive: Drive) -> Any:

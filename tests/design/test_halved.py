@@ -98,13 +98,13 @@ def test_where_nothing_has_a_number_nothing_is_said() -> None:
     assert check_timestep(PLAN, nothing, GOALS, (), run(error_of)) is None
 
 
-@pytest.mark.parametrize(("stiffness", "settles"), [(5e3, True), (8e5, False)])
+@pytest.mark.parametrize(("stiffness", "settles"), [(5e3, True), (5e6, False)])
 def test_a_cable_too_stiff_for_its_controller_is_found(
     stiffness: float, settles: bool
 ) -> None:
     vary = {"axial_stiffness": [stiffness]}
     plan = make_plan(
-        "wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["model"]
+        "wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["pi"]
     )
     found = check_timestep(plan, carry_out(plan), GOALS, (), carry_out)
     assert found is not None

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import look_up
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._readings import route_tendon
 from cc_mujoco.plugin._registration import plugin_function
 
 Floats = NDArray[np.float64]
@@ -129,7 +128,8 @@ def shortest_piece_step(
         name: the cable, on an open path.
         rest: pose of all joints that do not move its tendon (nq,).
     """
-    # It takes seconds to load, and few need it.
+    # Compiled code takes seconds to load, and few need these.
+    from cc_mujoco.plugin._readings import route_tendon
     from cc_mujoco.plugin._tendon_survey import piece_timesteps, survey_poses
 
     tendon, found = route_tendon(model, name), math.inf

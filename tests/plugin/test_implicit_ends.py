@@ -303,7 +303,8 @@ def test_under_rk4_ends_converge_where_explicit_ones_are_stable_and_beyond(
     """At 10, 5, 2.5 and 1.25 ms, beyond the limit of ends that friction holds.
 
     The ankles are thrown into slack. Explicit ends that stay bounded then err by less
-    at 10 and 5 ms (1 to 8 %, by default 8 to 15 %), but may give out energy there.
+    at 10 and 5 ms, where those by default err by up to 15 and 4 %, but may give out
+    energy there.
     """
     monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
     fine, _ = at_joint("ant", joint, armature, 0.0, "explicit", 1.0 / 256.0)

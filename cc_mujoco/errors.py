@@ -51,6 +51,18 @@ class CableError(ValueError):
         return cls(f"{found}{hint} Available: {', '.join(names)}.")
 
 
+def require_utf8(text: str) -> None:
+    """Refuse a path or another word with bytes that are no UTF-8.
+
+    Raises:
+        CableError: It has such bytes.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise CableError(f"{text!a} is no UTF-8 text; rename what it names.") from None
+
+
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:
     """Return the entry of a registry, or raise `CableError.unknown`."""
     if not isinstance(name, str) or name not in registry:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from typing import Any
 
 _TOO_DEEP = "tables or lists are nested too deeply"
+_MAX_PARTS = 100
+_PART = r"(?:[\w-]++|\"[^\"\n]*\"|'[^'\n]*')[ \t]*+\.[ \t]*+"
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{_MAX_PARTS}}}")
+"""Dotted keys longer than any that is meant; Python reads them in quadratic time."""
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -15,6 +20,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises:
         tomllib.TOMLDecodeError: It is none, or nested deeper than can be read.
     """
+    if _LONG_KEY.search(text):
+        raise tomllib.TOMLDecodeError(f"a key has more than {_MAX_PARTS} parts")
     try:
         return tomllib.loads(text)
     except RecursionError:

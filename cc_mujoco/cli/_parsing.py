@@ -24,7 +24,7 @@ from cc_mujoco.cli._tendons import ShowTendons
 from cc_mujoco.cli._view import View
 from cc_mujoco.cli._whatif import WhatIf
 from cc_mujoco.cli._whatif_show import WhatIfShow
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, look_up, require_utf8
 
 COMMANDS = {
     "device": ShowDevice,
@@ -125,8 +125,9 @@ def _positional_scene(arguments: Sequence[str]) -> list[str]:
 
 
 def _require_full(arguments: Sequence[str]) -> None:
-    """Refuse empty words: an empty path would mean the current folder."""
+    """Refuse empty words, an empty path being the current folder, and no UTF-8."""
     for place, word in enumerate(arguments):
+        require_utf8(word)
         option, equals, value = word.partition("=")
         given = value if equals and option.startswith("--") else word
         if given.strip():

@@ -48,6 +48,7 @@ from cc_mujoco.device._device_files import locate
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
+from cc_mujoco.plugin._spec import read_spec
 
 _ARM_ANGLES = np.linspace(-2.0, 2.0, 401)
 """Angles at which an arm from pairs is inverted [rad]."""
@@ -328,7 +329,7 @@ class Bench:
         source: str | Path = str(scene) if str(scene) in SCENES else Path(scene)
         _, path, table = locate(source)
         try:
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = read_spec(path)
             model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())

@@ -78,9 +78,9 @@ def find_dataset_file(files: Iterable[Path]) -> Path | None:
     found = [folder / DATASET_FILE for folder in folders]
     found = [path for path in found if path.is_file()]
     if len(found) > 1:
-        raise CableError(
-            f"there are {' and '.join(map(str, found))}; give the one that counts."
-        )
+        first, *others = map(str, found)
+        more = others[0] if len(others) == 1 else f"{len(others)} more {DATASET_FILE}"
+        raise CableError(f"there are {first} and {more}; give the one that counts.")
     return found[0] if found else None
 
 

@@ -32,7 +32,7 @@ from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES, Wearer
-from cc_mujoco.plugin._spec import error_sentence
+from cc_mujoco.plugin._spec import error_sentence, read_spec
 
 _ONE = threading.Lock()
 
@@ -233,7 +233,7 @@ def _load_spec(scene: Path) -> mujoco.MjSpec:
         CableError: It cannot be read.
     """
     try:
-        return mujoco.MjSpec.from_file(str(scene))
+        return read_spec(scene)
     except ValueError as error:
         reason = error_sentence(error)
         raise CableError(f"scene {scene} does not load: {reason}") from None

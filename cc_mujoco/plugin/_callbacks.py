@@ -58,6 +58,7 @@ from cc_mujoco.plugin._evaluate import (
     is_evaluated,
     keep_mounted_rope,
     origin,
+    packed_block,
     path_unchanged,
     repack,
     save_first_stage,
@@ -345,6 +346,13 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
         return float(total[0])
 
     export_callback("cc_mujoco_turn", turn)
+
+    @cfunc(PACK, **options)
+    def holds(model: int, data: int, instance: int) -> int:
+        """Return whether data hold an instance as the model has it."""
+        return 1 if packed_block(model, data, instance) != 0 else 0
+
+    export_callback("cc_mujoco_holds", holds)
 
     @cfunc(_WRAP_SIGNATURE, **options)
     def wrap(model: int, data: int, instance: int, out: int) -> None:
@@ -659,6 +667,16 @@ def compile_callbacks(cache: bool) -> dict[str, Any]:
             _warn_cannot_act(model, data, instance)
             return
         cut = is_open(block) and has_no_passive(model)
+        tendon = load_word(block + ROUTE)
+        if tendon >= 0 and not np.isfinite(
+            mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
+        ):
+            # MuJoCo sees the bad acceleration, warns and resets, as for any other.
+            _warn_cannot_act(model, data, instance)
+            invalidate(block)
+            mj_struct.set_force(data, load_word(block + PROXIMAL), np.nan)
+            mj_struct.set_force(data, load_word(block + DISTAL), np.nan)
+            return
         if usable and mj_struct.enabled(model, _SLEEP):
             route = load_word(block + ROUTE) if is_open(block) else -1
             attachments.keep_awake(model, instance, route, load_word(block + MOUTH))

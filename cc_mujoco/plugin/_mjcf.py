@@ -15,6 +15,8 @@ True
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,7 @@ from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
-from cc_mujoco.plugin._spec import add_element
+from cc_mujoco.plugin._spec import add_element, read_spec
 
 End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
@@ -34,6 +36,8 @@ End = tuple[Any, float]
 
 SPARE_BYTES = 1000
 """Bytes in a model for longer configurations of a cable than that of the scene."""
+_NUMBERS = {*(parameter.name for parameter in PARAMETERS), "conduit"}
+"""Keys whose text has numbers and no names."""
 
 
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
@@ -52,7 +56,7 @@ def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, 
             for name, index in instances(source).items()
         }
     if isinstance(source, Path) or (isinstance(source, str) and "<" not in source):
-        source = mujoco.MjSpec.from_file(str(source))
+        source = read_spec(source)
     elif isinstance(source, str):
         source = mujoco.MjSpec.from_string(source)
     for actuator in source.actuators:
@@ -166,8 +170,8 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
         cable: New configuration, as `from_mjcf(model)[name].replace(friction=0.2)`.
 
     Raises:
-        CableError: There is no such cable, or the model has no room for the longer
-            text; see `make_room`.
+        CableError: There is no such cable, or the shortest text of the configuration is
+            longer than what the model was compiled with; see `make_room`.
     """
     instance = look_up("cable", name, instances(model))
     if not isinstance(cable, Cable):
@@ -180,18 +184,31 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
                 "which its state depends; write it into the MjSpec by `to_mjcf`."
             )
     ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
-    config = cable.to_config()
-    text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
+    text = "".join(f"{word}\0" for word in _shortest_texts(cable)).encode()
     start, end = int(model.plugin_attradr[instance]), ends[instance]
     if len(text) > end - start:
         raise CableError(
-            f"cable {name!r} cannot be varied: the model has no room for its "
-            "configuration; call cc_mujoco.plugin.make_room(spec) before it is "
-            f"compiled, or put {SPARE_BYTES} blanks at the end of its `conduit`."
+            f"cable {name!r} cannot be varied: its configuration is longer than the "
+            f"model has room for, by {len(text) - end + start} characters; call "
+            "cc_mujoco.plugin.make_room(spec) before it is compiled, or put "
+            f"{SPARE_BYTES} blanks at the end of its `conduit`."
         )
     attributes = model.plugin_attr[start:end]
     attributes[:] = 0
     attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
+
+
+def _shortest_texts(cable: Cable) -> Iterator[str]:
+    """Yield the shortest text of every key, empty where that means its value."""
+    config, defaults = cable.to_config(), Cable().to_config()
+    for key in KEYS:
+        text = config.get(key, "")
+        if key not in REQUIRED and text == defaults.get(key):
+            text = ""
+        elif key in _NUMBERS:
+            text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
+            text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
+        yield text
 
 
 def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:

@@ -43,8 +43,9 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     """Return the state of a cable now; its arrays are copies.
 
     Raises:
-        CableError: the model has no cable of that name.
+        CableError: the model has no cable of that name, or the data are of another one.
     """
+    _held_instance(model, data, name)
     reading = Reader(model, name).read(data.plugin_state)
     return CableReading(
         reading.tension,
@@ -132,8 +133,10 @@ def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
         leaves the geoms that it wraps. Needs `mj_tendon` (part of `mj_forward`).
 
     Raises:
-        CableError: the model has no such cable, or the cable no route.
+        CableError: the model has no such cable, the cable no route, or the data are of
+            another model.
     """
+    _held_instance(model, data, name)
     tendon = route_tendon(model, name)
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     points = data.wrap_xpos.reshape(-1, 3)[start : start + count]
@@ -145,8 +148,10 @@ def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
     """Return the total turning angle of a cable's route [rad], with arcs around geoms.
 
     Raises:
-        CableError: the model has no such cable, or the cable no route.
+        CableError: the model has no such cable, the cable no route, or the data are of
+            another model.
     """
+    _held_instance(model, data, name)
     call = plugin_function("turn")
     return float(call(model._address, data._address, route_tendon(model, name)))
 
@@ -158,9 +163,9 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
     `bend` or `path` say so. Needs `mj_tendon` (part of `mj_forward`).
 
     Raises:
-        CableError: the model has no cable of that name.
+        CableError: the model has no cable of that name, or the data are of another one.
     """
-    instance = _instance(model, name)
+    instance = _held_instance(model, data, name)
     cable = cable_of(model, instance, name)
     if cable.bend == BENDS[0] and cable.path == PATHS[0]:
         return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
@@ -176,9 +181,9 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
     With that of the rope that the drums of an open path wound and gave out so far.
 
     Raises:
-        CableError: the model has no cable of that name.
+        CableError: the model has no cable of that name, or the data are of another one.
     """
-    index = _instance(model, name)
+    index = _held_instance(model, data, name)
     segments = cable_of(model, index, name).segments
     return float(_node_compliance(model, data, index, segments)[-1])
 
@@ -213,6 +218,21 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
     if tendon < 0:
         raise CableError(f"cable {name!r}: the model has no spatial tendon {wanted!r}")
     return tendon
+
+
+def _held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
+    """Return the instance of a cable that data hold as the model has it.
+
+    Raises:
+        CableError: the model has no such cable, or the data are of another model.
+    """
+    index = _instance(model, name)
+    if not plugin_function("holds")(model._address, data._address, index):
+        raise CableError(
+            f"cable {name!r}: the data were made by a model with other sizes or "
+            "another kind of path; make new data of this model"
+        )
+    return index
 
 
 def _instance(model: mujoco.MjModel, name: str) -> int:

@@ -30,6 +30,7 @@ _ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 PYTHON_FUNCTIONS = {
     "settle": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _INTEGER),
     "limits": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
+    "holds": ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _ADDRESS, _INTEGER),
     "turn": ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER),
     "wrap": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
     "compliance": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),

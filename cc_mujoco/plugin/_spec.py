@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.cable._parameters import KEYS
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, require_utf8
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._registration import warned_digests
 
@@ -154,6 +155,17 @@ def muted_warnings() -> Iterator[None]:
     finally:
         mujoco.set_mju_user_warning(handler)
         said.raw = before
+
+
+def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
+    """Return the specification in an MJCF file.
+
+    Raises:
+        CableError: the path is no UTF-8 text, which MuJoCo needs.
+        ValueError: the file cannot be read, in MuJoCo's words.
+    """
+    require_utf8(os.fspath(path))
+    return mujoco.MjSpec.from_file(os.fspath(path))
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -236,9 +236,10 @@ def _step_lines(summary: TendonSummary) -> tuple[str, ...]:
     if summary.step_limit > summary.timestep:
         return ()
     return (
-        f"timestep: over the ranges of its joints pieces of {summary.name!r} become so "
-        f"short that {summary.axial_stiffness:g} N is stable only below "
-        f"{1e3 * summary.step_limit:.3g} ms, and it is {1e3 * summary.timestep:.3g} ms",
+        f"timestep: in the worst pose over the ranges of its joints pieces of "
+        f"{summary.name!r} become so short that {summary.axial_stiffness:g} N is "
+        f"stable only below {1e3 * summary.step_limit:.3g} ms, and it is "
+        f"{1e3 * summary.timestep:.3g} ms",
     )
 
 
@@ -659,7 +660,10 @@ def _stretch_line(cables: list[Cable], bearable: float, step: float) -> str:
             "unstable: shorten the timestep"
         )
     elif stiffness < MAX_STIFFNESS and stiffness == bearable:
-        text += f", as stiff as a timestep of {step:g} s bears"
+        text += (
+            f", as stiff as a timestep of {step:g} s bears in qpos0, keyframes and "
+            "sampled poses"
+        )
     return text
 
 

@@ -99,8 +99,8 @@ _OTHER_MODEL = constant(
     "cable does not pull; make new data of this model"
 )
 _NOT_FINITE = constant(
-    "its tension is no finite number: its part of `plugin_state` or the motion of an "
-    "end is none; reset the data"
+    "its tension is no finite number: its part of `plugin_state`, its route or the "
+    "motion of an end is none; reset the data"
 )
 ITS_ROUTE = constant("its route")
 _SHORT_CONDUIT = constant("key `conduit` is ")

@@ -38,18 +38,20 @@ class Ended(NamedTuple):
     folder: Path
 
 
-def processes(start: str, scripts: Mapping[str, str], home: Path) -> dict[str, Ended]:
+def processes(
+    start: str, scripts: Mapping[str, str], home: Path, timeout: float = 300.0
+) -> dict[str, Ended]:
     """Run every script after a common start, each in a new folder.
 
     They are forks of one process that has made the start; where there are no forks,
-    each makes it anew.
+    each makes it anew. All of them may take `timeout` seconds.
     """
     places = {name: home / name.replace(" ", "_") for name in scripts}
     for place in places.values():
         place.mkdir()
     each = [(str(places[name]), script) for name, script in scripts.items()]
     for given in [each] if hasattr(os, "fork") else [[one] for one in each]:
-        code = _run(f"{start}\nSCRIPTS = {given!r}\n{DRIVER}", home)
+        code = _run(f"{start}\nSCRIPTS = {given!r}\n{DRIVER}", home, timeout)
         if len(given) == 1:
             Path(given[0][0], "code").write_text(str(code))
     return {
@@ -60,10 +62,10 @@ def processes(start: str, scripts: Mapping[str, str], home: Path) -> dict[str, E
     }
 
 
-def _run(program: str, home: Path) -> int:
+def _run(program: str, home: Path, timeout: float) -> int:
     script = home / "program.py"
     script.write_text(program)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, str(script)], env=environment, timeout=300, check=False
+        [sys.executable, str(script)], env=environment, timeout=timeout, check=False
     ).returncode

@@ -351,6 +351,49 @@ def test_a_tension_that_errs_by_a_tenth_is_warned_of(
     assert warned or (error / right.max(axis=0)).max() < 0.1
 
 
+PATHS = {
+    "guided": ('joint="arm" gear="-0.05"', {"conduit": "0.8:0.3 0.4:inf"}),
+    "open": ('tendon="t" gear="1"', {"conduit": "1.2:inf", "route": "t"}),
+    "mixed": (
+        'tendon="t" gear="1"',
+        {"conduit": "0.8:0.3", "route": "t", "mouth": "m"},
+    ),
+}
+
+
+@pytest.mark.parametrize("inertia", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("path", PATHS)
+def test_a_rope_of_ten_meganewtons_is_warned_of_at_one_millisecond(
+    path: str, inertia: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    distal, keys = PATHS[path]
+    name = f"stiff_{path}_{inertia}"
+    config = keys | {
+        "path": path, "axial_stiffness": "1e7", "pretension": "50", "friction": "0.15",
+        "segments": "8",
+    }  # fmt: skip
+    lines = "".join(f'<config key="{k}" value="{v}"/>' for k, v in config.items())
+    ends = "".join(
+        f'<plugin {end} plugin="cc_mujoco.cable" instance="{name}"/>'
+        for end in ('joint="drum" gear="-0.02"', distal)
+    )
+    m = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="0.001"/>
+    <extension><plugin plugin="cc_mujoco.cable"><instance name="{name}">{lines}
+    </instance></plugin></extension><worldbody><site name="a"/>
+    <site name="m" pos="0.8 0 0"/>
+    <body><joint name="drum" axis="0 1 0" armature="{inertia}"/>
+    <geom size="0.01" mass="0.05"/></body><body pos="1.2 0 -0.1">
+    <joint name="arm" axis="0 1 0" damping="0.02" stiffness="2"/>
+    <geom size="0.05" mass="{500 * inertia}" pos="0.1 0 0"/>
+    <site name="b" pos="0 0 0.05"/></body></worldbody><tendon><spatial name="t">
+    <site site="a"/><site site="m"/><site site="b"/></spatial></tendon>
+    <actuator>{ends}</actuator></mujoco>""")
+    mujoco.mj_step(m, mujoco.MjData(m), 5)
+    warned = Path("MUJOCO_LOG.TXT").read_text()
+    assert f"'{name}': the period of its ends is " in warned
+
+
 def test_ends_are_told_in_words() -> None:
     cable = Cable(ends="explicit")
     assert Cable.from_config(cable.to_config()) == cable

@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import math
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,7 +19,16 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import _mjcf as mjcf
 from cc_mujoco.plugin import from_mjcf, route, route_tendon, to_mjcf, write_cable
 from cc_mujoco.plugin._instance_data import STATE_PATH, STATE_POSE
-from plugin.scenes import CONFIG, end, excitation, instance, model, pull_pull, run
+from plugin.scenes import (
+    CONFIG,
+    build,
+    end,
+    excitation,
+    instance,
+    model,
+    pull_pull,
+    run,
+)
 
 ODD = Cable(
     axial_stiffness=4000.1,
@@ -34,6 +44,12 @@ ODD = Cable(
 )
 
 FOLLOWING = {"route": "path", "bend": "route"}
+SHORT: list[dict[str, Any]] = [
+    {"friction": 0.0, "static_friction": 0.0},
+    {"axial_stiffness": 5e4},
+    {"pretension": 7.5},
+    {"viscous_friction": 20.0, "conduit": (Section(0.5, 0.1),)},
+]
 
 
 @st.composite
@@ -166,6 +182,35 @@ def test_friction_may_change_during_a_run() -> None:
     compiled.plugin_attr[:] = -56  # no UTF-8
     with pytest.raises(CableError):
         from_mjcf(compiled)
+
+
+@settings(max_examples=25, deadline=None)
+@given(cable=any_cable(), other=st.sampled_from(SHORT))
+def test_a_configuration_that_is_no_longer_needs_no_room(
+    cable: Cable, other: dict[str, Any]
+) -> None:
+    spec = mujoco.MjSpec.from_string(pull_pull())
+    to_mjcf(spec, "flexor", cable)
+    compiled = spec.compile()
+    start, end = compiled.plugin_attradr[:2].tolist()
+    changed = cable.replace(**other)
+    write_cable(compiled, "flexor", changed)
+    assert from_mjcf(compiled)["flexor"] == changed
+    # As the compiled reader has it, which knows no other texts.
+    mujoco.mj_forward(compiled, mujoco.MjData(compiled))
+    written = bytes(compiled.plugin_attr[start:end])
+    longer = changed.replace(route="r" * 9000)
+    with pytest.raises(CableError, match="has room for, by [1-9][0-9]* characters"):
+        write_cable(compiled, "flexor", longer)
+    assert bytes(compiled.plugin_attr[start:end]) == written
+
+
+@pytest.mark.parametrize("friction", [0.25, 0.2, 0.0, 0.1234567])
+def test_friction_of_a_scene_without_room_may_change(friction: float) -> None:
+    compiled, _ = build(pull_pull())
+    cable = from_mjcf(compiled)["flexor"].replace(friction=friction)
+    write_cable(compiled, "flexor", cable)
+    assert from_mjcf(compiled)["flexor"] == cable
 
 
 def test_attached_twice_with_prefixes() -> None:

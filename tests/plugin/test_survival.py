@@ -168,6 +168,13 @@ for one in damage.KINDS:
         before, count = d.plugin_state.copy(), len(warnings())
         mujoco.mj_step(other, d, 3)
         same = damage.path_of(one) == damage.path_of(two)
+        for read in damage.READERS[:3]:
+            try:
+                read(other, d, "cable")
+            except cc_mujoco.CableError as error:
+                assert not same and "another kind of path" in str(error), error
+            else:
+                assert same, (one, two, read)
         size = own.plugin_statenum[0]
         assert same == d.actuator_force[:2].any(), (one, two, d.actuator_force)
         assert same != np.array_equal(d.plugin_state[:size], before[:size])
@@ -245,6 +252,23 @@ works(m, d)
 }
 
 
+SCRIPTS |= {
+    f"site of a cable of kind {kind} that is no number": f"""{DAMAGE}
+m = damage.scene({kind!r})
+d, kept = mujoco.MjData(m), m.site_pos.copy()
+mujoco.mj_step(m, d, 2)
+for place in (np.nan, np.inf):
+    m.site_pos[m.site("m").id] = place
+    mujoco.mj_step(m, d, 3)
+m.site_pos[:] = kept
+(none,) = [line for line in warnings() if "no finite number" in line]
+assert "its route or the" in none, none
+mujoco.mj_resetData(m, d)
+mujoco.mj_step(m, d, 2)
+assert np.isfinite(d.actuator_force[:2]).all() and d.actuator_force[0] > 0
+"""
+    for kind in ("route", "open", "mixed", "band")
+}
 DAMAGES = ("random_state", "edited_text", "other_model")
 
 
@@ -274,6 +298,7 @@ def test_survives_damage_ten_thousand_times(tmp_path: Path) -> None:
     scripts = {
         kind: f"for seed in range(3400): damage.{kind}(seed)" for kind in DAMAGES
     }
-    for kind, end in processes(DAMAGE, scripts, tmp_path).items():
+    ended = processes(DAMAGE, scripts, tmp_path, timeout=3600)
+    for kind, end in ended.items():
         assert end.code == 0, f"{kind}: {end.said[-2000:]}"
         assert "Exception ignored" not in end.said, kind

@@ -611,6 +611,7 @@ def test_the_step_that_pieces_bear_in_motion_is_reported() -> None:
     (line,) = (x for x in report.lines if x.startswith("timestep: "))
     model = spec.compile()
     worst = step_limits(model)["t"].pieces
+    assert "in the worst pose over the ranges of its joints" in line
     assert f"stable only below {1e3 * worst:.3g} ms, and it is 2 ms" in line
     # No motion needs a shorter step.
     data, shortest = mujoco.MjData(model), math.inf

@@ -35,6 +35,7 @@ from cc_mujoco.diagnosis._scene.mechanical import tilt_rig
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import settle
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._spec import read_spec
 
 DRIVE_ARMATURE = 1e8
 """Armature that makes a joint go where it is driven [kg m^2]."""
@@ -373,7 +374,7 @@ def _spec(scene: str | os.PathLike[str]) -> mujoco.MjSpec:
     if not os.path.isfile(scene):
         raise CableError(f"scene {scene} is no file; give an MJCF file")
     try:
-        return mujoco.MjSpec.from_file(os.fspath(scene))
+        return read_spec(scene)
     except ValueError as error:
         raise _unloadable(scene, error) from None
 

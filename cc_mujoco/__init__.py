@@ -3,7 +3,7 @@
     import cc_mujoco as cc
 
     plant = cc.Plant("wrist", {"friction": 0.2})
-    log = cc.simulate(plant, "pi", motion="sine", task="spring", seed=0)
+    log = cc.simulate(plant, "pi", trajectory="sine", task="spring", seed=0)
     cc.METRICS["rms_torque_error"].compute(log)
 
 What most programs need is here, imported when it is first used. The subpackages have

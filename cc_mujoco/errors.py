@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TypeVar
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar, cast
 
 Entry = TypeVar("Entry")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+RENAMED = {
+    "--scene": "the first word, SCENE",
+    "--threads": "--workers",
+    "motion": "trajectory",
+    "read_motion": "read_trajectory",
+}
+"""Options, arguments and functions that have another name now, which errors give."""
 
 MANY = 30
 """Names that an error lists even if one of them is near to what was given."""
@@ -61,6 +71,28 @@ def require_utf8(text: str) -> None:
         text.encode()
     except UnicodeEncodeError:
         raise CableError(f"{text!a} is no UTF-8 text; rename what it names.") from None
+
+
+def require_new_name(name: str) -> None:
+    """Refuse a name that is another one now.
+
+    Raises:
+        CableError: It is.
+    """
+    if name in RENAMED:
+        raise CableError(f"{name} is now {RENAMED[name]}.")
+
+
+def with_new_names(function: Function) -> Function:
+    """Return a function that refuses arguments which have another name now."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        for name in named:
+            require_new_name(name)
+        return function(*arguments, **named)
+
+    return cast("Function", call)
 
 
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:

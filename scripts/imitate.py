@@ -2,7 +2,7 @@
 
     pip install 'cc_mujoco[policy]'
     python scripts/imitate.py --scene ankle --out runs/ankle
-    cc-mujoco benchmark --scene ankle --controllers pi_tuned runs/ankle/0.safetensors
+    cc-mujoco benchmark ankle --controllers pi_tuned runs/ankle/0.safetensors
 
 The teacher, `predictive` by default, has the true parameters and exact, prompt
 measurements of each plant. The policy sees the sensors of the device, late and noisy,

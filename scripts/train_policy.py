@@ -5,7 +5,7 @@
     python scripts/train_policy.py --fixed --out runs/fixed
     python scripts/train_policy.py --scene finger --smoothness 0.01 --out runs/finger
     python scripts/train_policy.py --scene knee.xml --out runs/knee    # of your own
-    cc-mujoco benchmark --scene wrist --controllers pi runs/ppo/0.safetensors
+    cc-mujoco benchmark wrist --controllers pi runs/ppo/0.safetensors
 
 A policy drives all motors of a device at once. For every seed `--out` gets the policy
 N.safetensors and its learning curve N.csv: steps, seconds of processor, and the mean

@@ -200,7 +200,7 @@ def test_a_diagnosis_says_what_it_does_however_little_of_the_whole_that_is(
 
     monkeypatch.setattr(_options, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr("cc_mujoco.diagnosis._diagnose.diagnose", diagnose)
-    cli.main(["diagnose", str(tmp_path), "--scene", "bench", "--out", "there"])
+    cli.main(["diagnose", "bench", str(tmp_path), "--out", "there"])
     shown = capsys.readouterr().err
     assert all(f"  {doing}\n" in shown for doing in ("one", "two", "three"))
 
@@ -275,25 +275,27 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
             "whatif --vary loops=1,2 friction=0.1,0.2 --out x".split(),
             "each value needs its own option, --vary friction=0.1,0.2",
         ),
-        (["diagnose", "x.csv", "--scene", "", "--out", "x"], "--scene is empty"),
+        (["diagnose", "", "x.csv", "--out", "x"], "a word is empty"),
+        (["play", "\udcff.xml"], r"'\udcff.xml' is no UTF-8 text"),
+        (["play", "wrist", "--out=\udcff"], r"no UTF-8 text"),
         (["benchmark", "--controllers", "pi", ""], "a word is empty"),
-        ([*EXPORT, "--scene", "wrsit", "--controller", "pi"], "did you mean 'wrist'"),
-        ([*EXPORT, "--scene", "wrist", "--controller", "pid"], "did you mean 'pi'"),
+        ([*EXPORT, "wrsit", "--controller", "pi"], "did you mean 'wrist'"),
+        ([*EXPORT, "wrist", "--controller", "pid"], "did you mean 'pi'"),
         (
-            [*EXPORT, "--scene", "wrist", "--controller", "disturbance"],
+            [*EXPORT, "wrist", "--controller", "disturbance"],
             "'disturbance' cannot be exported",
         ),
         (
-            "export --scene wrist --controller pi --out x --target arm7".split(),
+            "export wrist --controller pi --out x --target arm7".split(),
             "did you mean 'armv7'",
         ),
         (
-            [*EXPORT, "--scene", "wrist", "--controller", "pi", "--model", "no.xml"],
+            [*EXPORT, "wrist", "--controller", "pi", "--model", "no.xml"],
             "there is no file no.xml",
         ),
-        ("export --scene wrist --controller pi --out taken".split(), "is a file"),
+        ("export wrist --controller pi --out taken".split(), "is a file"),
         (
-            [*EXPORT, "--scene", "wrist", "--controller", "pi", "--model", ANKLE],
+            [*EXPORT, "wrist", "--controller", "pi", "--model", ANKLE],
             "is no variant of the scene 'wrist'",
         ),
     ],
@@ -448,7 +450,7 @@ def test_a_shell_may_close_standard_output() -> None:
 
 
 NEEDED = {
-    "export": ["--scene", "wrist", "--controller", "pi", "--out", "x"],
+    "export": ["wrist", "--controller", "pi", "--out", "x"],
     "run": ["--rig", "rig.toml", "--out", "x"],
     "whatif-show": ["study", "0"],
     "diagnose": ["wrist", "x.csv", "--out", "x"],
@@ -530,8 +532,21 @@ def test_only_options_of_the_command_are_proposed(
         assert cli.main([name, *NEEDED.get(name, ()), wrong]) == 2
         proposed = re.search(r"did you mean (--[\w-]+)", capsys.readouterr().err)
         assert proposed is None or proposed[1] in options(name)
-    assert cli.main([name, "--threads=2"]) == 2
-    assert capsys.readouterr().err == "cc-mujoco: --threads is now --workers.\n"
+    for old, new in {
+        "--threads": "--workers",
+        "--scene": "the first word, SCENE",
+    }.items():
+        assert cli.main([name, f"{old}=2"]) == cli.main([name, old, "2"]) == 2
+        assert capsys.readouterr().err == 2 * f"cc-mujoco: {old} is now {new}.\n"
+
+
+def test_every_command_takes_its_scene_first(
+    helps: dict[str, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = {name: re.search(r"usage:[^\n]*", helps[name]["said"]) for name in COMMANDS}
+    taking = {name for name, usage in first.items() if usage and "SCENE" in usage[0]}
+    without = {"reproduce", "whatif-show", "plugin", "run"}
+    assert taking == set(COMMANDS) - without, (taking, first)
 
 
 DEEP = {
@@ -544,6 +559,7 @@ DEEP = {
     "words",
     [
         ["play", "deep.toml"],
+        ["play", "long.toml"],
         ["diagnose", "wrist", "x.csv", "--dataset", "deep.toml", "--out", "x"],
         ["diagnose", "x.csv", "--continue", ".", "--out", "x"],
         ["whatif", "--designs", "deep.toml"],
@@ -558,6 +574,7 @@ def test_deep_files_are_one_sentence(
 ) -> None:
     Path("x.csv").write_text("time_s\n0\n")
     Path("deep.toml").write_text(DEEP["toml"])
+    Path("long.toml").write_text(f"{'.'.join(50_000 * 'a')} = 1")
     for name in ("verdict.json", "study.json"):
         Path(name).write_text(DEEP["json"])
     header = DEEP["json"].encode()
@@ -677,12 +694,12 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
 
 RUNS = {
     "export": (
-        "export --scene wrist --controller pi --allow-active".split(),
+        "export wrist --controller pi --allow-active".split(),
         EXPORTED_FILES,
     ),
     "play": (["play", "wrist", "--duration", "0.1"], EPISODE_FILES),
     "benchmark": (
-        "benchmark --scene wrist --controllers feedback --conditions ordinary-rough "
+        "benchmark wrist --controllers feedback --conditions ordinary-rough "
         "--seeds 1 --duration 1.2 --workers 1".split(),
         ("table.md", "report.html", "results.parquet", "wrist-pareto.png"),
     ),
@@ -733,7 +750,6 @@ def test_an_exported_controller_has_the_parameters_of_a_variant(
     )
     words = [
         *EXPORT,
-        "--scene",
         "wrist",
         "--controller",
         "model",

@@ -11,10 +11,10 @@ COMMANDS = (
     "device wirst",
     "calibrate wirst",
     "diagnose wirst data --out out",
-    "whatif --scene wirst --vary friction=0.1,0.2",
-    "whatif --scene wrist --vary friction=0.1,0.2 --workers -1",
-    "benchmark --scene wrist wirst",
-    "export --scene wirst --controller pi --out out",
+    "whatif wirst --vary friction=0.1,0.2",
+    "whatif wrist --vary friction=0.1,0.2 --workers -1",
+    "benchmark wrist wirst",
+    "export wirst --controller pi --out out",
 )
 
 PROGRAM = """

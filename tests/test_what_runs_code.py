@@ -136,8 +136,8 @@ REFUSED: dict[str, Callable[[], list[str]]] = {
         for key in ("trajectory", "task")
         for command, words in {
             "play": ["play", "SCENE", *PLAY],
-            "whatif": ["whatif", "--scene", "SCENE", *WHATIF],
-            "benchmark": ["benchmark", "--scene", "SCENE", *BENCHMARK],
+            "whatif": ["whatif", "SCENE", *WHATIF],
+            "benchmark": ["benchmark", "SCENE", *BENCHMARK],
         }.items()
     },
     **{f"study {key}": lambda key=key: study(key)
@@ -335,7 +335,7 @@ LAST = ["--duration", "0.05", "--out", "played"]
         ["play", "wrist", "--metric", "ends:metric", *LAST],
         ["whatif", "--vary", "loops=1", "--metric", "ends:metric", "--controllers",
          "none", *LAST],
-        ["benchmark", "--scene", "wrist", "--controllers", "ends:law", "--seeds", "1",
+        ["benchmark", "wrist", "--controllers", "ends:law", "--seeds", "1",
          "--conditions", "zero-torque", "--duration", "1.1", "--out", "played"],
         ["diagnose", "bench", "x.csv", "--effects", "ends:Lag", "--out", "played"],
         ["run", "--rig", "rig.toml", "--controller", "pi", "--out", "played",

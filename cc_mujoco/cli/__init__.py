@@ -2,9 +2,9 @@
 
     cc-mujoco play wrist --trajectory sine --seed 1
     cc-mujoco reproduce pretension loops
-    cc-mujoco whatif --scene wrist --vary friction=0.05:0.3:10 --vary loops=1,2,3
-    cc-mujoco benchmark --scene wrist --controllers pi stiction
-    cc-mujoco export --scene wrist --controller stiction --out runs/stiction
+    cc-mujoco whatif wrist --vary friction=0.05:0.3:10 --vary loops=1,2,3
+    cc-mujoco benchmark wrist --controllers pi stiction
+    cc-mujoco export wrist --controller stiction --out runs/stiction
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a

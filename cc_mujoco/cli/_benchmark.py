@@ -24,15 +24,17 @@ class Benchmark:
         "with a controller of yours begins anew, with another key"
     )
 
+    scene: Annotated[
+        tuple[str, ...], tyro.conf.Positional, option_help("[SCENE ...]")
+    ] = ()
+    """Devices: names, or files of your own such as knee.xml; all of the suite unless
+    given."""
     suite: Annotated[str | None, option_help("NAME")] = None
     """Suite to play: v1, which never changes, generic, which any device can play, v2,
     safety or position; v1 unless given, and generic or position for a device of your
     own."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
-    scene: Names = ()
-    """Devices: names, or files of your own such as knee.xml; all of the suite unless
-    given."""
     conditions: Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
     seeds: int = 0

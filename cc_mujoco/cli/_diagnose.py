@@ -102,8 +102,8 @@ class Diagnose:
                 bar.update(max(share - bar.n, 0.0))
 
             found = diagnose(
-                data,
                 scene,
+                data,
                 self.out,
                 axis=axis,
                 dataset_toml=dataset,

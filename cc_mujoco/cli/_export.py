@@ -26,7 +26,7 @@ class Export:
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Device whose cables the controller knows: a name, or an MJCF file."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
     """Controller: pi, feedback, model, stiction, predictive, adaptive or a policy."""

@@ -24,7 +24,7 @@ from cc_mujoco.cli._tendons import ShowTendons
 from cc_mujoco.cli._view import View
 from cc_mujoco.cli._whatif import WhatIf
 from cc_mujoco.cli._whatif_show import WhatIfShow
-from cc_mujoco.errors import CableError, look_up, require_utf8
+from cc_mujoco.errors import CableError, look_up, require_new_name, require_utf8
 
 COMMANDS = {
     "device": ShowDevice,
@@ -42,12 +42,6 @@ COMMANDS = {
     "view": View,
     "list": Listing,
 }
-
-POSITIONAL = ("device", "tendons", "play", "calibrate", "diagnose", "view", "list")
-"""Commands whose scene is their first word, and may be given as `--scene`, too."""
-
-RENAMED = {"--threads": "--workers"}
-"""Options that have another name now."""
 
 Command = (
     Annotated[ShowDevice, tyro.conf.subcommand("device")]
@@ -84,8 +78,9 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         parsed, about = look_up("command", arguments[0], COMMANDS), None
         program = f"{program} {arguments[0]}"
     _require_full(arguments)
-    _require_new_names(arguments)
-    words = _positional_scene(arguments)[about is None :]
+    for word in arguments:
+        require_new_name(word.partition("=")[0])
+    words = list(arguments)[about is None :]
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
@@ -99,29 +94,6 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         sentence = _error_sentence(captured.getvalue())
         sentence += _repeated_option(sentence, words)
         raise CableError(f"{sentence}`{program} --help` shows what works.") from None
-
-
-def _require_new_names(arguments: Sequence[str]) -> None:
-    """Refuse an option that has another name now."""
-    for word in arguments:
-        option = word.partition("=")[0]
-        if option in RENAMED:
-            raise CableError(f"{option} is now {RENAMED[option]}.")
-
-
-def _positional_scene(arguments: Sequence[str]) -> list[str]:
-    """Return the words with `--scene NAME` as the first where a command takes it so."""
-    words = list(arguments)
-    if not words or words[0] not in POSITIONAL:
-        return words
-    for place, word in enumerate(words):
-        option, equals, value = word.partition("=")
-        if option != "--scene" or (not equals and place + 1 == len(words)):
-            continue
-        name = value if equals else words[place + 1]
-        rest = words[1:place] + words[place + (1 if equals else 2) :]
-        return [words[0], name, *rest]
-    return words
 
 
 def _require_full(arguments: Sequence[str]) -> None:

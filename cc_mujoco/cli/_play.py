@@ -122,7 +122,7 @@ class Play:
                 return simulate(
                     device,
                     law,
-                    motion=names["trajectory"],
+                    trajectory=names["trajectory"],
                     task=names["task"],
                     seed=self.seed,
                     duration=self.duration,

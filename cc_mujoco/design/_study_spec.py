@@ -56,7 +56,9 @@ def _repeated(metavar: str, name: str | None = None) -> Any:
 class StudySpec:
     """Everything that decides the results of a study."""
 
-    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "wrist"
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENE]")] = (
+        "wrist"
+    )
     """A device; `cc-mujoco list` shows every name that can be given."""
     vary: Annotated[Assignments, _repeated("VARIABLE=VALUES")] = ()
     """VALUES are low:high:count, low:high:count:log or a,b,c; once per variable."""

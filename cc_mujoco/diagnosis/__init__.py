@@ -2,7 +2,7 @@
 
 from cc_mujoco.diagnosis import diagnose
 
-diagnosis = diagnose(["data"], "bench.xml", "out")
+diagnosis = diagnose("bench.xml", ["data"], "out")
 print(diagnosis.verdict, [effect.id for effect in diagnosis.effects])
 """
 

@@ -2,7 +2,7 @@
 
 from cc_mujoco.diagnosis import diagnose
 
-diagnosis = diagnose(["data"], "bench.xml", "out")
+diagnosis = diagnose("bench.xml", ["data"], "out")
 diagnosis.verdict, diagnosis.effects, diagnosis.gap
 """
 
@@ -44,8 +44,8 @@ from cc_mujoco.estimation._least_squares import single_threaded_blas
 
 
 def diagnose(
-    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     scene: str | os.PathLike[str],
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
     axis: str | None = None,
@@ -58,11 +58,11 @@ def diagnose(
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
     Args:
+        scene: MJCF file of the rig, or name of a built-in scene.
         data: trial files (see `_utils.tables.ENDINGS`) or folders of them; a
             single one need not be in a list. Several folders are several occasions of
             one rig, in order: effects are shared, friction, pretension, stiffness,
             offsets and clocks are fitted to each.
-        scene: MJCF file of the rig, or name of a built-in scene.
         out: folder for what is found; `verdict.json` is written first, and the rest
             whole or not at all.
         axis: the axis that was recorded, of a device with several.
@@ -79,14 +79,19 @@ def diagnose(
             folder with the scene, with the diagnosis of other data or with other files
             that would be replaced.
     """
+    if not isinstance(scene, str | os.PathLike) or Path(scene).is_dir():
+        raise CableError(
+            "diagnose takes the scene first: diagnose(scene, data, out), with an MJCF "
+            f"file or a name, not {scene!r}."
+        )
     with effects_in_use(effects) as requested:
         bench = Bench.of(Path(scene), axis)
         given = _paths(data)
         require_ours(Path(out), bench.path, given)
         preload_drawing()
         result, dataset = infer(
-            given,
             bench,
+            given,
             dataset_toml=dataset_toml,
             seed=seed,
             effects=requested,
@@ -97,8 +102,8 @@ def diagnose(
 
 
 def infer(
-    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     bench: Bench,
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     *,
     dataset_toml: str | os.PathLike[str] | None = None,
     seed: int = 0,
@@ -108,8 +113,8 @@ def infer(
     """Return all of `diagnose` but the files: from data and a scene to a verdict.
 
     Args:
-        data: as in `diagnose`.
         bench: of the scene.
+        data: as in `diagnose`.
         dataset_toml: as in `diagnose`.
         seed: as in `diagnose`.
         effects: as in `diagnose`.

@@ -181,7 +181,7 @@ def _next(run: ReportedRun, axis: str) -> Html:
             "To see what led to it: ", element("code", shlex.join(words)), kind="lead"
         )
     source = folder if run.is_trial else run.log
-    words = ["cc-mujoco", "diagnose", str(source), "--scene", run.scene]
+    words = ["cc-mujoco", "diagnose", run.scene, str(source)]
     words += ["--axis", axis] if axis else []
     words += ["--out", str(folder.with_name(f"{folder.name}_diagnosis"))]
     why = (

@@ -1,5 +1,19 @@
 """The scripted human: motion and impedance of the joint, and the desired feel."""
 
+from typing import Any
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from cc_mujoco.errors import require_new_name
+
+_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name of the stub.
+
+    Raises:
+        CableError: It has another name now.
+    """
+    require_new_name(name)
+    return _attribute(name)

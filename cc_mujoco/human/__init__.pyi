@@ -20,7 +20,7 @@ from ._point_to_point import Reversals as Reversals
 from ._point_to_point import Sweep as Sweep
 from ._profile import Profile as Profile
 from ._recorded import Recorded as Recorded
-from ._recorded import read_motion as read_motion
+from ._recorded import read_trajectory as read_trajectory
 from ._scaled_assistance import Paced as Paced
 from ._scaled_assistance import scale_task as scale_task
 from ._tasks import TASKS as TASKS

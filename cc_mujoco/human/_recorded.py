@@ -1,7 +1,7 @@
 """Motions of one joint or of several, read from a table.
 
-    read_motion("motion.csv")                      # time_s, angle_rad
-    read_motion("walk.mot", ("knee_r", "hip_r"))   # knee_angle_r, hip_r, in degrees
+    read_trajectory("motion.csv")                      # time_s, angle_rad
+    read_trajectory("walk.mot", ("knee_r", "hip_r"))   # knee_angle_r, hip_r, in degrees
 
 A column of angles is named by its joint and its unit, `knee_deg` or `knee_angle_rad`; a
 plain `angle_deg`, or `joint_angle_deg`, is that of the joint that the device drives.
@@ -141,7 +141,7 @@ def match_joints(
     return found
 
 
-def read_motion(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
+def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     """Read a motion from a table with a column of time and columns of angles.
 
     Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to

@@ -29,7 +29,7 @@ from cc_mujoco.human._motion import Array, Motion, Scripted, Trajectory
 from cc_mujoco.human._parsing import given_fields, user_object, with_numbers
 from cc_mujoco.human._perturbed import Disturbed
 from cc_mujoco.human._point_to_point import Ramp, Reach, Reversals, Sweep
-from cc_mujoco.human._recorded import Recorded, read_motion
+from cc_mujoco.human._recorded import Recorded, read_trajectory
 from cc_mujoco.human._walking import Walk
 
 TRAJECTORIES: dict[str, Scripted] = {
@@ -107,8 +107,8 @@ def trajectory(
     Args:
         given: A key of `TRAJECTORIES`, also with numbers (`sine:0.3`,
             `chirp:0.2,high=5`); a table (a `Path`, or a text that ends as one, see
-            `read_motion`); `MODULE:NAME` of a `Trajectory` or a function that returns
-            one; or a trajectory.
+            `read_trajectory`); `MODULE:NAME` of a `Trajectory` or a function that
+            returns one; or a trajectory.
         limit: Largest excursion of named trajectories from `centre` [rad]; none by
             default.
         centre: Angle about which named trajectories move [rad].
@@ -123,7 +123,7 @@ def trajectory(
     if isinstance(given, Trajectory):
         return _on_joints(given, joints)
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
-        return read_motion(given, tuple(joints or ()))
+        return read_trajectory(given, tuple(joints or ()))
     if not isinstance(given, str):
         raise CableError(
             "trajectory must be a name, the path of a table or a Trajectory, not "

@@ -1,7 +1,7 @@
 """Simulation: an episode of one device or of many, and its log.
 
     from cc_mujoco.simulation import simulate
-    log = simulate("wrist", "pi", motion="sine", task="spring", seed=0)
+    log = simulate("wrist", "pi", trajectory="sine", task="spring", seed=0)
     log["joint_torque_nm"]                      # (T,) [N m]
 
 `simulate` returns an `EpisodeLog`; `play` returns that of an environment with its

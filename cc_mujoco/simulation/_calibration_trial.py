@@ -64,7 +64,7 @@ def calibration_trials(
     logs = simulate(
         made,
         _uncalibrated,
-        motion=course,
+        trajectory=course,
         task=Position(),
         duration=duration,
         sensing=dataclasses.replace(description.sensing, joint_sensor=True),

@@ -1,6 +1,6 @@
 """An episode, or many at once, from plants to logs.
 
-    log = simulate("wrist", "pi", motion="sine", task="spring", seed=0)
+    log = simulate("wrist", "pi", trajectory="sine", task="spring", seed=0)
     log["joint_torque_nm"]                                      # (T,) [N m]
     rough = Plant("wrist", {"friction": 0.2})
     logs = simulate(["wrist", rough], "model", seed=[0, 1])     # one batch
@@ -25,7 +25,7 @@ from cc_mujoco.control._axes import law_drives
 from cc_mujoco.control._of_device import default_controller
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, with_new_names
 from cc_mujoco.human import Spring, Trajectory
 from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
 from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
@@ -48,7 +48,7 @@ def simulate(
     plants: str | Path | Device | Plant,
     controller: Law | None = ...,
     *,
-    motion: str | Path | Trajectory | None = ...,
+    trajectory: str | Path | Trajectory | None = ...,
     task: TaskChoice = ...,
     seed: int = ...,
     duration: float = ...,
@@ -65,7 +65,7 @@ def simulate(
     plants: list[Any] | tuple[Any, ...],
     controller: Law | None = ...,
     *,
-    motion: str | Path | Trajectory | None = ...,
+    trajectory: str | Path | Trajectory | None = ...,
     task: TaskChoice = ...,
     seed: int | Sequence[int] = ...,
     duration: float = ...,
@@ -76,11 +76,12 @@ def simulate(
 ) -> list[EpisodeLog]: ...
 
 
+@with_new_names
 def simulate(
     plants: str | Path | Device | Plant | list[Any] | tuple[Any, ...],
     controller: Law | None = None,
     *,
-    motion: str | Path | Trajectory | None = None,
+    trajectory: str | Path | Trajectory | None = None,
     task: TaskChoice = None,
     seed: int | Sequence[int] = 0,
     duration: float = 10.0,
@@ -102,7 +103,7 @@ def simulate(
             and knows its values; see `control.axes_controller` for different ones. Or a
             `Controller`, which knows the values of the drive that it was made for and
             reads numbers of a plant and arrays over a list of plants.
-        motion: Motion of the wearer, see `human.trajectory`; that of the device by
+        trajectory: Motion of the wearer, see `human.trajectory`; that of the device by
             default.
         task: Torque that the wearer should feel, see `human.task`, for all axes or by
             axis; that of the device by default.
@@ -110,8 +111,8 @@ def simulate(
         duration: Length of the episode [s], rounded to whole control steps of 1 ms.
         sensing: Sensors of the controller; those of the device by default.
         threads: Threads that simulate; 0 means one per processor.
-        about: Metadata for the logs, besides or instead of the names of motion
-            (`trajectory`), task and controller; see `describe` for the rest.
+        about: Metadata for the logs, besides or instead of the names of trajectory,
+            task and controller; see `describe` for the rest.
         progress: Called with the simulated time [s] after every control step.
         file: Parquet file to which the log of a single plant is written while the
             episode runs, so that a long one needs no memory; it is there whole or not
@@ -138,9 +139,9 @@ def simulate(
     device = made[0].description
     if controller is None:
         controller = default_controller(device, task)
-    motion = device.trajectory if motion is None else motion
+    trajectory = device.trajectory if trajectory is None else trajectory
     exos = {
-        key: WornDevice(device, plant.model(), motion, task, duration)
+        key: WornDevice(device, plant.model(), trajectory, task, duration)
         for key, plant in {id(plant): plant for plant in made}.items()
     }
     played = [exos[id(plant)] for plant in made]
@@ -151,7 +152,7 @@ def simulate(
     drives = [[sensing.equip(drive) for drive in one.drives] for one in played]
     law = _law(controller, drives, exo.device.prefixes, alone)
     given = {
-        "trajectory": _label(motion),
+        "trajectory": _label(trajectory),
         "task": task_label(device, task),
         "controller": _label(controller),
     }
@@ -291,7 +292,7 @@ def task_label(device: Description, given: Any) -> str:
 
 
 def _label(given: Any) -> str:
-    """Return the name of a motion, a task or a controller for the metadata."""
+    """Return the name of a trajectory, a task or a controller for the metadata."""
     if isinstance(given, (str, Path)):
         return str(given)
     if isinstance(given, Controller):

@@ -1,6 +1,6 @@
 """Outputs of an episode: its log, numbers, figure and Rerun recording.
 
-    log = simulate("wrist", "pi", motion="sine", duration=8.0, seed=0)
+    log = simulate("wrist", "pi", trajectory="sine", duration=8.0, seed=0)
     write_episode("runs/sine", log, load(find_device("wrist")))
 
 The controller sees what the device's sensors measure, noisy and late; the log holds the

@@ -163,7 +163,7 @@ def run(case: str, data: Path, toml: Path | None, into: Path) -> None:
 
     clock.watch()
     out = into / case / "diagnosis"
-    found = diagnose([data], scene_path("bench"), out, dataset_toml=toml)
+    found = diagnose(scene_path("bench"), [data], out, dataset_toml=toml)
     note = {
         "case": case,
         "stages": clock.read(),

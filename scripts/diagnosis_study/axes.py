@@ -260,7 +260,7 @@ def diagnosed(
     device = Device.of(scene)
     record(out / "data", device, axis, hidden, seconds)
     began = time.process_time()
-    found = diagnose(out / "data", scene, out / "verdict", axis=axis)
+    found = diagnose(scene, out / "data", out / "verdict", axis=axis)
     return {
         "verdict": found.verdict,
         "named": [each.id for each in found.missing],

@@ -254,7 +254,7 @@ def run(
     before = {law: case.error(law, "bench", f"{law}_before") for law in laws}
     case.identify()
     began = time.process_time()
-    found = diagnose([folder / "data"], scene_path("bench"), folder / "diagnosis")
+    found = diagnose(scene_path("bench"), [folder / "data"], folder / "diagnosis")
     seconds = time.process_time() - began
     mended = folder / "diagnosis" / "scene.xml"
     record: dict[str, Any] = {

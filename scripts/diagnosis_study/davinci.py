@@ -58,7 +58,7 @@ def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[DiagnosisResult,
     rig.parent.mkdir(parents=True, exist_ok=True)
     rig.write_text(toml_of(held_out, [f.name for f in files]), encoding="utf-8")
     begin = time.process_time()
-    result, _ = infer(files, Bench.of(scene_path("bench")), dataset_toml=rig)
+    result, _ = infer(Bench.of(scene_path("bench")), files, dataset_toml=rig)
     return result, time.process_time() - begin
 
 

@@ -103,7 +103,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             data, make_dataset(rig, amounts, recorded, seed), facts_of(recorded, seed)
         )
         begin = time.perf_counter()
-        result, _ = infer([data], Bench.of(scene_path("bench")))
+        result, _ = infer(Bench.of(scene_path("bench")), [data])
         seconds = time.perf_counter() - begin
         record = {**case, "amounts": amounts, "reached": reached, "trials": recorded}
         record["settled"] = settled(record, result, Path(folder) / "more")

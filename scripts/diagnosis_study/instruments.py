@@ -115,7 +115,7 @@ def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:
         facts = facts_of("rich", seed).split("\n\n")
         told = [head, *(each for k, each in enumerate(facts) if k in chosen)]
         (place / "dataset.toml").write_text("\n\n".join(told), encoding="utf-8")
-        result, _ = infer([place], Bench.of(scene_path("bench")))
+        result, _ = infer(Bench.of(scene_path("bench")), [place])
     found = result.diagnosis
     return {
         "verdict": found.verdict,

@@ -48,7 +48,7 @@ def found_on(make: str, seed: int, strength: float) -> dict[str, Any]:
         write_data(
             data, make_dataset(rig, amounts, trials, seed), facts_of(trials, seed)
         )
-        result, _ = infer([data], Bench.of(scene_path("bench")))
+        result, _ = infer(Bench.of(scene_path("bench")), [data])
     truth = truth_of(rig)
     return {
         "make": make, "seed": seed, "strength": strength, "hidden": hidden,

@@ -130,7 +130,7 @@ def loop(
         place = folder / f"data_{len(steps)}"
         write_data(place, data, facts)
         if first is None or steps:
-            result, _ = infer([place], bench)
+            result, _ = infer(bench, [place])
         else:
             result = first
         planned, motion = result.diagnosis.next_experiment, result.motion

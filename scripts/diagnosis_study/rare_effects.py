@@ -191,7 +191,7 @@ def row(out: Path, name: str, make: str, seed: int) -> list[str]:
     if not (place / "data").exists():
         _write(place / "data", session(make_rig(seed, make=make), amount), seed)
     if not (place / "out" / "verdict.json").exists():
-        diagnose(place / "data", "bench", place / "out", effects=RARE)
+        diagnose("bench", place / "data", place / "out", effects=RARE)
     told = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))
     ids = [each["id"] for each in told["effects"]]
     known = {k: v for each in told["effects"] for k, v in each["parameters"].items()}

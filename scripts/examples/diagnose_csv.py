@@ -27,7 +27,7 @@ def record(folder, seconds):
     plant = cc_mujoco.Plant(str(SCENE), HIDDEN)
     for number, (motion, task) in enumerate(TRIALS):
         log = cc_mujoco.simulate(
-            plant, "none", motion=motion, task=task, seed=number, duration=seconds
+            plant, "none", trajectory=motion, task=task, seed=number, duration=seconds
         )
         noise = np.random.default_rng(number).normal
         size = len(log["time_s"])
@@ -57,7 +57,7 @@ with tempfile.TemporaryDirectory() as place:
     folder = Path(place)
     (folder / "data").mkdir()
     angle, torque = record(folder / "data", SECONDS)
-    verdict = cc_mujoco.diagnose(folder / "data", SCENE, folder / "out")
+    verdict = cc_mujoco.diagnose(SCENE, folder / "data", folder / "out")
 print(verdict.statement)
 
 plt.plot(angle, torque, label="measured")

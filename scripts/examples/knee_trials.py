@@ -50,7 +50,7 @@ def main() -> None:
         log = simulate(
             plant,
             "none",
-            motion=motion,
+            trajectory=motion,
             task=task,
             seed=number,
             duration=options.seconds,

@@ -1,7 +1,7 @@
 """A controller of your own: feed friction forward by the sense of the motion.
 
 python own_controller.py
-cc-mujoco benchmark --scene wrist --controllers pi_tuned own_controller:lead
+cc-mujoco benchmark wrist --controllers pi_tuned own_controller:lead
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +24,7 @@ def lead(drive):
 if __name__ == "__main__":
     for law in ("none", lead, "pi_tuned"):
         log = cc_mujoco.simulate(
-            "wrist", law, motion="sine:0.3", task="spring:2.5", duration=2.0
+            "wrist", law, trajectory="sine:0.3", task="spring:2.5", duration=2.0
         )
         name = law if isinstance(law, str) else law.__name__
         torque, desired = log["joint_torque_nm"], log["desired_torque_nm"]

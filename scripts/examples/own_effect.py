@@ -1,7 +1,7 @@
 """An effect of your own, which competes with those of the library in a diagnosis.
 
 python own_effect.py
-cc-mujoco diagnose DATA --scene bench --effects own_effect.py:JointDrag --out DIR
+cc-mujoco diagnose bench DATA --effects own_effect.py:JointDrag --out DIR
 """
 
 import matplotlib.pyplot as plt

@@ -19,7 +19,7 @@ KNOWN = {
 device = cc_mujoco.Device.from_mjcf(SCENE, **KNOWN)
 for name in ("none", "pi_tuned", "predictive"):
     log = cc_mujoco.simulate(
-        device, name, motion="sine:0.4", task="hold:6", duration=2.0
+        device, name, trajectory="sine:0.4", task="hold:6", duration=2.0
     )
     torque, desired = log["joint_torque_nm"], log["desired_torque_nm"]
     print(f"{name}: {((torque - desired) ** 2).mean() ** 0.5:.2f} N m RMS error")

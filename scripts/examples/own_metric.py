@@ -28,7 +28,9 @@ LATE_TENSION = cc_mujoco.Metric(
 if __name__ == "__main__":
     friction = [0.05, 0.1, 0.15, 0.2]
     plants = [cc_mujoco.Plant("wrist", {"friction": each}) for each in friction]
-    logs = cc_mujoco.simulate(plants, motion="sine:0.3", task="spring", duration=1.5)
+    logs = cc_mujoco.simulate(
+        plants, trajectory="sine:0.3", task="spring", duration=1.5
+    )
     effort = cc_mujoco.METRICS["rms_motor_torque"]
     late = [LATE_TENSION.compute(log) for log in logs]
     efforts = [100.0 * effort.compute(log) for log in logs]

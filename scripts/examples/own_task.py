@@ -20,7 +20,7 @@ class Detents(cc_mujoco.Task):
 
 if __name__ == "__main__":
     log = cc_mujoco.simulate(
-        "wrist", "predictive", motion="sine:0.3", task=Detents(), duration=4.0
+        "wrist", "predictive", trajectory="sine:0.3", task=Detents(), duration=4.0
     )
     angle, felt = log["joint_angle_rad"], log["joint_torque_nm"]
     desired = log["desired_torque_nm"]

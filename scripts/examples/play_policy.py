@@ -28,7 +28,7 @@ write_policy("policy.safetensors", network, observed)
 
 for law in ("none", "policy.safetensors"):
     log = cc_mujoco.simulate(
-        "wrist", law, motion="sine:0.3", task="spring:2.5", duration=1.5
+        "wrist", law, trajectory="sine:0.3", task="spring:2.5", duration=1.5
     )
     name = law.partition(".")[0]
     torque, wanted = log["joint_torque_nm"], log["desired_torque_nm"]

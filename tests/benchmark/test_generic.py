@@ -160,7 +160,7 @@ def test_all_effects_reach_both_axes() -> None:
 def test_a_file_is_benchmarked_and_verified_until_it_changes(
     knee: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["benchmark", "--scene", knee, "--controllers", "pi", "--seeds", "1"]
+    words = ["benchmark", knee, "--controllers", "pi", "--seeds", "1"]
     words += ["--conditions", "ordinary-rough", "--duration", "1.05", "--workers", "1"]
     assert cli.main(words) == 0
     shown = capsys.readouterr().out

@@ -151,7 +151,7 @@ def test_the_key_of_a_run_is_published_in_its_results_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [
-        "benchmark", "--scene", "wrist", "--conditions", "ordinary-rough", "--seeds",
+        "benchmark", "wrist", "--conditions", "ordinary-rough", "--seeds",
         "1", "--duration", "1.05", "--controllers", CHEAT,
     ]  # fmt: skip
     found = []

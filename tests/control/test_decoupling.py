@@ -147,7 +147,7 @@ def test_without_friction_joints_get_what_is_desired_by_mujocos_own_moments() ->
 
 
 def play(plant: Plant, name: str) -> EpisodeLog:
-    return simulate(plant, name, motion="sine:0.001", seed=0, duration=0.3)
+    return simulate(plant, name, trajectory="sine:0.001", seed=0, duration=0.3)
 
 
 def test_plants_together_are_driven_as_each_alone() -> None:

@@ -80,14 +80,14 @@ def test_the_dataset_file_beside_the_data(tmp_path: Path) -> None:
     files.append(put(tmp_path / "more", "", "b.csv"))
     put(tmp_path / "more", "", "dataset.toml")
     with pytest.raises(
-        CableError, match="b?.*toml and .*toml; give the one that count"
+        CableError, match=r"dataset.toml and .*dataset.toml; give the one"
     ):
         find_dataset_file(files)
     for number in range(70):
         (tmp_path / f"{number}").mkdir()
         files.append(put(tmp_path / f"{number}", "", "b.csv"))
         put(tmp_path / f"{number}", "", "dataset.toml")
-    with pytest.raises(CableError, match="and 71 more dataset.toml; give") as caught:
+    with pytest.raises(CableError, match="and 71 more") as caught:
         find_dataset_file(files)
     assert str(caught.value).count(str(tmp_path)) == 1
 

@@ -161,12 +161,12 @@ def test_a_study_is_run_and_shown_again_from_another_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("torque.csv").write_text("time_s,torque_nm\n0,1\n0.1,2\n1,2\n")
-    command = ["whatif", "--scene", "lever.xml", "--vary", "friction=0.1,0.2"]
+    command = ["whatif", "lever.xml", "--vary", "friction=0.1,0.2"]
     command += ["--task", "torque.csv", "--duration", "0.2", "--out", "out"]
     monkeypatch.setattr("sys.argv", ["cc-mujoco", *command])
     assert cli.main([*command, "--metric", "rms_torque_error"]) == 0
     page = Path("out/report.html").read_text(encoding="utf-8")
-    assert f"cd {tmp_path} &amp;&amp; cc-mujoco whatif --scene lever.xml" in page
+    assert f"cd {tmp_path} &amp;&amp; cc-mujoco whatif lever.xml" in page
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     log, _ = show(tmp_path / "out", 1)

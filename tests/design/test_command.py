@@ -23,7 +23,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_study_leaves_table_ranking_effects_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["whatif", "--scene", "wrist", "--duration", "0.3", "--out", "study"]
+    words = ["whatif", "wrist", "--duration", "0.3", "--out", "study"]
     vary = ["--vary", "friction=0.05:0.2:3", "--vary", "loops=1,2"]
     metrics = ("slack_margin", "peak_tension", "rms_torque_error", "efficiency")
     words += ["--controllers", "pi"]
@@ -149,7 +149,7 @@ def test_a_report_that_a_user_has_changed_is_not_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["whatif", "--scene", "wrist", "--duration", "0.1", "--out", "study"]
+    words = ["whatif", "wrist", "--duration", "0.1", "--out", "study"]
     words += ["--vary", "friction=0.1,0.2", "--metric", "rms_torque_error"]
     assert cli.main(words) == 0
     assert "2 designs from the best to the worst give" in Path(

@@ -281,7 +281,7 @@ def test_the_command_takes_costs_and_ranks_by_them(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.csv").write_text(ALL.replace(",5\n", ",50\n"), "utf-8")
-    words = ["whatif", "--scene", "wrist", "--vary", "material=steel_ptfe"]
+    words = ["whatif", "wrist", "--vary", "material=steel_ptfe"]
     words += ["--vary", "length=1,3", "--metric", "cost", "--objective", "cost"]
     words += ["--duration", "0.1", "--costs", "mine.csv", "--out", "study"]
     assert cli.main(words) == 0

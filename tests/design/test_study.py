@@ -26,7 +26,7 @@ from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
 from cc_mujoco.device import VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Hold, Sine, read_motion, task
+from cc_mujoco.human import Hold, Sine, read_trajectory, task
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.simulation import BatchedController, EpisodeLog
 
@@ -96,7 +96,7 @@ def test_a_motion_is_a_name_a_file_or_an_object(tmp_path: Path) -> None:
     given = {"metrics": ["rms_motor_torque"], "duration": 0.1}
     tables = [
         study("wrist", vary, trajectory=motion, **given)
-        for motion in (path, read_motion(path))
+        for motion in (path, read_trajectory(path))
     ]
     assert tables[0].equals(tables[1])
     sine = Sine(amplitude=0.2)

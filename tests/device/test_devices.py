@@ -277,7 +277,9 @@ def test_a_cuff_yields_by_torque_over_stiffness(tmp_path: Path) -> None:
     path = knee(tmp_path, "[axis.cuff]\nstiffness = 400\ndamping = 5\n")
     for values, stiffness in (({}, 400.0), ({"cuff_stiffness": 150.0}, 150.0)):
         plant = Plant(Device(path), values)
-        log = simulate(plant, "pi", motion=Still(1.0), task=Hold(-10.0), duration=1.5)
+        log = simulate(
+            plant, "pi", trajectory=Still(1.0), task=Hold(-10.0), duration=1.5
+        )
         frame, limb = plant.model().joint("knee_frame"), plant.model().joint("knee")
         pose = log["qpos"][-1]
         yielded = pose[frame.qposadr[0]] - pose[limb.qposadr[0]]
@@ -448,6 +450,6 @@ def test_a_table_of_one_axis_does_not_move_the_others(tmp_path: Path) -> None:
     rows = "\n".join(f"{0.1 * i},{0.01 * i}" for i in range(8))
     table = tmp_path / "hip.csv"
     table.write_text(f"time_s,hip_angle_rad\n{rows}\n")
-    log = simulate("exosuit", "none", motion=table, duration=0.3)
+    log = simulate("exosuit", "none", trajectory=table, duration=0.3)
     assert np.ptp(log["hip.reference_angle_rad"]) > 0.01
     assert np.ptp(log["ankle.reference_angle_rad"]) == 0.0

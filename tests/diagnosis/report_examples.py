@@ -62,7 +62,7 @@ _BASELINE = Baseline(
 _PROVENANCE = {
     "version": "0.1.0",
     "seed": 7,
-    "command": "cc-mujoco diagnose data --scene bench.xml --out out",
+    "command": "cc-mujoco diagnose bench.xml data --out out",
     "data": {"a.csv": "9f" * 32, "b & <c>.csv": "01" * 32},
     "packages": ["mujoco 4.0.0", "numpy 2.2.0"],
 }

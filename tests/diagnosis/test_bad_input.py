@@ -37,9 +37,7 @@ BENCH = recorded.BENCH
 
 def diagnose(data: Path, out: Path, *more: str, scene: str | Path = "bench") -> int:
     """Run the command and return its exit code."""
-    return cli.main(
-        ["diagnose", str(data), "--scene", str(scene), "--out", str(out), *more]
-    )
+    return cli.main(["diagnose", str(scene), str(data), "--out", str(out), *more])
 
 
 def files(folder: Path) -> list[str]:

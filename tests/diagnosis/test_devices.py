@@ -66,9 +66,8 @@ def test_the_command_takes_the_scene_first_and_asks_for_the_axis(
 ) -> None:
     scene = str(written(tmp_path, ARM))
     out = ["--plan", "--out", str(tmp_path / "plan")]
-    for words in ([scene, *out], ["--scene", scene, *out]):
-        assert cli.main(["diagnose", *words]) == 2
-        assert "has the axes elbow, shoulder; name one." in capsys.readouterr().err
+    assert cli.main(["diagnose", scene, *out]) == 2
+    assert "has the axes elbow, shoulder; name one." in capsys.readouterr().err
     assert cli.main(["diagnose", *out]) == 2
     assert "no scene given; name it first" in capsys.readouterr().err
     assert cli.main(["diagnose", scene, "--out", str(tmp_path / "out")]) == 2
@@ -101,7 +100,7 @@ def test_an_axis_is_diagnosed_by_the_log_of_a_run_of_both(
     law = axes_controller("none", drives, ("elbow.", "shoulder."))
     log.close(Loop(axes, law, clock=device, log=log).run(6.0).to_json())
     out = tmp_path / "out"
-    found = diagnose(tmp_path / "run" / "log.csv", scene, out, axis="elbow")
+    found = diagnose(scene, tmp_path / "run" / "log.csv", out, axis="elbow")
     assert "motor_inertia" in [effect.id for effect in found.effects]
     provenance = json.loads((out / "verdict.json").read_text())["provenance"]
     assert provenance["scene"]["axis"] == "elbow"

@@ -20,7 +20,7 @@ pytestmark = [
 
 def diagnosed(name: str) -> Diagnosis:
     scene = CASES / name / "scene.xml"
-    found = infer([CASES / name], Bench.of(scene))[0].diagnosis
+    found = infer(Bench.of(scene), [CASES / name])[0].diagnosis
     # What is named is not what the data cannot show.
     told = {effect.id for effect in found.effects} | {
         rival for tie in found.ties for rival in tie

@@ -44,7 +44,7 @@ def recorded(folder: Path, rig: Dynamometer, **motion: bool | float) -> Path:
 
 def diagnosed(folder: Path, rig: Dynamometer, **motion: bool | float) -> Diagnosis:
     """Return the diagnosis of a cable of half a turn on the dynamometer."""
-    return diagnose(recorded(folder, rig, **motion), alone(folder), folder / "out")
+    return diagnose(alone(folder), recorded(folder, rig, **motion), folder / "out")
 
 
 def test_loss_by_direction_and_load_is_in_all_results(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_what_needs_the_motor_angle_is_refused(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     with pytest.raises(CableError, match="record the torque at both ends"):
-        diagnose(data, alone(tmp_path), tmp_path / "out")
+        diagnose(alone(tmp_path), data, tmp_path / "out")
     toml.write_text(DECLARED.replace("motor_angle", "joint_angle"), encoding="utf-8")
     with pytest.raises(CableError, match="the joint's angle must be recorded"):
         load([data])

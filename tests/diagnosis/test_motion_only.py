@@ -69,7 +69,7 @@ def diagnosed(folder: Path, gap: float | None, lag: float = 0.0) -> Diagnosis:
             comments="",
         )
     (folder / "dataset.toml").write_text(DECLARED, encoding="utf-8")
-    result, _ = infer([folder], Bench.of(scene_path("bench")))
+    result, _ = infer(Bench.of(scene_path("bench")), [folder])
     return result.diagnosis
 
 

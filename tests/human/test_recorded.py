@@ -11,7 +11,7 @@ import pytest
 
 from cc_mujoco._utils.units import ANGLE, CLOCK
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TRAJECTORIES, read_motion, trajectory
+from cc_mujoco.human import TRAJECTORIES, read_trajectory, trajectory
 from shared_folder import SHARED
 
 EXAMPLE = Path(__file__).parents[2] / "assets" / "trajectories" / "example_reach.csv"
@@ -25,7 +25,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_example_is_the_reach_it_was_made_from() -> None:
-    motion = read_motion(EXAMPLE).sample(8.0, 0.002, RNG)
+    motion = read_trajectory(EXAMPLE).sample(8.0, 0.002, RNG)
     reach = TRAJECTORIES["reach"].sample(8.0, 0.002, np.random.default_rng(7))
     assert np.abs(motion.angle - reach.angle).max() < 2e-4
     assert np.abs(motion.velocity - reach.velocity).max() < 2e-2
@@ -34,7 +34,7 @@ def test_example_is_the_reach_it_was_made_from() -> None:
 def test_spline_derivatives_rest_and_hold(tmp_path: Path) -> None:
     rows = [f"{t + 3.0},x,{0.3 + 0.2 * t - 0.1 * t**2}" for t in np.arange(0, 3, 0.25)]
     path = write(tmp_path, "\n".join(["time_s,note, angle_rad", *rows, ""]))
-    motion = read_motion(path).sample(6.0, 1e-3, RNG)
+    motion = read_trajectory(path).sample(6.0, 1e-3, RNG)
     assert motion.angle[0] == 0.3 and motion.velocity[0] == 0
     held = motion.time > 2.75
     assert np.ptp(motion.angle[held]) == 0
@@ -54,7 +54,7 @@ def test_bits_are_read_back_at_the_samples(tmp_path: Path) -> None:
     path = write(
         tmp_path, "\ufefftime_s,angle_rad\r\n" + "\r\n".join(rows) + "\r\n\r\n"
     )
-    motion = read_motion(path).sample(2.0, 0.5, RNG)
+    motion = read_trajectory(path).sample(2.0, 0.5, RNG)
     np.testing.assert_allclose(motion.angle, angles, atol=1e-15)
 
 
@@ -127,21 +127,21 @@ GOOD = "0,0\n1,0.1\n2,0.2\n3,0.1\n"
 def test_errors_are_one_sentence(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(CableError) as caught:
-        read_motion(path)
+        read_trajectory(path)
     assert str(caught.value) == message.format(path)
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
     missing = tmp_path / "no.csv"
     with pytest.raises(CableError, match=r"cannot read .*no\.csv: No such"):
-        read_motion(missing)
+        read_trajectory(missing)
     with pytest.raises(CableError, match="cannot read"):
-        read_motion(tmp_path)
+        read_trajectory(tmp_path)
     binary = tmp_path / "motion.csv"
     for content in (b"\xff\xfe\x00\x81", b"\x89PNG\r\n\x1a\n\x00\x00", b"PK\x03\x04"):
         binary.write_bytes(content)
         with pytest.raises(CableError, match=r"is no text|there is no column"):
-            read_motion(binary)
+            read_trajectory(binary)
 
 
 ROWS = [(0.0, 0.0), (0.25, 0.125), (0.5, -0.25), (0.75, 0.5)]
@@ -156,7 +156,7 @@ def test_units_are_converted_by_the_name_of_the_column(
     names = style.format("time", clock), style.format("Angle", unit)
     factors = CLOCK.factors[clock], ANGLE.factors[unit]
     lines = [f"{t / factors[0]!r},{a / factors[1]!r}" for t, a in ROWS]
-    found = read_motion(write(tmp_path, "\n".join([",".join(names), *lines])))
+    found = read_trajectory(write(tmp_path, "\n".join([",".join(names), *lines])))
     assert found.times == pytest.approx([t for t, _ in ROWS])
     assert found.angles == pytest.approx([a for _, a in ROWS])
 
@@ -177,13 +177,13 @@ def test_forms_that_spreadsheets_write_read_the_same(
     text += [separator.join(line) for line in lines]
     path = tmp_path / "motion.csv"
     path.write_bytes(end.join([*text, separator * 3, ""]).encode(encoding))
-    found = read_motion(path)
+    found = read_trajectory(path)
     assert found.times == tuple(t for t, _ in ROWS)
     assert found.angles == tuple(a for _, a in ROWS)
 
 
 def columns(path: Path, joints: tuple[str, ...]) -> dict[str, list[float]]:
-    found = read_motion(path, joints)
+    found = read_trajectory(path, joints)
     return {found.joint: list(found.angles)} | {n: list(a) for n, a in found.others}
 
 
@@ -211,14 +211,14 @@ def test_columns_are_matched_to_joints_by_name(
 def test_a_table_moves_several_joints(tmp_path: Path) -> None:
     lines = ["time_ms,hip_deg,angle_deg", *(f"{1e3 * t},{a},{2 * a}" for t, a in ROWS)]
     path = write(tmp_path, "\n".join(lines))
-    recorded = read_motion(path, ("knee", "hip", "ankle"))
+    recorded = read_trajectory(path, ("knee", "hip", "ankle"))
     motion = recorded.sample(0.75, 0.25, RNG)
     assert set(motion.companions) == {"knee", "hip"}
     expected = np.deg2rad([a for _, a in ROWS])
     np.testing.assert_allclose(motion.companions["hip"].angle, expected, atol=1e-15)
     np.testing.assert_allclose(motion.angle, 2 * expected, atol=1e-15)
     assert np.array_equal(motion.angle, motion.companions["knee"].angle)
-    anonymous = read_motion(path).on_joints(("knee", "hip"))
+    anonymous = read_trajectory(path).on_joints(("knee", "hip"))
     assert anonymous == recorded
 
 
@@ -226,9 +226,9 @@ def test_a_table_of_another_joint_is_refused(tmp_path: Path) -> None:
     lines = ["time_s,hip_deg", *(f"{t},{a}" for t, a in ROWS)]
     path = write(tmp_path, "\n".join(lines))
     with pytest.raises(CableError, match="no column of the angle of joint 'knee'"):
-        read_motion(path, ("knee",))
+        read_trajectory(path, ("knee",))
     with pytest.raises(CableError, match=r"moves 'hip', but .* drives .*'knee'"):
-        trajectory(read_motion(path), joints={"knee": (0.0, 2.0)})
+        trajectory(read_trajectory(path), joints={"knee": (0.0, 2.0)})
 
 
 def test_a_joint_without_a_unit_is_refused_although_others_have_one(
@@ -237,7 +237,7 @@ def test_a_joint_without_a_unit_is_refused_although_others_have_one(
     lines = ["time_s,angle_deg,hip_angle", *(f"{t},{a},{a}" for t, a in ROWS)]
     path = write(tmp_path, "\n".join(lines))
     with pytest.raises(CableError, match=r"'hip_angle' has no unit; .*hip_angle_deg"):
-        read_motion(path, ("knee", "hip"))
+        read_trajectory(path, ("knee", "hip"))
     assert columns(path, ("knee",)).keys() == {"knee"}
 
 
@@ -290,7 +290,7 @@ def test_opensim_files_that_cannot_be_used(
     path = tmp_path / "walk.mot"
     path.write_text(text)
     with pytest.raises(CableError, match=message):
-        read_motion(path, ("knee_r",))
+        read_trajectory(path, ("knee_r",))
 
 
 def test_parquet_and_tsv_are_read_as_csv(tmp_path: Path) -> None:
@@ -301,7 +301,7 @@ def test_parquet_and_tsv_are_read_as_csv(tmp_path: Path) -> None:
     for ending in ("tsv", "csv"):
         (tmp_path / f"motion.{ending}").write_text(text)
     found = [
-        read_motion(tmp_path / f"motion.{ending}", ("knee",))
+        read_trajectory(tmp_path / f"motion.{ending}", ("knee",))
         for ending in ("parquet", "tsv", "csv")
     ]
     assert found[0] == found[1] == found[2]
@@ -310,6 +310,6 @@ def test_parquet_and_tsv_are_read_as_csv(tmp_path: Path) -> None:
 
 @pytest.mark.shared
 def test_the_motion_of_a_knee_is_read() -> None:
-    found = read_motion(SHARED / "cases" / "device" / "motion.csv", ("knee",))
+    found = read_trajectory(SHARED / "cases" / "device" / "motion.csv", ("knee",))
     assert found.angles[0] == 0.1 and found.end == 5.99
     assert 0.0 <= min(found.angles) and max(found.angles) <= 2.0

@@ -200,7 +200,7 @@ def test_a_configuration_that_is_no_longer_needs_no_room(
     mujoco.mj_forward(compiled, mujoco.MjData(compiled))
     written = bytes(compiled.plugin_attr[start:end])
     longer = changed.replace(route="r" * 9000)
-    with pytest.raises(CableError, match="has room for, by [1-9][0-9]* characters"):
+    with pytest.raises(CableError, match=r"has room for, by [1-9][0-9]* characters"):
         write_cable(compiled, "flexor", longer)
     assert bytes(compiled.plugin_attr[start:end]) == written
 

@@ -24,7 +24,7 @@ def motion(folder: Path, head: str, end: float = 0.5) -> Path:
 
 def test_a_torque_over_time_does_not_follow_the_phase() -> None:
     task = TimeTorque((0.0, 0.1), (0.0, 0.2))
-    log = simulate("wrist", "none", motion="sine", task=task, duration=0.1)
+    log = simulate("wrist", "none", trajectory="sine", task=task, duration=0.1)
     np.testing.assert_allclose(
         log["desired_torque_nm"], 2.0 * log["time_s"], atol=1e-12
     )
@@ -34,7 +34,7 @@ def test_a_torque_over_time_does_not_follow_the_phase() -> None:
 
 def test_texts_and_objects_are_the_same_task() -> None:
     one, other = (
-        simulate("wrist", "none", task=task, motion="sine:0.1", **SHORT)
+        simulate("wrist", "none", task=task, trajectory="sine:0.1", **SHORT)
         for task in ("hold:0.3", Hold(0.3))
     )
     assert np.all(one["desired_torque_nm"] == 0.3)
@@ -44,10 +44,10 @@ def test_texts_and_objects_are_the_same_task() -> None:
 
 def test_degrees_are_degrees_for_the_named_joint(tmp_path: Path) -> None:
     path = motion(tmp_path, "time_s,wrist_angle_deg")
-    log = simulate("wrist", "none", motion=str(path), **SHORT)
+    log = simulate("wrist", "none", trajectory=str(path), **SHORT)
     assert log["reference_angle_rad"][-1] == pytest.approx(np.deg2rad(0.01), rel=1e-3)
     with pytest.raises(CableError, match="no column of the angle of joint 'finger'"):
-        simulate("finger", "none", motion=path, **SHORT)
+        simulate("finger", "none", trajectory=path, **SHORT)
 
 
 def test_a_table_moves_the_companions_of_the_driven_joint(tmp_path: Path) -> None:
@@ -55,13 +55,13 @@ def test_a_table_moves_the_companions_of_the_driven_joint(tmp_path: Path) -> Non
     lines = ["time_ms,ankle_deg,knee_deg,hip_deg"]
     lines += [f"{t},0,{-20 - t / 50},10" for t in range(0, 300, 50)]
     path.write_text("\n".join(lines))
-    log = simulate("ankle", "none", motion=path, task="transparent", **SHORT)
+    log = simulate("ankle", "none", trajectory=path, task="transparent", **SHORT)
     found = np.rad2deg(log["qpos"])
     assert any(np.allclose(column, 10.0, atol=1.0) for column in found.T)
     assert any(np.ptp(column) > 1.0 and column[0] < -19.9 for column in found.T)
     with pytest.raises(CableError, match=r"'knee' from .* stay in \[-2.1, 0.15\]"):
         path.write_text("\n".join(lines).replace("-2", "2"))
-        simulate("ankle", "none", motion=path, **SHORT)
+        simulate("ankle", "none", trajectory=path, **SHORT)
 
 
 @pytest.mark.parametrize("ending", ["csv", "tsv"])
@@ -70,11 +70,11 @@ def test_a_table_that_ends_early_is_warned_of(tmp_path: Path, ending: str) -> No
     path = tmp_path / f"short.{ending}"
     path.write_text(text.replace(",", "\t") if ending == "tsv" else text)
     with pytest.warns(CableWarning, match=r"ends after 0.05 s; .* rest of the 0.1 s"):
-        simulate("wrist", "none", motion=path, **SHORT)
+        simulate("wrist", "none", trajectory=path, **SHORT)
     torque = tmp_path / "torque.csv"
     torque.write_text("time_s,torque_nm\n0,1\n0.05,0\n")
     with pytest.warns(CableWarning, match="torque keeps its last value"):
-        simulate("wrist", "none", motion="sine", task=torque, **SHORT)
+        simulate("wrist", "none", trajectory="sine", task=torque, **SHORT)
 
 
 def test_user_objects_are_played(

@@ -88,7 +88,7 @@ def test_episode_of_many_parts_is_that_of_one(
     monkeypatch: pytest.MonkeyPatch, device: str, motion: str | Trajectory
 ) -> None:
     def play() -> object:
-        return simulate(device, "pi", motion=motion, duration=0.1, seed=3)
+        return simulate(device, "pi", trajectory=motion, duration=0.1, seed=3)
 
     whole = play()
     for module in (batch, reference_motion):

@@ -19,7 +19,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device import PERFECT_SENSING, Drive, Measuring, Plant, find_device
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Spring, read_motion
+from cc_mujoco.human import Spring, read_trajectory
 from cc_mujoco.simulation import Single, attended
 from cc_mujoco.simulation._rollout import Episode
 from cc_mujoco.simulation._rollout import play as roll_out
@@ -85,7 +85,7 @@ def test_a_log_is_that_of_a_what_if() -> None:
     log = simulate(
         "wrist",
         "pi",
-        motion="sine",
+        trajectory="sine",
         task=Spring(2.0),
         duration=0.1,
         sensing=PERFECT_SENSING,
@@ -104,8 +104,8 @@ def test_a_motion_is_a_name_a_file_or_an_object_and_the_log_names_it(
     path.write_text("time_s,angle_rad\n0,0\n1,0.2\n2,0.4\n3,0.6\n")
     times: list[float] = []
     given: Any = {"task": Spring(), "duration": 0.02}
-    log = simulate("wrist", motion=path, progress=times.append, **given)
-    read = simulate("wrist", motion=read_motion(path), **given)
+    log = simulate("wrist", trajectory=path, progress=times.append, **given)
+    read = simulate("wrist", trajectory=read_trajectory(path), **given)
     assert np.array_equal(log["reference_angle_rad"], read["reference_angle_rad"])
     assert np.ptp(log["reference_angle_rad"]) > 0.0
     assert read.metadata["trajectory"] == "Recorded"
@@ -172,7 +172,7 @@ def test_a_torque_that_is_no_number_is_one_sentence(
         (["wrist", "ankle"], {}, "one device, not of 'wrist' and 'ankle'"),
         ("wrist", {"controller": "pid"}, "controller"),
         ("wrist", {"controller": 3}, "a function of a Drive, not 3"),
-        ("wrist", {"motion": 3}, "trajectory must be a name"),
+        ("wrist", {"trajectory": 3}, "trajectory must be a name"),
         ("wrist", {"task": 3}, "task must be a name"),
         ("wrist", {"seed": -1}, "seed must be an integer from 0"),
         (["wrist"], {"seed": [1, 2]}, "one for each of 1 plants"),

@@ -74,6 +74,6 @@ def test_an_effect_without_realisation_is_stated_wherever_it_lacks(
 
 def test_a_single_path_is_no_list_of_letters(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="nowhere does not exist"):
-        diagnose(str(tmp_path / "nowhere"), BENCH.path, tmp_path / "out")
+        diagnose(BENCH.path, str(tmp_path / "nowhere"), tmp_path / "out")
     with pytest.raises(CableError, match="data must be a path or a list of paths"):
-        diagnose([b"data"], BENCH.path, tmp_path / "out")  # type: ignore[list-item]
+        diagnose(BENCH.path, [b"data"], tmp_path / "out")  # type: ignore[list-item]

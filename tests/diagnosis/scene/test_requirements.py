@@ -183,6 +183,6 @@ def test_the_command_refuses_before_it_works(
     out = tmp_path / "out"
     data = str(tmp_path / "none.csv")  # not even read
     scene = str(tmp_path / "scene.xml")
-    assert cli.main(["diagnose", data, "--scene", scene, "--out", str(out)]) == 2
+    assert cli.main(["diagnose", scene, data, "--out", str(out)]) == 2
     assert "disables sensor" in capsys.readouterr().err
     assert not out.exists()

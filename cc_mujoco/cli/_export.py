@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Allowed, Flag, option_help
+from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_bar
 from cc_mujoco.errors import CableError, look_up
 
 if TYPE_CHECKING:
@@ -120,22 +120,23 @@ class Export:
         print(path)
 
     def _require_passive(self, device: Device, places: list[int]) -> None:
-        from cc_mujoco.control._axes import by_axis, is_decoupled
-        from cc_mujoco.design._passivity import activity
-
-        about = device.description
-        laws = [self.controller] * len(places)
-        if len(places) > 1 and not is_decoupled(self.controller):
-            laws = list(map(str, by_axis(self.controller, about.prefixes)))
         print(
             "simulating 24 passive wearers of each axis, for minutes where the "
             "controller plans; --allow-active leaves that out",
             file=sys.stderr,
             flush=True,
         )
+        from cc_mujoco.control._axes import by_axis, is_decoupled
+        from cc_mujoco.design._passivity import EPISODE_TIME, activity
+
+        about = device.description
+        laws = [self.controller] * len(places)
+        if len(places) > 1 and not is_decoupled(self.controller):
+            laws = list(map(str, by_axis(self.controller, about.prefixes)))
         for place, law in zip(places, laws, strict=True):
             axis = about.axes[place].name if len(about.axes) > 1 else None
-            found = activity(device, law, axis=axis)
+            with progress_bar(EPISODE_TIME, axis or "") as progress:
+                found = activity(device, law, axis=axis, progress=progress)
             if found.energy <= found.allowed:
                 continue
             limb, where = found.limb, f" at axis {axis}" if axis else ""

@@ -43,6 +43,9 @@ COMMANDS = {
     "list": Listing,
 }
 
+REPEATED = ("--vary", "--across", "--subject-to")
+"""Options that are given once for each `NAME=VALUE`."""
+
 Command = (
     Annotated[ShowDevice, tyro.conf.subcommand("device")]
     | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
@@ -78,6 +81,7 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         parsed, about = look_up("command", arguments[0], COMMANDS), None
         program = f"{program} {arguments[0]}"
     _require_full(arguments)
+    _require_own_options(arguments)
     for word in arguments:
         require_new_name(word.partition("=")[0])
     words = list(arguments)[about is None :]
@@ -92,7 +96,6 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         if not stop.code:
             raise
         sentence = _error_sentence(captured.getvalue())
-        sentence += _repeated_option(sentence, words)
         raise CableError(f"{sentence}`{program} --help` shows what works.") from None
 
 
@@ -130,16 +133,13 @@ def _error_sentence(box: str) -> str:
     return f"{what[:1].lower()}{what[1:]}; {hint}"
 
 
-def _repeated_option(sentence: str, arguments: Sequence[str]) -> str:
-    """Return a hint where a second value follows an option that takes one."""
-    _, found, stray = sentence.partition("unrecognized options: ")
-    word = stray.partition(";")[0].split(" ")[0]
-    before = [*arguments[: arguments.index(word)]] if word in arguments else []
-    options = [each for each in before if each.startswith("--")]
-    if not found or "=" not in word or word.startswith("-") or not options:
-        return ""
-    option = options[-1].partition("=")[0]
-    return f"each value needs its own option, {option} {word}; "
+def _require_own_options(arguments: Sequence[str]) -> None:
+    """Refuse a second value after an option that takes one."""
+    for option, value, stray in zip(
+        arguments, arguments[1:], arguments[2:], strict=False
+    ):
+        if option in REPEATED and "=" in value and "=" in stray and stray[0] != "-":
+            raise CableError(f"each value needs its own option, {option} {stray}.")
 
 
 def _described(lines: list[str]) -> list[str]:

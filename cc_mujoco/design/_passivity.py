@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 MOVE_TIME, SETTLE_TIME, HOLD_TIME = 0.4, 0.6, 1.0
 """Time of the move, of its transient, and of the measurement [s]."""
 
+EPISODE_TIME = MOVE_TIME + SETTLE_TIME + HOLD_TIME
+
 LIMB_RANGES = {
     "wrist": (0.2, 30.0, 0.04),
     "ankle": (5.0, 500.0, 0.06),
@@ -342,6 +344,7 @@ def play(
     axis: str | None = None,
     known: Sequence[Drive] = (),
     make_fleet: Callable[..., Fleet] = Fleet,
+    progress: Callable[[float], object] = float,
 ) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
 
@@ -358,6 +361,7 @@ def play(
             their joints rest.
         known: Knowledge that the controller has of each axis, in place of the scene's.
         make_fleet: Makes the batch of devices, as `Fleet` does.
+        progress: Called with the simulated time [s] after every control step.
 
     Returns:
         Energy and motion; infinite where the simulation diverged.
@@ -395,7 +399,7 @@ def play(
                 loaded,
                 aside,
                 tasks,
-                MOVE_TIME + SETTLE_TIME + HOLD_TIME,
+                EPISODE_TIME,
                 wearer={own.limb: Wearer(limb.stiffness, limb.damping)},
             )
         )
@@ -417,7 +421,14 @@ def play(
     trace = Trace(columns, fleet.steps, fleet.going)
     control = _control(law, drives, place, prefixes)
     with np.errstate(all="ignore"):  # what diverged is not a number
-        run(fleet, control, trace.keep, measure=measuring.measure, name=law)
+        run(
+            fleet,
+            control,
+            trace.keep,
+            lambda step, *_: progress(step * exo.period),
+            measure=measuring.measure,
+            name=law,
+        )
     kept = {n: trace.columns[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
     angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]
     nothing = 0.0 * angle
@@ -502,6 +513,7 @@ def activity(
     law: str,
     variant: mujoco.MjModel | None = None,
     axis: str | None = None,
+    progress: Callable[[float], object] = float,
 ) -> Activity:
     """Return the energy that a controller puts into a passive wearer, by simulation.
 
@@ -513,12 +525,21 @@ def activity(
         law: Name of a controller, which knows the cables.
         variant: Of the scene, to be played in its place.
         axis: Name of the axis; the only one by default.
+        progress: Called with the simulated time [s], up to `EPISODE_TIME`.
     """
     device = find_device(device)
     own = device.description.axis(axis)
     inertia = inertia_of(device, own.name)
     limbs = [limb_of(place, inertia) for place in first_wearers(device, own.name)]
-    found = play(device, law, "spring", limbs, variant=variant, axis=own.name)
+    found = play(
+        device,
+        law,
+        "spring",
+        limbs,
+        variant=variant,
+        axis=own.name,
+        progress=progress,
+    )
     worst = int(np.argmax(found.held))
     held = 0.5 * spring_stiffness(own) * (0.5 * own.reach) ** 2
     return Activity(float(found.held[worst]), MAX_ACTIVE_SHARE * held, limbs[worst])

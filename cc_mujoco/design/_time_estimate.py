@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Iterator
 from time import perf_counter
 
 from cc_mujoco.control import CONTROLLERS
@@ -22,8 +23,8 @@ LONG_WAIT = 20.0
 """Estimated time from which on it is stated [s]."""
 
 
-def wait_sentences(plan: Plan, threads: int) -> list[str]:
-    """Return how long each slow controller will take, where that is long.
+def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
+    """Yield that slow controllers are timed, then how long each takes if that is long.
 
     Args:
         plan: Of the study; of a search nothing is known in advance.
@@ -35,20 +36,19 @@ def wait_sentences(plan: Plan, threads: int) -> list[str]:
         if CONTROLLERS.get(law) not in LAWS  # policies and users' laws, too
     ]
     if not slow or not plan.designs:
-        return []
+        return
+    yield f"timing {', '.join(slow)} for an estimate"
     (fast,) = DEFAULT_CONTROLLERS
     cases = len(plan.designs) * len(plan.protocol.across.cases)
     share = cases / (threads or os.cpu_count() or 1)
     usual = _seconds_per_design(plan, fast)
-    sentences = []
     for law in slow:
         each = _seconds_per_design(plan, law)
         if each * share > LONG_WAIT:
-            sentences.append(
+            yield (
                 f"{law} takes about {_rough(each * share)} for {len(plan.designs)} "
                 f"designs; {fast} is {each / usual:.0f} times faster."
             )
-    return sentences
 
 
 def _seconds_per_design(plan: Plan, law: str) -> float:

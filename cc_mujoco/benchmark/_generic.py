@@ -2,8 +2,8 @@
 
     generic_conditions("knee.xml")
 
-Motion and task of the ordinary condition are those of the device, and so are the sizes
-of all others.  Names are those of `v1` where they mean the same.
+Trajectory and task of the ordinary condition are those of the device, and so are the
+sizes of all others. Names are those of `v1` where they mean the same.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def generic_conditions(scene: str) -> list[Condition]:
     """Return all conditions of a device.
 
     Raises:
-        CableError: There is no such device, its description names no motion or task
+        CableError: There is no such device, its description names no trajectory or task
             that there is, or its task commands an angle.
     """
     device = find_device(scene)
@@ -86,7 +86,7 @@ def generic_conditions(scene: str) -> list[Condition]:
 def plain_condition(
     scene: str, model: DeviceModel
 ) -> tuple[Condition, tuple[Task, ...]]:
-    """Return a condition without a name, with motion and tasks of the device."""
+    """Return a condition without a name, with trajectory and tasks of the device."""
     motion, tasks = device_motion(model)
     if any(one.commands_angle for one in tasks):
         raise CableError(

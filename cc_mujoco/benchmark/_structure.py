@@ -53,7 +53,7 @@ class _Scale:
     speed: float
     """Speed of the cable at the velocity of the joint that counts as 1 [m/s]."""
     travel: float
-    """Travel of the cable over the reach of named motions [m]."""
+    """Travel of the cable over the reach of named trajectories [m]."""
     length: float
     """Length of the cable [m]."""
     radius: float

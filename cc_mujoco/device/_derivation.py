@@ -50,9 +50,9 @@ TORQUE_SHARE = 0.2
 NOISE_SHARE = 0.002
 """Noise of the assumed torque sensor, as a share of the largest torque at the joint."""
 MARGIN = 0.1
-"""Share of the range of a joint that named motions keep from either stop."""
+"""Share of the range of a joint that named trajectories keep from either stop."""
 DEFAULT_REACH = 0.5
-"""Excursion of named motions at a joint without stops [rad]."""
+"""Excursion of named trajectories at a joint without stops [rad]."""
 DEAD_SHARE = 0.15
 """Share of its longest arm below which a cable hardly turns its joint."""
 
@@ -425,7 +425,7 @@ def _warn_of_dead_centre(
     centre: float,
     reach: float,
 ) -> None:
-    """Warn of angles of named motions at which a cable hardly turns its joint."""
+    """Warn of angles of named trajectories at which a cable hardly turns its joint."""
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
     poses[:, model.jnt_qposadr[joint]] = angles
@@ -437,7 +437,7 @@ def _warn_of_dead_centre(
             f"cable {cable!r} hardly turns joint {model.joint(joint).name!r} at "
             f"{angles[least]:.3g} rad, where its arm is {1e3 * arms[least]:.2g} mm of "
             f"{1e3 * most:.2g} mm at most; `reach` and `centre` in [axis] set where "
-            "named motions go.",
+            "named trajectories go.",
             CableWarning,
             stacklevel=2,
         )
@@ -533,7 +533,7 @@ def _driven_joint(
 def excursion(
     model: mujoco.MjModel, joint: int, given: float | None = None
 ) -> tuple[float, float]:
-    """Return centre and reach of named motions at a joint [rad].
+    """Return centre and reach of named trajectories at a joint [rad].
 
     The centre is the neutral angle, unless that is too near to a stop.
     """

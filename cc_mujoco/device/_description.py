@@ -85,10 +85,10 @@ class Axis:
     torque: float
     """Largest torque of the motor at its drum [N m]."""
     reach: float
-    """Largest excursion of named motions from `centre` [rad]; leaves room before the
-    stops."""
+    """Largest excursion of named trajectories from `centre` [rad]; leaves room before
+    the stops."""
     centre: float
-    """Angle about which named motions move [rad]."""
+    """Angle about which named trajectories move [rad]."""
     torque_scale: float
     """Torque error that costs a reward of 1 per second [N m]."""
     units: Mapping[str, float]

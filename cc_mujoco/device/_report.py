@@ -116,7 +116,7 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     yield own("torque", axis.torque, "N m", "largest torque of the motor")
     task = without_mark(axis.task)
     yield own("task", task, "", "what the wearer should feel by default", ASSUMED)
-    yield own("reach", axis.reach, "rad", "largest excursion of named motions")
+    yield own("reach", axis.reach, "rad", "largest excursion of named trajectories")
     yield own("centre", axis.centre, "rad", "angle about which they move")
     yield own(
         "safe_torque",

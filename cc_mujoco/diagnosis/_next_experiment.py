@@ -80,7 +80,7 @@ def plan(
             `dataset.toml`; written whole or not at all.
         axis: the axis to diagnose, of a device with several.
         reach: largest angle of the motor to either side [rad], of where the joint is in
-            the middle of its named motions; default as far as these go.
+            the middle of its named trajectories; default as far as these go.
         speed: largest speed of the motor [rad/s].
         dataset_toml: declared constants of the rig and noise of its channels; the noise
             of the joint's torque sensor is that of the device's description unless it
@@ -196,8 +196,8 @@ def _half_range(bench: Bench) -> float:
 def _reach(bench: Bench, speed: float) -> float:
     """Return the angle of the motor to either side by which a plan moves it [rad].
 
-    The joint stays within the reach of its named motions, and the motor can go that far
-    within a second.
+    The joint stays within the reach of its named trajectories, and the motor can go
+    that far within a second.
     """
     if math.isinf(bench.reach):
         return min(

@@ -1,4 +1,4 @@
-"""Motions and tasks as text: a name, a name with numbers, a file, a user's object.
+"""Trajectories and tasks as text: a name, a name with numbers, a file, a user's object.
 
     with_numbers("task", "hold:-12", TASKS)            # Hold(pull=-12.0)
     with_numbers("trajectory", "sine:0.3,frequency=2", TRAJECTORIES)

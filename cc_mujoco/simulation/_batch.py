@@ -68,7 +68,7 @@ class Simulations:
         """Make the batch; `start` every simulation before it is advanced.
 
         Args:
-            exo: Device, motion and task; of the first device where they differ.
+            exo: Device, trajectory and task; of the first device where they differ.
             count: Number of simulations, n.
             models: One for each; that of `exo` for all by default.
             threads: Threads that simulate; 0 means one per processor.

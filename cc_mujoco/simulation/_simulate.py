@@ -364,7 +364,7 @@ def describe(
     """Return the metadata of the log of an episode.
 
     Args:
-        exo: Device, wearer, motion and task.
+        exo: Device, wearer, trajectory and task.
         device: The device.
         plant: The device with its values.
         sensing: What the controller saw with.

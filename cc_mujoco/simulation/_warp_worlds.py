@@ -50,7 +50,7 @@ class WarpWorlds:
         """Make the worlds; `start` every one before it is advanced.
 
         Args:
-            exo: Device, motion and task.
+            exo: Device, trajectory and task.
             count: Number of simulations, n.
             device: Its scene.
 

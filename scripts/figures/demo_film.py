@@ -4,10 +4,10 @@
     python scripts/figures/demo_film.py --scene ankle film-ankle.webp
     python scripts/figures/demo_film.py --scene knee.xml --axis knee knee.webp
 
-Without --scene it is the demo. A device plays its own motion and task; the plots show
-its first axis, or that of --axis. Frames are drawn as `cc-mujoco play --video` draws
-them, and kept as an animated WebP, which pages show without a player. Needs OpenGL; see
-`cc_mujoco/viz`.
+Without --scene it is the demo. A device plays its own trajectory and task; the plots
+show its first axis, or that of --axis. Frames are drawn as `cc-mujoco play --video`
+draws them, and kept as an animated WebP, which pages show without a player. Needs
+OpenGL; see `cc_mujoco/viz`.
 """
 
 from __future__ import annotations

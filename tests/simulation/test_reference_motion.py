@@ -1,4 +1,4 @@
-"""Motions and tasks by text, as a device plays them."""
+"""Trajectories and tasks by text, as a device plays them."""
 
 from __future__ import annotations
 

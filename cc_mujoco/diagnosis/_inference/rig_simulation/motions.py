@@ -332,7 +332,7 @@ def _cell_channel(bench: Bench, end: str) -> str:
 def middle_angle(bench: Bench, swing: float) -> float:
     """Return the angle of the motor about which it can go to and fro by a swing [rad].
 
-    That is where the joint is in the middle of its named motions, or else what is
+    That is where the joint is in the middle of its named trajectories, or else what is
     nearest to it with the joint where the scene knows it.
     """
     low, high = np.sort(bench.following(np.array(bench.span)))

@@ -101,6 +101,11 @@ def build_wheel(
         with zipfile.ZipFile(plain) as archive:
             archive.extractall(tree)
         if choice is None:
+            print(
+                "cc_mujoco: compiling the plugin, for one to two minutes",
+                file=sys.stderr,
+                flush=True,
+            )
             try:
                 _run(tree, _COMPILE, made)
             except subprocess.CalledProcessError as error:

@@ -76,7 +76,7 @@ READERS: tuple[Callable[..., object], ...] = (
     plugin.route,
     plugin.route_wrap,
 )
-"""What reads a cable from data, and refuses data of another model."""
+"""Readers of a cable, which refuse data of another model."""
 _SPECIAL = np.array(
     "nan inf -inf 1e300 -1e300 -5 5 1e14 -1e14 5e-324 -0 0 1e19 -9.3e18".split(), float
 )

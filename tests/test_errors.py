@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import cc_mujoco
+from cc_mujoco import human
 from cc_mujoco.errors import MANY, CableError
 
 
@@ -31,3 +34,13 @@ def test_no_near_name_is_no_guess(name: Any) -> None:
 
 def test_where_there_are_no_names_that_is_said() -> None:
     assert str(CableError.unknown("cable", "a", [])).endswith("there is none here.")
+
+
+def test_old_names_are_refused_with_the_new_ones(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="motion is now trajectory"):
+        cc_mujoco.simulate("wrist", motion="sine")  # type: ignore[call-overload]
+    with pytest.raises(CableError, match="read_motion is now read_trajectory"):
+        human.read_motion  # noqa: B018
+    for data in (["run.csv"], str(tmp_path)):
+        with pytest.raises(CableError, match=r"diagnose\(scene, data, out\)"):
+            cc_mujoco.diagnose(data, "bench", tmp_path / "out")  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.design import make_plan, study
-from cc_mujoco.design._passivity import activity, play
+from cc_mujoco.design._passivity import EPISODE_TIME, activity, play
 from cc_mujoco.design._protocol import split_axes, task_text, tasks_of_axes
 from cc_mujoco.design._results_store import read_table
 from cc_mujoco.design._show import show
@@ -177,7 +177,9 @@ def test_a_study_is_run_and_shown_again_from_another_folder(
 def test_a_controller_in_the_hands_of_a_wearer_is_judged_on_any_device(
     lever: Path,
 ) -> None:
-    found = activity(lever, "none")
+    times: list[float] = []
+    found = activity(lever, "none", progress=times.append)
+    assert times == sorted(times) and times[-1] == pytest.approx(EPISODE_TIME)
     assert found.allowed > 0.0 and math.isfinite(found.energy)
     quiet = play(lever, "ideal", "spring", [found.limb])
     assert quiet.held[0] < 1e-3 * found.allowed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -23,6 +24,7 @@ from cc_mujoco.design._report_text import controllers_out
 from cc_mujoco.design._results_store import read_study, read_table
 from cc_mujoco.design._show import show
 from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
+from cc_mujoco.design._time_estimate import wait_sentences
 from cc_mujoco.device import VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
@@ -590,3 +592,17 @@ def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None
     else:
         assert result.failed == ""
     assert math.isnan(result.metrics["rms_torque_error"]) == bool(result.failed)
+
+
+def test_a_long_wait_is_estimated_before_it_begins() -> None:
+    vary = {"friction": "0.05:0.3:400"}
+    plan = make_plan("wrist", vary, controllers=["pi_tuned", "predictive"])
+    said = wait_sentences(plan, 1)
+    assert next(said) == "timing predictive for an estimate"
+    (sentence,) = said
+    assert re.fullmatch(
+        r"predictive takes about \d+ (minutes|hours) for 400 designs; "
+        r"pi_tuned is \d+ times faster\.",
+        sentence,
+    )
+    assert not [*wait_sentences(make_plan("wrist", vary), 1)]

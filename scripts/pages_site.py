@@ -31,7 +31,7 @@ nav input { width: 100%; box-sizing: border-box; padding: .4rem; font: inherit; 
 pre { background: var(--code); padding: .8rem; overflow-x: auto; border-radius: 4px;
   font-size: .85rem; line-height: 1.4; }
 p code, li code, td code { background: var(--code); padding: .1em .25em; }
-code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
+code { overflow-wrap: break-word; } pre code { overflow-wrap: normal; }
 img { max-width: 100%; } details summary { cursor: pointer; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; }
 th, td { border: 1px solid var(--line); padding: .3rem .5rem; vertical-align: top;
@@ -106,6 +106,12 @@ def rendered(path: Path) -> str:
         "footnotes",
     ]
     body = str(markdown2.markdown(text, extras=extras))
+    # A path may be wider than a narrow screen: it breaks behind its slashes.
+    body = re.sub(
+        r"<code>([^<>\n]+)</code>",
+        lambda code: f"<code>{code[1].replace('/', '/<wbr>')}</code>",
+        body,
+    )
     return body.replace("<table>", '<div class="wide"><table>').replace(
         "</table>", "</table></div>"
     )

@@ -11,8 +11,9 @@ written to, or have marks, separated by commas, for what the reader needs to run
 - `40 s`, `3 minutes`: it takes long, and runs with the marker `study`;
 - `in real time`: it needs processors that do nothing else; it runs with `study`, too;
 - `2 hours`: it does not run here; the scripts that it calls have its options;
-- `with NAME`: it needs what the environment of the tests has not (`NEEDS`), and does
-  not run here; options of `cc-mujoco` and Python's syntax are checked.
+- `with NAME`: it needs what the environment of the tests lacks (`NEEDS`), and only
+  `scripts/test_peers NAME` runs it; options of `cc-mujoco` and Python's syntax are
+  checked.
 """
 
 from __future__ import annotations

@@ -175,9 +175,11 @@ def test_a_device_without_a_safe_torque_is_played_with_one_that_is_assumed(
         r"assumed safe torque: [\d.]+ N m at joint 'right_knee'",
         capsys.readouterr().out,
     )
-    (folder / "knee_exo.device.toml").write_text("[axis]\nsafe_torque = 20\n")
-    assert cli.main([*words, "--controller", "pi"]) == 0
-    assert "assumed" not in capsys.readouterr().out
+    (folder / "knee_exo.device.toml").write_text("[axis]\nsafe_torque = 0.5\n")
+    assert cli.main([*words, "--controller", "none"]) == 0
+    out, err = capsys.readouterr()
+    assert "assumed" not in out
+    assert "at joint 'right_knee' was above the safe 0.5 N m" in err
 
 
 def test_the_page_copies_the_files_of_the_example() -> None:

@@ -1,6 +1,7 @@
 """Blocks of the pages that need another project, run verbatim beside it.
 
 `scripts/test_peers NAME` has the project and names it; elsewhere these tests skip.
+Blocks that take longer than half an hour by their page do not run.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from page_blocks import Block, Reader, every_block
+from page_blocks import STUDY, Block, Reader, every_block
 
 PEER = os.environ.get("CC_MUJOCO_PEER", "")
-WITH = [block for block in every_block() if block.needs == PEER and not block.checkout]
+WITH = [b for b in every_block() if b.needs == PEER and b.seconds <= STUDY]
 
 
 @pytest.mark.skipif(not PEER, reason="scripts/test_peers names a peer")

@@ -26,7 +26,6 @@ from cc_mujoco.cable._reading import (
 )
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin._instance_data import STATE_ENDS
 from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
@@ -461,6 +460,9 @@ class AttachedCables:
         """
         if self._model.npluginstate == 0:
             raise CableError("the model of these cables has no state of a plugin")
+        # The plugin needs a newer MuJoCo than cables attached by name.
+        from cc_mujoco.plugin._instance_data import STATE_ENDS
+
         found = np.zeros((self._worlds, self._model.npluginstate))
         for index, actuators in enumerate(self._actuators_of):
             state = self._pending(index)

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 LAWS = {
     "none": "no compensation",
-    "lqg": "the best tuned baseline",
+    "lqg": "a tuned disturbance observer",
     "predictive": "the cable's model, rolled ahead",
 }
 CABLE, SPRING = "flexor", Spring(2.5)
@@ -124,8 +124,8 @@ def words(found: dict[str, Played]) -> list[str]:
         "lost on the way.",
         f"Without compensation (none) the wearer drags the cable along: the torque is "
         f"off by {none.error:.0%} of what is desired.",
-        f"The best of four tuned baselines here (lqg: rotor, spring, disturbance "
-        f"observer) leaves {rival.error:.1%}.",
+        "A tuned baseline, lqg (rotor, spring, disturbance observer), leaves "
+        f"{rival.error:.1%}.",
         "predictive, which rolls the model of the cable ahead and crosses its friction "
         f"in one move, leaves {best.error:.1%}: {best.error / rival.error:.2f} times "
         "that.",

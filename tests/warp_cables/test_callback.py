@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 import mujoco
@@ -243,3 +244,14 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco_warp", None)
     with pytest.raises(ImportError, match=r"pip install 'cc_mujoco\[warp\]'"):
         __import__("cc_mujoco.warp")
+
+
+def test_cables_attached_by_name_need_no_plugin():
+    # mjlab needs MuJoCo 3.11, on which the plugin does not load.
+    program = """
+import sys, mujoco, cc_mujoco
+names = [name for name in sys.modules if name.startswith("cc_mujoco.plugin")]
+sys.modules.update(dict.fromkeys(names))
+from cc_mujoco.warp import AttachedCables, HeldCable, attach
+"""
+    assert subprocess.run([sys.executable, "-P", "-c", program]).returncode == 0

@@ -1,0 +1,98 @@
+"""Sentences on what went wrong in an episode that is played."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from cc_mujoco import METRICS, Device, simulate
+from cc_mujoco.device import find_device
+from cc_mujoco.simulation import EpisodeLog, columns_for
+from cc_mujoco.simulation._episode_findings import episode_findings
+
+KNEE = Path(__file__).parents[2] / "scripts" / "examples" / "knee_exo.xml"
+WRIST = find_device("wrist").description
+(AXIS,) = WRIST.axes
+MODEL = mujoco.MjModel.from_xml_string(
+    f"""<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>
+    <body><joint name="{AXIS.limb}" range="-60 60"/><geom size="0.1"/></body>
+    </body></worldbody></mujoco>"""
+)
+TIME = np.arange(2000) * 1e-3
+ZERO = np.zeros(TIME.size)
+
+
+def found(controller: str = "pi", height: Any = 1.0, **columns: Any) -> list[str]:
+    """Return the sentences on an episode where nothing but these columns happens."""
+    filled = {column.name: ZERO for column in columns_for(())} | {"time_s": TIME}
+    qpos = np.zeros((TIME.size, MODEL.nq))
+    qpos[:, 2] = height
+    log = EpisodeLog(filled | {"qpos": qpos} | columns, {})
+    return list(episode_findings(log, MODEL, WRIST, controller))
+
+
+def test_nothing_is_said_of_an_episode_in_which_nothing_happens() -> None:
+    sine = 0.5 * AXIS.safe_torque * np.sin(2.0 * np.pi * TIME)
+    assert not found()
+    assert not found(joint_torque_nm=sine, desired_torque_nm=sine)
+
+
+def test_torque_above_the_safe_one_is_counted_and_sized() -> None:
+    torque, desired = ZERO.copy(), ZERO + AXIS.safe_torque
+    torque[500:520] = torque[900] = 1.5 * AXIS.safe_torque
+    (sentence,) = found(joint_torque_nm=torque, desired_torque_nm=desired)
+    assert f"safe {AXIS.safe_torque:g} N m 2 times (1.1 % of the time)" in sentence
+    assert f"up to {1.5 * AXIS.safe_torque:.4g} N m, first at 0.5 s" in sentence
+    torque[500:520] = 0.0
+    (sentence,) = found(joint_torque_nm=torque, desired_torque_nm=desired)
+    assert "N m once (0.05 %" in sentence
+
+
+@pytest.mark.parametrize(
+    ("controller", "advice"),
+    [("pi", "; try --controller pi_tuned."), ("pi_tuned", "it swings at joint")],
+)
+def test_an_unstable_controller_is_named_with_one_that_is_tuned(
+    controller: str, advice: str
+) -> None:
+    torque = 0.5 * AXIS.safe_torque * np.sin(2.0 * np.pi * 30.0 * TIME)
+    (sentence,) = found(controller, joint_torque_nm=torque)
+    assert sentence.startswith(f"{controller} is unstable on this device")
+    assert advice in sentence
+    assert ("try" in sentence) == (controller == "pi")
+
+
+def test_a_wearer_off_the_motion_is_said_with_share_and_size() -> None:
+    angle = ZERO.copy()
+    angle[:500] = 0.75 * AXIS.reach
+    (sentence,) = found(joint_angle_rad=angle)
+    assert f"off the motion at joint '{AXIS.limb}' 25 % of the time" in sentence
+    assert f"by up to {0.75 * AXIS.reach:.3g} rad" in sentence
+
+
+def test_a_joint_at_its_stop_is_said_with_its_range() -> None:
+    angle = np.where(TIME < 0.5, np.radians(60.0), 0.0)
+    (sentence,) = found(joint_angle_rad=angle, reference_angle_rad=angle)
+    assert f"joint '{AXIS.limb}' is at a stop 25 % of the time" in sentence
+    assert "its range is -1.05 to 1.05 rad" in sentence
+
+
+def test_a_body_that_falls_is_said_with_time_and_heights() -> None:
+    (sentence,) = found(height=np.where(TIME < 1.2, 0.9, 0.2))
+    assert "the free body 'trunk' fell: from 0.9 m at the start to 0.2 m" in sentence
+    assert "at 1.2 s" in sentence
+    assert not found(height=np.where(TIME < 1.2, 0.9, 0.8))
+
+
+def test_large_torque_fails_an_episode_of_a_device_without_a_safe_torque() -> None:
+    device = Device.from_mjcf(KNEE)
+    assert device.description.axis().safe_is_assumed
+    log = simulate(device, "none", duration=0.1)
+    assert METRICS["failed"].compute(log) == 0.0
+    torque = np.full(len(log), 62.0)
+    wild = EpisodeLog({**log.columns, "joint_torque_nm": torque}, log.metadata)
+    assert METRICS["failed"].compute(wild) == 1.0

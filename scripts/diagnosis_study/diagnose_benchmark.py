@@ -49,6 +49,8 @@ PAIRS = (
     ("asymmetric_friction", "joint_stiffness"),
     ("pulley_eccentricity", "viscous_friction"),
 )
+NEWER = ("joint_friction",)
+"""Effects that come last, so that those of earlier studies keep their seeds."""
 
 
 def cases(
@@ -67,6 +69,7 @@ def cases(
     hidden += [("unknown", (name,)) for name in MAKES[make].unknown]
     hidden += [("none", ())] * 10
     hidden += [("pair", pair) for pair in PAIRS]
+    hidden.sort(key=lambda each: each[1] == NEWER)
     for turn, strength in enumerate(list(strengths) * seeds):
         for place, (kind, names) in enumerate(hidden):
             if kind in kinds:

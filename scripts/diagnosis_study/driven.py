@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 STEP = 2e-4
 """Longest time step of the equations [s]."""
 LEFT_OUT = (
-    "detent", "play", "offcentre", "unbalance", "strap", "bearing", "settling",
+    "detent", "play", "offcentre", "unbalance", "strap", "bearing", "catch",
+    "settling",
 )  # fmt: skip
 """Properties of the plant that `advance` does not play."""
 HAND = (10.0, 0.3)

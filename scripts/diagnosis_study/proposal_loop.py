@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from diagnose_benchmark import PAIRS
+from diagnose_benchmark import NEWER, PAIRS
 from diagnose_table import exact, is_right, judged
 
 from cc_mujoco.assets import scene_path
@@ -43,6 +43,7 @@ from rig.trials import Trial, asked
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
+    from cc_mujoco.hardware._trials import Planned
 
 MAX_PROPOSED = 2
 """Proposed trials that are recorded at most."""
@@ -156,16 +157,21 @@ def planned_trial(plan: Path) -> tuple[Trial, str, str]:
     (planned,) = read_plan(plan)
     text = (plan / "dataset.toml").read_text(encoding="utf-8")
     known = tomllib.loads(text)["trials"][planned.name]
+    return trial_of(planned, known), known.get("load_cell", ""), text
+
+
+def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
+    """Return a planned trial as a rig plays it, by its facts of `dataset.toml`."""
     time = np.arange(0.0, planned.times[-1], 1e-3)
     motor = np.interp(time, planned.times, planned.motor)
     joint = np.interp(time, planned.times, planned.joint)
     load = "human"
     if known.get("locked") == "joint":
         load = "locked"
-    elif planned.notes.startswith("joint free"):
+    elif planned.notes.startswith(("joint free", "joint pulled")):
         load = "free"
     usual = NOMINAL["pretension_n"]
-    trial = dataclasses.replace(
+    return dataclasses.replace(
         asked(motor, joint, load),
         tightness=known.get("pretension", usual) / usual,
         unhooked=known.get("unhooked", False),
@@ -176,7 +182,6 @@ def planned_trial(plan: Path) -> tuple[Trial, str, str]:
         ),
         swapped=known.get("swapped", False),
     )
-    return trial, known.get("load_cell", ""), text
 
 
 def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> dict[str, Any]:
@@ -382,9 +387,10 @@ def main() -> None:
     parser.add_argument("--proposals", type=int, default=MAX_PROPOSED)
     parser.add_argument("--out", type=Path, default=Path("runs", "proposal_loop"))
     options = parser.parse_args()
+    named = dict.fromkeys(n for m in options.makes for n in MAKES[m].named)
     groups = {
         "static": STATIC,
-        "named": tuple(dict.fromkeys(n for m in options.makes for n in MAKES[m].named)),
+        "named": tuple(sorted(named, key=NEWER.__contains__)),
         "unknown": tuple(n for m in options.makes for n in MAKES[m].unknown),
         "pairs": tuple(map("+".join, PAIRS)),
     }

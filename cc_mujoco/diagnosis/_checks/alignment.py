@@ -201,7 +201,8 @@ def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
     if abs(a.delay) > MAX_PLAUSIBLE_DELAY and a.gain > 0.1 and not alone:
         message = (
             f"{trial.path}: {joint} comes {_delay_text(a.delay)} {motor}; declare its "
-            "delay or record on one clock."
+            f"delay ([columns.{JOINT_ANGLE}] delay = {a.delay:.2f}), or record on one "
+            "clock."
         )
         return [error(message, trial.name, JOINT_ANGLE)]
     if abs(a.delay) > max(0.01, 2.0 * trial.step):

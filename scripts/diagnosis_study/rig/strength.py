@@ -85,7 +85,9 @@ def _simulated(
     """Return the truth and the records of the trials that are evaluated."""
     truth = truth_of(rig, effects, seed)
     every = make_trials(trials, seed)
-    return truth, [run(truth, rig, every[k]) for k in LOOKED_AT[trials]]
+    return truth, [
+        run(truth, rig, every[k]) for k in LOOKED_AT[trials.removesuffix("_standard")]
+    ]
 
 
 def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:

@@ -26,6 +26,7 @@ from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
 )
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import TorqueDerivatives
 from cc_mujoco.diagnosis._inference.model_fitting.stretches import worst_stretch
+from diagnosis.instrumented import told_by
 from diagnosis.recorded import BENCH, dataset
 
 USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -164,6 +165,23 @@ def test_a_cable_that_comes_off_is_a_stretch_with_its_time() -> None:
     assert said is not None, found.statement
     assert float(said[1]) == pytest.approx(1.5, abs=0.15)
     assert "run_1" in found.question and "`valid`" in found.question
+
+
+def test_a_stretch_of_a_torque_by_current_is_beyond_the_friction_of_the_motor() -> None:
+    plain = dataset({}, 4.0, 3, USUAL)
+    data = told_by("current", {}, duration=4.0, changes=USUAL)
+    few = Options(ids=("viscous_friction",))
+    found = run_inference(data, BENCH, few).diagnosis
+    assert found.verdict == "none", found.statement
+    gone = np.where(plain.trials[0].time >= 2.5, plain.trials[0].motor_torque, 0.0)
+    off = replace(data.trials[0], motor_torque=data.trials[0].motor_torque - gone)
+    data = replace(data, trials=(off, *data.trials[1:]))
+    found = run_inference(data, BENCH, few).diagnosis
+    assert found.verdict == "unknown", found.statement
+    said = re.search(r"trial_0 is off from ([\d.]+) s to 4\.0 s", found.statement)
+    assert said is not None, found.statement
+    assert float(said[1]) == pytest.approx(2.5, abs=0.15)
+    assert "the motor torque is" in found.statement
 
 
 def test_constants_that_differ_at_random_are_found_before_any_search() -> None:

@@ -107,6 +107,9 @@ NAMED: dict[str, Effect] = {
     "torque_sensor_gain": OTHERS["torque_sensor_gain"],
     "torque_sensor_offset": OTHERS["torque_sensor_offset"],
     "sensor_delay": OTHERS["sensor_delay"],
+    "joint_friction": Effect(
+        "friction of the joint's bearing", "N m", 0.1, 3.0, _field("bearing")
+    ),
 }  # fmt: skip
 """Effects that a library can be expected to know; the sensors are those of `rig`."""
 
@@ -122,8 +125,9 @@ UNKNOWN: dict[str, Effect] = {
         "length that is given", "m", 3e-4, 1e-2,
         _more("snapping", snap_tension=(95.0, 115.0)),
     ),
-    "unknown_bearing": Effect(
-        "friction of the joint's bearing", "N m", 0.1, 3.0, _field("bearing")
+    "unknown_catch": Effect(
+        "ball catch at one angle of the joint", "N m", 0.3, 6.0,
+        _more("catch", signed=True, catch_angle=(-0.3, 0.3)),
     ),
 }  # fmt: skip
 """Effects that no library is expected to know."""

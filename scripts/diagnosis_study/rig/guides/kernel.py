@@ -117,6 +117,8 @@ def _run(
             off = hub - p.strap_rest
             taken += p.strap * off * (1.0 + 0.1 * off * off)
             taken += p.bearing * math.tanh(hub_speed / 0.01)
+            near = (hub - p.catch_angle) / p.catch_width
+            taken += p.catch * near * math.exp(0.5 * (1.0 - near * near))
             hold = _tie(environment, target, at, part, joint, joint_speed)
             hold -= p.joint_damping * joint_speed
             if p.play == 0.0:

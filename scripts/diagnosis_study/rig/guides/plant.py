@@ -95,6 +95,8 @@ class Plant(NamedTuple):
     strap: float = 0.0
     """Stiffness of a strap over the joint pulley [N m/rad], rising with its stretch."""
     strap_rest: float = 0.0
+    bearing: float = 0.0
+    """Friction of the joint pulley's bearing [N m]."""
     flywheel: float = 0.0
     """Extra inertia of the joint pulley [kg m^2]."""
 
@@ -107,8 +109,10 @@ class Plant(NamedTuple):
     snapping: float = 0.0
     """Length that the conduit of cable a gives when it snaps over [m]."""
     snap_tension: float = 100.0
-    bearing: float = 0.0
-    """Friction of the joint pulley's bearing, invisible to all sensors [N m]."""
+    catch: float = 0.0
+    """Largest torque of a ball that the joint pulley catches at one angle [N m]."""
+    catch_angle: float = 0.0
+    catch_width: float = 0.08
 
 
 def plant_of(rig: Rig) -> Plant:

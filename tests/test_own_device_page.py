@@ -127,7 +127,7 @@ def compared(folder: Path, _: str) -> None:
 
 
 def diagnosed(folder: Path, output: str) -> None:
-    assert "named: Missing is viscous friction in the conduit" in output
+    assert "named: Viscous friction in the conduit is missing" in output
     assert "viscous_friction" in (folder / "runs/diagnosis/scene.xml").read_text()
 
 

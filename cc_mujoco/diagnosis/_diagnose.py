@@ -34,6 +34,7 @@ from cc_mujoco.diagnosis._inference.pipeline import (
 from cc_mujoco.diagnosis._inference.progress import Progress, no_progress
 from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
 from cc_mujoco.diagnosis._loading import load
+from cc_mujoco.diagnosis._phrases import DATA_PREFIX
 from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
@@ -152,14 +153,14 @@ def _infer(
         if not errors(findings):
             findings += check_lead(dataset.trials, known)
     findings += check_known_torques(dataset) + check_load_cells(dataset, known)
-    notes = [finding.statement for finding in findings]
     wrong = errors(findings)
+    notes = [f.statement for f in sorted(findings, key=lambda each: each not in wrong)]
     if wrong or not dataset.trials:
         statements = [finding.statement for finding in wrong] or [
             "No trial can be read."
         ]
         more = len(statements) - 1
-        statement = f"The data must be put right first: {statements[0]}"
+        statement = f"{DATA_PREFIX}: {statements[0]}"
         if more:
             statement += f" The report lists {more} more."
         diagnosis = Diagnosis(

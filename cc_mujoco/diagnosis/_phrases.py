@@ -28,8 +28,8 @@ VERDICT_MEANINGS = {
     "closer to data that were not used to find it.",
     "none": "What is left of the error looks like noise. This holds for the motions "
     "and loads in the data.",
-    "unknown": "No known effect takes the error to the noise; one that is added takes "
-    "the place of what is really there. "
+    "unknown": "No known effect brings the error down to the noise; one that is added "
+    "stands in for what is really there. "
     "Where the error lies is the best hint at what it is.",
     "tie": "Each of these explains the data as well as the other, so naming one would "
     "be a guess.",
@@ -41,6 +41,8 @@ VERDICT_MEANINGS = {
 """Explanation of each verdict for a first-time reader."""
 
 
+DATA_PREFIX = "The data must be put right first"
+"""Headline of a diagnosis without data to conclude from, and first words of it."""
 NO_SCENE_PREFIX = "scene.xml cannot be written"
 """First words of the problem that gives the reason."""
 NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
@@ -106,7 +108,7 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     named = [found.id for found in diagnosis.missing if found.id not in tied]
     remains = ""
     if math.isfinite(diagnosis.remaining):
-        remains = f"; {diagnosis.remaining:.1f} times the noise remain"
+        remains = f"; the remaining error is {diagnosis.remaining:.1f} noise floors"
     if diagnosis.verdict == "named":
         return f"Missing: {names.list(named)}{remains}"
     if diagnosis.verdict == "tie":
@@ -115,7 +117,7 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     if diagnosis.verdict == "unknown" and diagnosis.interrupted:
         return "Something is missing, but the search was stopped before all was tried"
     if diagnosis.verdict == "unknown" and diagnosis.question:
-        return "Something is missing, or one trial was recorded otherwise"
+        return "Something is missing, or one trial was recorded differently"
     if diagnosis.verdict == "unknown" and diagnosis.effects:
         return "Something is missing that the known effects explain only in part"
     if diagnosis.verdict == "none" and diagnosis.strayed:
@@ -124,7 +126,7 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     return {
         "none": "Nothing is missing that these data could show",
         "unknown": "Something is missing, and no known effect takes it to the noise",
-        "fix-data": "The data must be put right first",
+        "fix-data": DATA_PREFIX,
         "fix-numerics": "The numerics of the simulation must be put right first",
     }[diagnosis.verdict]
 
@@ -157,6 +159,11 @@ def format_share(value: float) -> str:
     # 99.7 % must not become all of it.
     digits = 1 if 0.99 <= value < 1.0 else 0
     return f"{_with_true_minus(f'{100 * value:.{digits}f}')} %"
+
+
+def format_signed(value: float) -> str:
+    """Return a number with three significant digits and its sign."""
+    return f"{'+' if value > 0.0 else ''}{format_number(value)}"
 
 
 def format_number(value: float, spread: float = math.nan) -> str:

@@ -27,7 +27,7 @@ def diagnosed(name: str) -> Diagnosis:
     }
     assert not told & {each.id for each in found.not_testable}
     assert not told & {each.id for each in found.confounded}
-    assert f"{found.remaining:.1f} times the noise floor off" in found.statement
+    assert f"model is {found.remaining:.1f} times the noise floor" in found.statement
     assert found.question == ""
     return found
 

@@ -27,7 +27,7 @@ def test_headlines_name_what_is_missing() -> None:
     assert headline(DIAGNOSES["named"], names) == "Missing: Stribeck friction"
     off = replace(DIAGNOSES["named"], remaining=4.31)
     assert headline(off, names) == (
-        "Missing: Stribeck friction; 4.3 times the noise remain"
+        "Missing: Stribeck friction; the remaining error is 4.3 noise floors"
     )
     tie = replace(DIAGNOSES["tie"], effects=DIAGNOSES["named"].effects)
     tie = replace(tie, ties=(("backlash", "end_compliance"),))
@@ -37,7 +37,7 @@ def test_headlines_name_what_is_missing() -> None:
     tie = replace(tie, ties=(("stribeck_friction", "backlash"),))
     assert headline(tie, names) == "Missing: either Stribeck friction or backlash"
     part = replace(DIAGNOSES["unknown"], effects=DIAGNOSES["named"].effects)
-    assert "one trial was recorded otherwise" in headline(part, names)
+    assert "one trial was recorded differently" in headline(part, names)
     part = replace(part, question="")
     assert "only in part" in headline(part, names)
 

@@ -281,8 +281,9 @@ def _conclude(
         if not effects:
             kind = "unknown"
             statement = (
-                f"the tuned scene is {format_number(found.before.misfit)} times the "
-                "noise floor off, and no effect had been added."
+                "the error of the tuned scene is "
+                f"{format_number(found.before.misfit)} times the noise floor, and no "
+                "effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
     proposal = propose(_tied_refits(found, ties[0]), limits) if ties else None
@@ -304,7 +305,8 @@ def _conclude(
     question = odd.question if odd else ""
     if by_trial and odd and odd.rest > MAX_EXPLAINED_ERROR:
         question = ""  # no single trial contradicts the others
-    if stretch and not odd and kind == "unknown":
+    explained = stretch is not None and stretch.rest <= MAX_EXPLAINED_ERROR
+    if stretch and explained and not odd and kind == "unknown":
         question = stretch.question
     constants = trial_constants(*arguments)
     along = trial_ordinates(

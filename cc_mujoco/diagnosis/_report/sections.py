@@ -151,10 +151,10 @@ def trials(diagnosis: Diagnosis) -> Html | None:
         f"{channel_name(name)} [N m]" for name in diagnosis.trials[0].rmse_before
     ]
     key = (
-        "Trials are predicted by parameters that were fitted to others, or where they "
-        "are few to other parts of them. First all torques over the noise floor, then "
-        "the weighted RMS error of each"
-        + ("; before and after effects were added." if both else ".")
+        "Each trial is predicted by parameters fitted to the others or, where trials "
+        "are few, to other parts of them. The second column has the error of all "
+        "torques over the noise floor, the next columns the weighted RMS error of each"
+        + ("; before and after the effects were added." if both else ".")
     )
     head = ("trial", "over the floor", *torques, *(["a cable slack"] if slack else []))
     return join_pieces([short_table(head, rows), paragraph(key, kind="small")])
@@ -166,12 +166,10 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
         return None
     items = []
     for each in diagnosis.where:
-        note = (
-            f" ({channel_name(each.channel)} over {plain_name(each.axis)}: "
-            f"{format_share(each.share_of_error)} of its variance)"
-        )
-        if each.axis == "channel":  # the main sentence, which has its numbers
-            note = ""
+        share, note = format_share(each.share_of_error), ""
+        if each.axis != "channel" and share not in each.statement:
+            note = f" ({channel_name(each.channel)} over {plain_name(each.axis)}: "
+            note += f"{share} of its variance)"
         items.append(
             join_pieces([each.statement, element("span", note, class_="small")])
         )
@@ -274,7 +272,9 @@ def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
         (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
         for each in diagnosis.confounded
     ]
-    items += [(each.id, each.reason) for each in diagnosis.not_testable]
+    items += [
+        (each.id, f"{each.reason.rstrip('.')}.") for each in diagnosis.not_testable
+    ]
     parts = [paragraph(diagnosis.instruments)] if diagnosis.instruments else []
     if items:
         parts.append(

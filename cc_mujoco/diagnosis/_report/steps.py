@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cc_mujoco.diagnosis._phrases import (
+    DATA_PREFIX,
     NO_SCENE_PREFIX,
     NOT_IN_SCENE_PREFIX,
     Names,
@@ -81,9 +82,7 @@ def _steps_if_tied(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 
 def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    check = "Record one trial more, of another motion. " + _run_again_sentence(
-        "with it"
-    )
+    check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
     return [
         _question_step(diagnosis) or _step_item("What to check", check),
         _model_change_step(diagnosis),
@@ -113,10 +112,10 @@ def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 
 def _steps_to_fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    first = diagnosis.problems[:2] or (diagnosis.statement,)
+    wrong = capitalise(diagnosis.statement.removeprefix(f"{DATA_PREFIX}: "))
     return [
-        *(_step_item("Put right", each) for each in first),
-        _step_item("Then", _run_again_sentence("")),
+        _step_item("Put right", wrong),
+        _step_item("Then", f"{capitalise(RUN_AGAIN)}."),
     ]
 
 
@@ -184,10 +183,6 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
         f"{next_folder(planned)} has the motion and the lines of dataset.toml; "
         f"{then}.",
     )
-
-
-def _run_again_sentence(how: str) -> str:
-    return f"{capitalise(RUN_AGAIN)} {how}".strip() + "."
 
 
 def _step_item(title: str, text: str) -> Html:

@@ -90,7 +90,7 @@ def test_odds_are_never_certain(probability: float, words: str) -> None:
 def test_odds_of_one_alternative_are_said_once() -> None:
     other = Alternative("outside", 0.05)
     lone = _worded("named", 0.95, [other], 1.2).statement
-    assert lone.endswith("and all of it; otherwise something else acts.")
+    assert lone.endswith("nothing else is missing; otherwise something else acts.")
     two = _worded("named", 0.8, [other, Alternative("nothing", 0.15)], 1.2).statement
     assert "nothing is missing (odds 15:85) or something else acts (odds 5:95)" in two
 
@@ -101,7 +101,7 @@ def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
     for left, complete in ((MAX_EXPLAINED_ERROR, True), (3.2, False)):
         said = _worded(kind, 0.5, [other], left).statement
         assert ("noise floors are left" in said) is not complete
-        assert ("all of it" in said) is (complete and kind == "named")
+        assert ("nothing else" in said) is (complete and kind == "named")
 
 
 @pytest.mark.parametrize("kind", ["none", "unknown"])

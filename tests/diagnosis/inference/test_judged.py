@@ -99,7 +99,7 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
     for misfit, hint in ((1.6, True), (1.9, False)):
         found = outcome(names[:1], CLOSED, ties)
         said = judge(search(misfit, 1.0), found, Thresholds())[1]
-        assert ("take this for a hint" in said) is hint
+        assert ("this is a hint only" in said) is hint
 
 
 def test_a_little_that_nothing_explains_is_called_a_hint(
@@ -109,7 +109,7 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
     for misfit, hint in ((1.6, True), (1.9, False)):
         said, told = judge(search(misfit, misfit), outcome((), GAP), Thresholds())
         assert said == "unknown"
-        assert ("take this for a hint" in told) is hint
+        assert ("this is a hint only" in told) is hint
 
 
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:
@@ -146,8 +146,8 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
         found = outcome(ALIKE[:1], dict.fromkeys(channels, half))
         said, statement = judge(far, found, Thresholds())
         assert said == "unknown"
-        assert "7.5 times the noise floor off" in statement
-        assert "the tuned scene 15.0 times" in statement
+        assert "is 7.5 times the noise floor" in statement
+        assert "that of the tuned scene 15.0 times" in statement
 
 
 @pytest.mark.parametrize("verdict", ["named", "tie"])
@@ -157,7 +157,7 @@ def test_how_far_the_repaired_model_is_off_is_told_with_the_name(verdict: str) -
         search(3.0, 1.0), outcome(ALIKE[:1], CLOSED, ties), Thresholds()
     )
     assert said == verdict
-    assert "The repaired model is 1.2 times the noise floor off" in statement
+    assert "the error of the repaired model is 1.2 times the noise" in statement
 
 
 def test_no_effect_of_a_tie_is_told_as_sure() -> None:
@@ -170,8 +170,8 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
         search(5.0, 1.0), outcome(names, CLOSED, ties), Thresholds()
     )
     assert said == "tie"
-    sure, *groups = statement.partition(";")[0].split(", and ")
-    assert sure == "Missing is play between pulley and joint"
+    sure, *groups = statement.partition(". ")[0].split(", and ")
+    assert sure == "Missing: play between pulley and joint"
     assert [" or " in group for group in groups] == [True, True]
     assert "gravity on the joint or a spring on the joint" in groups[1]
 
@@ -214,7 +214,7 @@ def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
     alone = Judgement((usual,), (), CLOSED, ())
     said, statement = judge(search(1.4, 1.1), alone, Thresholds())
     assert said == "none" and "Nothing is missing" in statement
-    assert "the model is 1.10 times the noise floor off" in statement
+    assert "the error of the model is 1.10 times the noise floor" in statement
     assert "no larger than uneven bends and loose ends" in statement
     beside = Judgement((FoundEffect("backlash", {}, 1.0), usual), (), CLOSED, ())
     said, statement = judge(search(3.0, 1.0), beside, Thresholds())
@@ -267,7 +267,7 @@ def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
         found = outcome((name,), CLOSED)._replace(unhooked=11.8)
         said, statement = judge(search(20.0, 1.2), found, Thresholds())
         assert said == verdict
-        assert ("no cable makes" in statement) is (verdict == "unknown")
+        assert ("no cable causes" in statement) is (verdict == "unknown")
     near = outcome(ALIKE[:1], CLOSED)._replace(unhooked=1.5)
     assert judge(search(20.0, 1.2), near, Thresholds())[0] == "named"
 

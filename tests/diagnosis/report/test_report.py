@@ -174,7 +174,7 @@ def test_a_trial_that_contradicts_the_others_is_asked_about_first(
 ) -> None:
     diagnosis = DIAGNOSES["unknown"]
     page = written(tmp_path, diagnosis, NOTHING)
-    assert page.headings[0].endswith("or one trial was recorded otherwise")
+    assert page.headings[0].endswith("or one trial was recorded differently")
     assert page.text.index(diagnosis.question) < page.text.index(page.headings[1])
     assert page.headings[1] == "How far off every trial is"
     table = page.text[page.text.index("over the floor") :]

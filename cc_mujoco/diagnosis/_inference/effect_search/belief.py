@@ -158,10 +158,10 @@ def _worded(
     rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
     complete = not left > MAX_EXPLAINED_ERROR
     subject = {
-        "named": "this is what is missing" + ", and all of it" * complete,
+        "named": f"this {'and nothing else ' * complete}is missing",
         "tie": "one of the tied effects acts",
     }[kind]
-    statement = f"Odds {format_odds(probability)} that {subject}"
+    statement = f"The odds are {format_odds(probability)} that {subject}"
     if len(shown) == 1 and math.isclose(
         shown[0].probability, 1.0 - probability, abs_tol=_MIN_SHOWN
     ):

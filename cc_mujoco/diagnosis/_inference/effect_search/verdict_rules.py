@@ -51,7 +51,7 @@ FINDING_ERROR = 5.0
 HINT_ERROR = 1.8
 """Error over the floor below which a name is a hint: rigs whose bends and friction are
 laid out otherwise than the scene's reach that without any effect."""
-_HINT_CAVEAT = " The layout of a rig can make as much: take this for a hint."
+_HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint only."
 
 
 DECLARATIONS = {
@@ -150,9 +150,9 @@ def _judge(
     missing = [each.id for each in outcome.effects if each.missing]
     before, after = floor_ratios(outcome.gap)
     statement = (
-        f"The repaired model is {after:.1f} times the noise floor off data held out, "
-        f"the tuned scene {before:.1f} times; the weighted RMS error of "
-        f"{_describe_gap(outcome.gap)}."
+        f"On held-out data the error of the repaired model is {after:.1f} times the "
+        f"noise floor, that of the tuned scene {before:.1f} times. The weighted RMS "
+        f"error of {_describe_gap(outcome.gap)}."
     )
     stretch = outcome.stretch
     if stretch is not None and stretch.size > STRETCH_LIMIT:
@@ -160,7 +160,7 @@ def _judge(
     if refining:
         either = list_words(list_words(_tied_titles(each), "or") for each in refining)
         statement += (
-            f" {capitalise(either)} refines the model, but takes too little to be "
+            f" {capitalise(either)} refines the model, but explains too little to be "
             "called missing."
         )
     if ordinary:
@@ -201,14 +201,14 @@ def _judge(
     ):
         return "unknown", (
             "Something is missing at motor, joint or sensors: with the cables off the "
-            f"model is {format_number(outcome.unhooked)} times the noise floor off, "
-            f"which no cable makes. {capitalise(_titles(missing))} takes "
+            f"error is {format_number(outcome.unhooked)} times the noise floor, which "
+            f"no cable causes. {capitalise(_titles(missing))} takes "
             f"{format_share(explained)} of the RMS error above the noise. {statement}"
         )
     if misfit < HINT_ERROR:
         statement += (
-            f" The tuned scene is only {format_number(misfit)} times the noise floor "
-            f"off.{_HINT_CAVEAT}"
+            f" The error of the tuned scene is only {format_number(misfit)} times the "
+            f"noise floor.{_HINT_CAVEAT}"
         )
     tied = {name for tie in outcome.ties for name in tie}
     if tied:
@@ -219,8 +219,9 @@ def _judge(
             for tie in outcome.ties
         ]
         every = ", and ".join(groups)
-        return "tie", f"Missing is {every}; these data cannot tell which. {statement}"
-    return "named", f"Missing is {_titles(missing)}. {statement}"
+        return "tie", f"Missing: {every}. These data do not show which. {statement}"
+    verb = "is" if len(missing) == 1 else "are"
+    return "named", f"{capitalise(_titles(missing))} {verb} missing. {statement}"
 
 
 def _no_effect_verdict(
@@ -236,9 +237,9 @@ def _no_effect_verdict(
     if outcome.by_trial:
         return "unknown", outcome.by_trial
     scene = "tuned scene" if model is found.before else "model"
-    off = f"on data it has not seen the {scene} is {format_number(misfit)} times the "
-    off += "noise floor off"
-    usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
+    off = f"on held-out data the error of the {scene} is {format_number(misfit)} times "
+    off += "the noise floor"
+    usual = f"rigs without any hidden effect reach up to {limits.misfit:g} times"
     beyond = outcome.stretch is not None
     if misfit <= limits.misfit and not beyond:
         return "none", f"Nothing is missing: {off}; {usual}."
@@ -252,7 +253,11 @@ def _no_effect_verdict(
         f"Something is missing (error {format_number(misfit)} times the noise floor). "
         f"{closest_sentence(found)} See where the error lies."
         f"{_HINT_CAVEAT if misfit < HINT_ERROR else ''}"
-        + (f" {capitalise(outcome.stretch.statement)}" if outcome.stretch else "")
+        + (
+            f" The largest error: {outcome.stretch.statement}"
+            if outcome.stretch
+            else ""
+        )
     )
 
 

@@ -44,6 +44,7 @@ from cc_mujoco.diagnosis._phrases import (
     channel_name,
     format_number,
     format_share,
+    format_signed,
     plain_name,
 )
 from cc_mujoco.diagnosis._report_data import Map, Model, TrialTrace
@@ -194,8 +195,8 @@ def random_constants(trials: Trials, misfit: float) -> str:
     for each in _describe_trial_constants(trials, ""):
         if each.where.axis == "trial" and each.where.share_of_error > RANDOM_SHARE:
             return (
-                f"The trials contradict each other: the tuned scene is "
-                f"{format_number(misfit)} times the noise floor off. "
+                f"The trials contradict each other: the error of the tuned scene is "
+                f"{format_number(misfit)} times the noise floor. "
                 f"{each.where.statement} Effects were not searched, as they hold for "
                 "all trials: find out what was changed between them, or declare it."
             )
@@ -378,11 +379,11 @@ def _describe_constants(seen: Mapping[str, Samples]) -> list[_Structure]:
         scatter = float(np.std(means, ddof=1)) / math.sqrt(means.size)
         if abs(mean) < MIN_CONSTANT_SIGMAS * scatter:
             continue
-        sizes[name] = f"{channel_name(name)} {mean:+.3g} N m"
+        sizes[name] = f"{channel_name(name)} {format_signed(mean)} N m"
         text = (
             f"{format_share(takes)} of the squared {channel_name(name)} error is a "
-            f"constant, measured minus simulated {mean:+.3g} N m (standard error "
-            f"{format_number(scatter)})."
+            f"constant, measured minus simulated {format_signed(mean)} N m (standard "
+            f"error {format_number(scatter)})."
         )
         found.append(Where(name, "all data", takes, text))
     short = (

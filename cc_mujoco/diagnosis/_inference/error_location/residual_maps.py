@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.compilation import FloatArray
-from cc_mujoco.diagnosis._phrases import format_number, format_share
+from cc_mujoco.diagnosis._phrases import format_number, format_share, format_signed
 from cc_mujoco.diagnosis._report_data import Map, TrialTrace
 from cc_mujoco.diagnosis._verdict import Where
 
@@ -206,7 +206,7 @@ def describe_map(drawn: Map) -> str:
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
     step = float(np.ptp(centre)) / BINS
     first, last = (
-        f"{error[k]:+.3g} N m at {format_number(place[k], step)}{unit}"
+        f"{format_signed(error[k])} N m at {format_number(place[k], step)}{unit}"
         for k in (low, high)
     )
     sense = " (1 is forwards, \u22121 backwards)" if drawn.unit == "1" else ""

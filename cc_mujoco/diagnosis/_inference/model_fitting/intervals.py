@@ -188,7 +188,7 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
                 "was known before distinguishes them."
             )
     found.append(
-        "friction counts only times the wrap angle; the wrap of the scene is taken."
+        "Friction enters only as its product with the wrap angle, which is the scene's."
     )
     return tuple(found)
 

@@ -35,6 +35,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import (
     low_pass,
 )
 from cc_mujoco.diagnosis._phrases import (
+    DATA_PREFIX,
     NO_SCENE_PREFIX,
     capitalise,
     format_fitted,
@@ -114,7 +115,7 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
         reason = f"{capitalise(found.refused)}."
         return Diagnosis(
             "fix-data",
-            f"The data must be put right first: {found.refused}.",
+            f"{DATA_PREFIX}: {found.refused}.",
             baseline=Baseline({}, (reason,)),
             problems=(reason, no_scene),
             instruments=mode,
@@ -284,7 +285,7 @@ def _statement(
             "not depend on the load."
         )
     if math.isfinite(after):
-        text.append(f"With this law {format_number(after)} times the noise remain.")
+        text.append(f"With this law {format_number(after)} times the noise is left.")
     if after > MAX_EXPLAINED_ERROR:
         text.append("Something else acts as well.")
     return " ".join(text)

@@ -290,10 +290,10 @@ def _statement(
     if not found:
         return (
             f"{off}, and neither a dead zone nor a lag explains it; "
-            f"{format_number(after)} times the noise remain."
+            f"{format_number(after)} times the noise is left."
         )
     text = f"{off}. It has {' and '.join(found)}; with that {format_number(after)} "
-    text += "times the noise remain."
+    text += "times the noise is left."
     if stands:
         if spread.ci95[1] < 0.5:
             text += " After a reversal the joint sets off at once."

@@ -343,7 +343,7 @@ def untestable_effects(
                 f"tuning {plain_name(other.parameter)} hides it: {other.remedy}"
             )
         else:
-            statement += f"it takes {each.effect.required_excitation}"
+            statement += f"it shows only with {each.effect.required_excitation}"
         found.append(NotTestable(each.effect.id, statement))
     return tuple(found)
 

@@ -44,7 +44,8 @@ RELIABILITY: Mapping[Verdict, float] = {
 the standard trials verdicts were right at least as often (`validation.md`).
 """
 FAR_OFF_RATE = 0.5
-"""Rate of right names that leave more than `MAX_EXPLAINED_ERROR`, over that of all."""
+"""Share of right names among those on study rigs that leave more than
+`MAX_EXPLAINED_ERROR`, see `validation.md`."""
 _MIN_SHOWN = 0.02
 """Least probability of an alternative that is listed."""
 _MAX_SHOWN = 3
@@ -89,7 +90,7 @@ def belief_in_verdict(
         others = [Alternative(name, rest / len(missing)) for name in missing]
         return _rate(kind, reliable, others)
     if left > MAX_EXPLAINED_ERROR:
-        reliable *= FAR_OFF_RATE
+        reliable = FAR_OFF_RATE
     groups = {group[0]: set(group) for group in ties}
     whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
     for step in found.rounds:
@@ -170,7 +171,8 @@ def _worded(
         statement += f"; otherwise {list_words(rest, 'or')}"
     if not complete:
         statement += (
-            f". They are low as {format_number(left)} noise floors are left: right "
-            f"names leave up to {MAX_EXPLAINED_ERROR:g} as a rule"
+            f". They are low as {format_number(left)} noise floors are left: of names "
+            f"that left more than {MAX_EXPLAINED_ERROR:g} on study rigs, "
+            f"{format_share(FAR_OFF_RATE)} were right"
         )
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

@@ -241,6 +241,7 @@ def _no_effect_verdict(
     off += "the noise floor"
     usual = f"rigs without any hidden effect reach up to {limits.misfit:g} times"
     beyond = outcome.stretch is not None
+    most = f" The largest error: {outcome.stretch.statement}" if outcome.stretch else ""
     if misfit <= limits.misfit and not beyond:
         return "none", f"Nothing is missing: {off}; {usual}."
     if excess(model) < limits.z and not beyond:
@@ -252,12 +253,7 @@ def _no_effect_verdict(
     return "unknown", (
         f"Something is missing (error {format_number(misfit)} times the noise floor). "
         f"{closest_sentence(found)} See where the error lies."
-        f"{_HINT_CAVEAT if misfit < HINT_ERROR else ''}"
-        + (
-            f" The largest error: {outcome.stretch.statement}"
-            if outcome.stretch
-            else ""
-        )
+        f"{_HINT_CAVEAT if misfit < HINT_ERROR else ''}" + most
     )
 
 

@@ -84,7 +84,7 @@ def load(
     toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
-        findings.append(warning(f"{toml} says what the columns mean."))
+        findings.append(warning(f"The columns are read as {toml} declares them."))
     axis = bench.axis if bench else ""
     others: Mapping[str, str] = {}
     if bench is not None:

@@ -37,7 +37,7 @@ def diagnosed(
 ) -> Diagnosis:
     """Return the diagnosis of files that hold these trials."""
     write_data(folder / "data", list(data), facts_of(SETS, seed))
-    return infer([folder / "data"], bench)[0].diagnosis
+    return infer(bench, [folder / "data"])[0].diagnosis
 
 
 @pytest.mark.parametrize("seed", [71, 72])

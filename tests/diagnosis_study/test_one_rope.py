@@ -115,7 +115,7 @@ def test_a_plan_of_one_cable_is_recorded_taut_and_diagnosed(
     effects = {hidden: amount} if hidden else {}
     slack = recorded(tmp_path / "plan", rig, effects, tmp_path / "data")
     assert slack <= MAX_SLACK
-    found: Diagnosis = infer([tmp_path / "data"], Bench.of(scene))[0].diagnosis
+    found: Diagnosis = infer(Bench.of(scene), [tmp_path / "data"])[0].diagnosis
     assert found.verdict == ("named" if hidden else "none"), found.statement
     assert [each.id for each in found.missing] == ([hidden] if hidden else [])
     assert max(each.slack for each in found.trials) <= MAX_SLACK

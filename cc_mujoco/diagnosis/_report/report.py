@@ -132,7 +132,7 @@ def _sections(
     )
     figure = drawn(
         "isolability",
-        "Left: likeness of the changes that two effects make to the signals, once the "
+        "Left: similarity of the changes that two effects make to the signals, once the "
         "baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
         "plausible effect over the noise, grey where it is smaller.",
     )

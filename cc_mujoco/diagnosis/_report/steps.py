@@ -138,14 +138,13 @@ def _model_change_step(diagnosis: Diagnosis) -> Html:
     lacks = [
         each for each in diagnosis.problems if each.startswith(NOT_IN_SCENE_PREFIX)
     ]
-    has = "what is missing and the tuned values" if diagnosis.effects else "what tuning"
-    has += "" if diagnosis.effects else " found"
+    added = "the added effects and " if diagnosis.effects else ""
     return join_pieces(
         [
             element("strong", "What to change: "),
             "simulate with ",
             element("code", "scene.xml"),
-            f" beside this report, which has {has}. ",
+            f" beside this report, which contains {added}the tuned values. ",
             " ".join([*lacks, *gaps]) if diagnosis.effects else "",
         ]
     )

@@ -132,8 +132,8 @@ def _sections(
     )
     figure = drawn(
         "isolability",
-        "Left: similarity of the changes that two effects make to the signals, once the "
-        "baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
+        "Left: similarity of the changes that two effects make to the signals, once "
+        "the baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
         "plausible effect over the noise, grey where it is smaller.",
     )
     return {

@@ -18,6 +18,7 @@ from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     comparison_z,
 )
 from cc_mujoco.diagnosis._inference.effect_search.belief import (
+    FAR_OFF_RATE,
     MEETING_FORM_SHARE,
     RELIABILITY,
     _rate,
@@ -78,6 +79,8 @@ def test_rates_are_those_of_the_page() -> None:
     odds = page[page.index("## Odds") : page.index("## Noise floor")]
     rates = re.findall(r"`(\w+)`\s+(\d+) %", odds)
     assert {name: int(rate) / 100 for name, rate in rates} == RELIABILITY
+    far = re.search(r"above (\d+) of (\d+)", odds)
+    assert far is not None and int(far[1]) / int(far[2]) == FAR_OFF_RATE
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def commit(
     else:
         stretched = nodes.stretch_between(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
-    lost = 0.0
+    lost, mixed = 0.0, 0.0
     slipped, has_bristles = shift, prm[_BRISTLE] > 0.0
     if has_bristles:
         slipped = at.row(work, n, at.SLIPPED)
@@ -72,27 +72,24 @@ def commit(
     remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
     ages = prm[_AGEING] > 0.0
     before_slip, slip = at.slips(state, n), at.slips(new_state, n)
-    if prm[at.PATH_LENGTHENS] != 0.0 or loses_stretch(prm):
+    lengthens = prm[at.PATH_LENGTHENS] != 0.0
+    if lengthens or loses_stretch(prm):
         # The cable slips as its path lengthens, so friction was that of before.
         tension = at.tensions(state, n)
-    low, low_before = max(node[0], 0.0), max(tension[0], 0.0)
+    # At mean tensions, so that work of the ends is what is stored more, and heat.
+    low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
     for j in range(n):
         moved = slipped[j]
-        high, high_before = max(node[j + 1], 0.0), max(tension[j + 1], 0.0)
-        ratio = moving_path.surface_ratio(
-            prm, 0.5 * (low + low_before), 0.5 * (high + high_before)
-        )
-        force, before = high - low, high_before - low_before
-        low, low_before = high, high_before
-        # Mean friction over the slip; after a reversal slip begins at the new friction.
-        mean = 0.5 * (force + before)
-        taken = (mean if before * moved > 0.0 else force) * moved
-        taken *= ratio
+        high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
+        ratio = moving_path.surface_ratio(prm, low, high)
+        lost += (high - low) * shift[j] * ratio
+        if lengthens:
+            # Cable that a surface carries to a node of another strain.
+            carried = at.carried_cable(prm, n)[j] * ratio - at.carried_path(prm, n)[j]
+            mixed += (high - low) * carried
         if has_bristles:
-            # What the elastic part of the motion takes and the bristles do not keep.
-            kept = mean * (shift[j] - moved) * ratio
-            taken += kept + at.row(work, n, at.RELEASED_ENERGY)[j]
-        lost += max(taken, 0.0)
+            lost += at.row(work, n, at.RELEASED_ENERGY)[j]
+        low = high
         same = moved * before_slip[j] > 0.0
         slip[j] = moved + before_slip[j] if same else moved
         if ages:
@@ -105,14 +102,15 @@ def commit(
             at.slip_speeds(new_state, n)[j] = law.remembered_speed(
                 values, speed, moved, dt
             )
+    lost = max(lost, 0.0)
     if prm[at.CONSTANT_COULOMB] == 0.0:
         new_state[at.TIME] = state[at.TIME] + dt
         new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
         new_state[at.HEAT] = law.heat_after_step(
             at.scalars(prm), state[at.HEAT], lost, dt
         )
-    new_state[2] += lost
-    if prm[at.PATH_LENGTHENS] != 0.0:
+    new_state[2] += lost + max(mixed, 0.0)
+    if lengthens:
         return
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 

@@ -378,7 +378,6 @@ def finish_step(
             prm, n, state, yield_proximal, yield_distal, new_state
         )
     if prm[at.PATH_LENGTHENS] != 0.0:
-        new_state[2] += prm[at.CARRY_ENERGY]
         moving_path.apply_material_law(
             prm, n, at.tensions(state, n), at.tensions(new_state, n)
         )

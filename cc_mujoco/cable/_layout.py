@@ -35,13 +35,12 @@ SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
 (
     BENDS_CHANGE, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, PATH_LENGTHENS,
-    YIELD_PROXIMAL, YIELD_DISTAL, CARRY_ENERGY,
-) = range(SCALARS, SCALARS + 9)  # fmt: skip
+    YIELD_PROXIMAL, YIELD_DISTAL,
+) = range(SCALARS, SCALARS + 8)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `_friction.py`, length,
-number of segments inside a conduit, whether the path itself may lengthen, the
-compliance of the supports of the ends [m/N], and the energy that `_moving_path.carry`
-took for the next step [J]."""
-_ROWS_START = SCALARS + 9
+number of segments inside a conduit, whether the path itself may lengthen, and the
+compliance of the supports of the ends [m/N]."""
+_ROWS_START = SCALARS + 8
 
 STATE_HEADER = 7
 """Numbers before the tensions."""
@@ -71,7 +70,7 @@ def state_size(n: int) -> int:
 @compiled
 def parameter_size(n: int) -> int:
     """Return the length of the packed parameter vector of a cable of n segments."""
-    return _ROWS_START + 10 * n + 4
+    return _ROWS_START + 12 * n + 4
 
 
 @compiled
@@ -141,6 +140,18 @@ def lengthening(prm: FloatArray, n: int) -> FloatArray:
 def half_compliance(prm: FloatArray, n: int) -> FloatArray:
     """Return the compliance of half the contact length of every segment (n,) [m/N]."""
     return prm[_ROWS_START + 9 * n + 4 : _ROWS_START + 10 * n + 4]
+
+
+@compiled
+def carried_path(prm: FloatArray, n: int) -> FloatArray:
+    """Return the path that a surface takes over every segment next (n,) [m]."""
+    return prm[_ROWS_START + 10 * n + 4 : _ROWS_START + 11 * n + 4]
+
+
+@compiled
+def carried_cable(prm: FloatArray, n: int) -> FloatArray:
+    """Return the unstretched length of cable that goes along with it (n,) [m]."""
+    return prm[_ROWS_START + 11 * n + 4 : _ROWS_START + 12 * n + 4]
 
 
 @compiled

@@ -82,7 +82,12 @@ def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
     low, high = max(proximal, 0.0), max(distal, 0.0)
     if not nodes.is_curved(prm):
         return float(1.0 + 0.5 * (low + high) / prm[_EA])
-    return 0.5 * (stretch_ratio(prm, low) + stretch_ratio(prm, high))
+    if abs(high - low) <= 1e-6 * (high + low):
+        return stretch_ratio(prm, 0.5 * (low + high))
+    unit = _cable_per_length(prm)
+    more = high * elastic.stretch_of(unit, high) - elastic.energy_at(unit, high)
+    less = low * elastic.stretch_of(unit, low) - elastic.energy_at(unit, low)
+    return 1.0 + (more - less) / (high - low)
 
 
 @internal
@@ -94,17 +99,14 @@ def _carried_length(
     j: int,
     flow: float,
     ratio: float,
-) -> tuple[float, float]:
+) -> float:
     """Return the unstretched length that a flow of path takes from node j on [m].
 
     `flow` is in stretched lengths [m], negative towards node j; `ratio` is that of the
     stretched and the unstretched length of the node that it leaves.
-
-    Returns:
-        That, of its sign, and the elastic energy that is lost in mixing [J].
     """
     if abs(flow) <= _FLOW_TOLERANCE:
-        return 0.0, 0.0
+        return 0.0
     k, way = j + 1, 1
     if flow > 0.0:
         k, way = j, -1
@@ -117,11 +119,7 @@ def _carried_length(
         k += way
         if left > 0.0:
             own = stretch_ratio(prm, tension[k])
-    total = total if flow > 0.0 else -total
-    low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
-    if low == high:
-        return total, 0.0
-    return total, (high - low) * (total * surface_ratio(prm, low, high) - flow)
+    return total if flow > 0.0 else -total
 
 
 @compiled
@@ -152,7 +150,8 @@ def carry(
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
     soft = 1.0 / prm[_EA]
-    flow, carried, mixed, changed = 0.0, 0.0, 0.0, False
+    path, cable = at.carried_path(prm, n), at.carried_cable(prm, n)
+    flow, carried, changed = 0.0, 0.0, False
     following = stretch_ratio(prm, tension[0])
     for i in range(n + 1):
         came, ratio = carried, following
@@ -161,8 +160,9 @@ def carry(
         if i < n:
             following = stretch_ratio(prm, tension[i + 1])
             left = ratio if flow > 0.0 else following
-            carried, lost = _carried_length(prm, n, tension, before, i, flow, left)
-            mixed += lost
+            carried = _carried_length(prm, n, tension, before, i, flow, left)
+            changed = changed or flow != path[i] or carried != cable[i]
+            path[i], cable[i] = flow, carried
         share = 1.0 / ratio
         taken = (now[i] - before[i]) * share + carried - came
         loose = now[i] * share * share
@@ -176,9 +176,6 @@ def carry(
         else:
             compliance[i] = length[i] * soft
             stiffness[i] = 1.0 / compliance[i]
-    mixed = max(mixed, 0.0)
-    changed = changed or mixed != prm[at.CARRY_ENERGY]
-    prm[at.CARRY_ENERGY] = mixed
     return changed
 
 

@@ -96,14 +96,19 @@ def stretch_between(
 def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
     """Return the energy of node i between two tensions by its stretch between them [N].
 
-    A node without tension has none.
+    A node that is slack on a part of the way has none there.
     """
-    low, high = max(before, 0.0), max(after, 0.0)
-    if is_curved(prm) and abs(high - low) > 1e-6 * (high + low):
-        own = node_piece(prm, n, i)
-        gained = elastic.energy_at(own, high) - elastic.energy_at(own, low)
-        return gained / (elastic.stretch_of(own, high) - elastic.stretch_of(own, low))
-    return 0.5 * (low + high)
+    low, high = min(before, after), max(before, after)
+    if high <= 0.0:
+        return 0.0
+    is_straight = not is_curved(prm)
+    if low >= 0.0 and (is_straight or high - low <= 1e-6 * high):
+        return 0.5 * (low + high)
+    if is_straight:
+        return 0.5 * high * (high / (high - low))
+    own = node_piece(prm, n, i)
+    gained = elastic.energy_at(own, high) - elastic.energy_at(own, low)
+    return gained / (elastic.stretch_of(own, high) - elastic.stretch_of(own, low))
 
 
 @internal

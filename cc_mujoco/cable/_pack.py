@@ -92,13 +92,15 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     """
     for i in range(at.SCALARS):
         out[i] = values[i]
-    out[at.BENDS_CHANGE] = out[at.PATH_LENGTHENS] = out[at.CARRY_ENERGY] = 0.0
+    out[at.BENDS_CHANGE] = out[at.PATH_LENGTHENS] = 0.0
     expect_yielding(out, 0.0, 0.0)
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     _update_for_angles(out, n)
     _update_for_lengths(out, n)
     gained = at.lengthening(out, n)
+    at.carried_path(out, n)[:] = 0.0
+    at.carried_cable(out, n)[:] = 0.0
     for i in range(n + 1):
         gained[i] = 0.0
         nodes.set_node(out, n, i)

@@ -45,13 +45,15 @@ def heat_of_losses(
 ) -> float:
     """Return the energy that went with the stretch that nodes lost [J].
 
-    At the mean tension of the step, in which the ends move too.
+    At the mean tension of the step, in which the ends move too. Where the path
+    lengthens, rope is longer before it is stretched; so it is where the conduit slides.
     """
     before, after = at.tensions(state, n), at.tensions(new_state, n)
     lost, total = at.node_row(work, n, LOST_ROW), 0.0
     for i in range(n + 1):
         if lost[i] != 0.0:
-            total += lost[i] * nodes.mean_tension(prm, n, i, before[i], after[i])
+            mean = nodes.mean_tension(prm, n, i, before[i], after[i])
+            total += lost[i] * mean * moving_path.surface_ratio(prm, mean, 0.0)
     return max(total, 0.0)
 
 
@@ -74,11 +76,8 @@ def relax_stress(
         prm, rest * after
     )
     for i in range(n + 1):
-        part = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
-        # Where the path lengthens, rope is longer before it is stretched; so it is
-        # where the conduit slides.
-        lost[i] = part * moving_path.surface_ratio(prm, tension[i], 0.0)
-        tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -part)
+        lost[i] = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
+        tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -lost[i])
     new_state[3] -= grown
 
 
@@ -119,7 +118,7 @@ def slide_in_clamps(
             slid = creep * dt * over / (1.0 + stiffness[i] * creep * dt)
             if prm[at.PATH_LENGTHENS] != 0.0:
                 slid /= moving_path.stretch_ratio(prm, tension[i])
-            lost[i] += slid * moving_path.surface_ratio(prm, tension[i], 0.0)
+            lost[i] += slid
             tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -slid)
             if prm[at.PATH_LENGTHENS] == 0.0:
                 new_state[3] -= slid

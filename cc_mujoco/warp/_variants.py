@@ -90,8 +90,6 @@ def known_values(
         packed[at.BENDS_CHANGE] = paths.bends
     if paths.lengthens is not None:
         packed[at.PATH_LENGTHENS] = paths.lengthens
-    if paths.lengthens == 0.0:
-        packed[at.CARRY_ENERGY] = 0.0
     # They depend on which terms are on, not on their sizes.
     constant: Any = law.is_constant_coulomb
     dependent: Any = law.is_state_dependent

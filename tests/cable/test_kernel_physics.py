@@ -12,7 +12,18 @@ from hypothesis import strategies as st
 
 from cable.random_cables import sections
 from cable.terms_on import TERMS_ON
-from cc_mujoco.cable import PARAMETERS, TERMS, Cable, Conduit, Section, replay
+from cc_mujoco.cable import (
+    PARAMETERS,
+    TERMS,
+    Cable,
+    Conduit,
+    Section,
+    packed_parameters,
+    replay,
+    rest_state,
+)
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
 
 BENT = Cable(friction=0.21, pretension=10.0, conduit=(Section(2.0, 0.28),))
 STRAIGHT = Cable(friction=0.3, pretension=10.0, conduit=(Section(2.0, math.inf),))
@@ -89,19 +100,91 @@ def test_a_cable_at_rest_stays_as_it_is():
     assert conduit.moving_fraction == 0.0
 
 
+def missing_heat(terms, strain, friction, size, seed, steps):
+    """Return the energy that a turn of both ends leaves unexplained, by its heat.
+
+    Args:
+        terms: values of the cable.
+        strain: at its pretension.
+        friction: coefficient.
+        size: of the motion, over half of what the pretension stretches it.
+        seed: of amplitudes and phases.
+        steps: of the turn, which takes 1 s.
+    """
+    rng = np.random.default_rng(seed)
+    given = {"axial_stiffness": 100.0 / strain, "pretension": 100.0, "segments": 9}
+    cable = Cable(friction=friction, conduit=(Section(0.5, 0.4),), **given, **terms)
+    reach = 0.25 * size * min(strain, 0.05) * rng.uniform(0.3, 1.0, (2, 2))
+    phase, turn = rng.uniform(0.0, 6.0, (2, 2)), np.linspace(0.0, 2.0 * np.pi, steps)
+    ends = np.zeros((2, steps))
+    for end, tone in np.ndindex(2, 2):
+        swing = np.sin((tone + 1) * turn + phase[end, tone]) - np.sin(phase[end, tone])
+        ends[end] += reach[end, tone] * swing
+    prm, n, state = packed_parameters(cable), cable.segments, rest_state(cable)
+    new, work = np.empty_like(state), np.empty(kernel.work_size(n))
+    tension, start, given, gross = layout.tensions, rest_state(cable), 0.0, 0.0
+    for k in range(1, steps):
+        kernel.advance(prm, n, state, *ends[:, k], 1.0 / steps, new, work)
+        pull = [taut_mean(tension(state, n)[i], tension(new, n)[i]) for i in (0, n)]
+        moved = ends[:, k] - ends[:, k - 1]
+        part = pull[1] * moved[1] - pull[0] * moved[0]
+        given, gross = given + part, gross + abs(part)
+        assert new[2] >= state[2]
+        state, new = new, state
+    stored = [kernel.stored_energy(prm, n, at) for at in (start, state)]
+    return abs(given - (stored[1] - stored[0]) - state[2]) / max(state[2], 1e-3 * gross)
+
+
+def taut_mean(before, after):
+    """Return the mean tension of an end on a straight way, none while slack [N]."""
+    low, high = sorted((before, after))
+    if low >= 0.0 or high <= 0.0:
+        return max(0.5 * (low + high), 0.0)
+    return 0.5 * high * high / (high - low)
+
+
+def largest_missing_heat(terms):
+    """Return what a turn in 1000 steps may leave, as part of its heat.
+
+    Drag that needs no tension begins at once where slack runs out, within a step;
+    work on a cable that beds in is not quite the mean tension times the way.
+    """
+    drags = ("load_independent_friction", "seal_proximal", "seal_distal")
+    if any(term in terms for term in drags):
+        return 1e-3
+    smooth = ("bedding_strain", "viscous_friction", "grease_drag")
+    return 1e-4 if any(term in terms for term in smooth) else 1e-10
+
+
+@pytest.mark.parametrize("strain", [0.005, 0.05, 0.2])
 @pytest.mark.parametrize("terms", TERMS_ON.values(), ids=TERMS_ON)
-def test_work_is_stored_or_dissipated_to_an_error_that_falls_with_the_step(terms):
-    cable = BENT.replace(segments=20, **terms)
-    errors = []
-    for samples in (1001, 4001):
-        rng = np.random.default_rng(4)
-        dt = 4.0 / (samples - 1)
-        proximal, distal = wander(rng, samples, 0.01), wander(rng, samples, 0.01)
-        motion = replay(cable, dt, u_proximal=proximal, u_distal=distal)
-        balance = work_in(motion) - (motion.stored - motion.stored[0])
-        errors.append(np.max(np.abs(balance - motion.dissipated)))
-    assert errors[0] < 0.05 * motion.dissipated[-1]
-    assert errors[1] < max(0.45 * errors[0], 5e-3 * motion.dissipated[-1])
+def test_work_is_stored_or_heat(terms, strain):
+    missing = missing_heat(terms, strain, 0.3, 2.0, 0, 1000)
+    assert missing < largest_missing_heat(terms)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", range(200))
+def test_work_of_any_terms_is_stored_or_heat(seed):
+    """Of all terms, and of clamps, bristles and relaxation of any size."""
+    rng = np.random.default_rng([seed, 8])
+    own = {
+        "clamp_creep_proximal": 10 ** rng.uniform(-6.0, -2.0),
+        "clamp_creep_distal": 10 ** rng.uniform(-6.0, -2.0),
+        "clamp_force": rng.choice([0.0, 10.0, 50.0, 95.0]),
+        "stress_relaxation": rng.uniform(0.1, 1.0),
+        "relaxation_time": 10 ** rng.uniform(-1.0, 1.0),
+    }
+    bristles = {"bristle_length": 10 ** rng.uniform(-4.0, -2.0)}
+    strain, friction = 10 ** rng.uniform(-2.3, -0.7), rng.choice([0.05, 0.3])
+    size = rng.choice([0.5, 1.0, 2.0])
+    for terms in (*TERMS_ON.values(), own, bristles, own | bristles):
+        coarse, fine = (
+            missing_heat(terms, strain, friction, size, seed, n) for n in (1000, 4000)
+        )
+        most = largest_missing_heat(terms)
+        assert coarse < 2.0 * most
+        assert fine < max(0.5 * most, 1e-10)
 
 
 @pytest.mark.parametrize("terms", TERMS_ON.values(), ids=TERMS_ON)

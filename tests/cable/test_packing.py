@@ -19,6 +19,8 @@ ROWS_OF_PARAMETERS = (
     layout.contact_length,
     layout.lengthening,
     layout.half_compliance,
+    layout.carried_path,
+    layout.carried_cable,
 )
 ROWS_OF_STATE = (
     layout.tensions,
@@ -43,7 +45,6 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             layout.PATH_LENGTHENS,
             layout.YIELD_PROXIMAL,
             layout.YIELD_DISTAL,
-            layout.CARRY_ENERGY,
         ]
     ]
     rows = [layout.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

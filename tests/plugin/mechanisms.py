@@ -42,6 +42,11 @@ class Mechanism:
         """Return the energy that the cables store [J]."""
         return sum(stored_energy(self.model, d, name) for name in self.cables)
 
+    def slack(self, d: mujoco.MjData) -> Array:
+        """Return which nodes of the cables are slack."""
+        found = [read(self.model, d, name).tension == 0.0 for name in self.cables]
+        return np.concatenate(found)
+
 
 def mechanism(
     seed: int,
@@ -177,43 +182,73 @@ class Balance:
 
 
 def play(
-    mechanism: Mechanism, poses: Array, turns: int = 2, test_every: int = 0
+    mechanism: Mechanism,
+    poses: Array,
+    turns: int = 2,
+    test_every: int = 0,
+    parts: int = 1,
 ) -> Balance:
-    """Lead the joints through closed motions, by hand; the last one counts."""
+    """Lead the joints through closed motions, by hand; the last one counts.
+
+    The mean force of a step that makes a node taut or slack is not that of its two
+    ends, so such a step may be made in parts.
+
+    Args:
+        mechanism: to lead.
+        poses: of a closed motion (steps, nq).
+        turns: how often it is led round.
+        test_every: steps after which `virtual` is compared; 0: never.
+        parts: of a step that makes a node taut or slack.
+    """
     m = mechanism.model
-    d = mujoco.MjData(m)
+    d, tried = mujoco.MjData(m), mujoco.MjData(m)
     d.qpos[:] = poses[0]
     settle(m, d)
-    steps = len(poses)
+    steps, step = len(poses), m.opt.timestep
     before, force_before = poses[0].copy(), np.zeros(m.nv)
-    moved = np.zeros(m.nv)
+    moved, whole = np.zeros(m.nv), np.zeros(m.nv)
     work = gross = jump = off = largest = 0.0
     start_heat = start_stored = 0.0
     row, row_before, length = np.zeros(m.nv), np.zeros(m.nv), 0.0
     for k in range(turns * steps + 1):
-        d.qpos[:], d.qvel[:] = poses[k % steps], 0.0
-        mujoco.mj_step(m, d)
-        force = d.qfrc_passive + d.qfrc_actuator
-        row = np.zeros((m.ntendon, m.nv))
-        mujoco.mju_sparse2dense(
-            row, d.ten_J.ravel(), m.ten_J_rownnz, m.ten_J_rowadr, m.ten_J_colind.ravel()
-        )
-        row = row[0]
+        pose, count = poses[k % steps], 1
+        if parts > 1:
+            mujoco.mj_copyData(tried, m, d)
+            tried.qpos[:], tried.qvel[:] = pose, 0.0
+            mujoco.mj_step(m, tried)
+            turned = np.any(mechanism.slack(tried) != mechanism.slack(d))
+            count = parts if turned else 1
+        mujoco.mj_differentiatePos(m, whole, 1.0, before, pose)
+        start = before.copy()
+        m.opt.timestep = step / count
+        for i in range(count):
+            d.qpos[:], d.qvel[:] = start, 0.0
+            mujoco.mj_integratePos(m, d.qpos, whole, (i + 1) / count)
+            place = d.qpos.copy()
+            mujoco.mj_step(m, d)
+            force = d.qfrc_passive + d.qfrc_actuator
+            row = np.zeros((m.ntendon, m.nv))
+            mujoco.mju_sparse2dense(
+                row, d.ten_J.ravel(), m.ten_J_rownnz, m.ten_J_rowadr,
+                m.ten_J_colind.ravel(),
+            )  # fmt: skip
+            row = row[0]
+            mujoco.mj_differentiatePos(m, moved, 1.0, before, place)
+            if k > 0:
+                told = 0.5 * (row + row_before) @ moved
+                jump = max(jump, abs(d.ten_length[0] - length - told))
+            if k > (turns - 1) * steps:
+                part = -0.5 * (force + force_before) @ moved
+                work, gross = work + part, gross + abs(part)
+            before[:], force_before = place, force
+            row_before, length = row, float(d.ten_length[0])
         if k == (turns - 1) * steps:
             start_heat, start_stored = mechanism.heat(d), mechanism.stored(d)
-        if k > 0:
-            mujoco.mj_differentiatePos(m, moved, 1.0, before, poses[k % steps])
-            told = 0.5 * (row + row_before) @ moved
-            jump = max(jump, abs(d.ten_length[0] - length - told))
-        if k > (turns - 1) * steps:
-            part = -0.5 * (force + force_before) @ moved
-            work, gross = work + part, gross + abs(part)
-            if test_every and k % test_every == 0:
-                right = virtual(mechanism, poses[k % steps], read(m, d, "rope").tension)
-                off = max(off, float(np.abs(force - right).max()))
-                largest = max(largest, float(np.abs(right).max()))
-        before[:], force_before = poses[k % steps], force
-        row_before, length = row, float(d.ten_length[0])
+        if test_every and k > (turns - 1) * steps and k % test_every == 0:
+            right = virtual(mechanism, pose, read(m, d, "rope").tension)
+            off = max(off, float(np.abs(force - right).max()))
+            largest = max(largest, float(np.abs(right).max()))
+    m.opt.timestep = step
     return Balance(
         work,
         mechanism.stored(d) - start_stored,

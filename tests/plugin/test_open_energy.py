@@ -146,23 +146,64 @@ def test_a_drum_and_its_load_led_round_a_loop_heat_what_they_are_given(
     assert balance.heat == pytest.approx(heat, rel=5e-2)
 
 
+CLAMPS = {"clamp_creep_proximal": 1e-4, "clamp_creep_distal": 1e-5}
+
+
+@pytest.mark.parametrize("strain", [0.05, 0.2])
 @pytest.mark.parametrize(
     ("kind", "terms"),
     [
         ("band", {"bristle_length": 3e-4}),
+        ("winch", {"bristle_length": 3e-3}),
         ("winch", {"bristle_length": 3e-4, "bedding_strain": 0.01}),
         ("mouth", {"bristle_length": 3e-4}),
-        ("mouth", {"clamp_creep_proximal": 1e-4, "clamp_creep_distal": 1e-5}),
+        ("mouth", CLAMPS),
+        ("mouth", CLAMPS | {"bedding_strain": 0.01, "bedding_tension": 10.0}),
         ("mouth", {"stress_relaxation": 0.5, "relaxation_time": 1.0}),
     ],
     ids=str,
 )
 def test_the_heat_of_presliding_and_creep_is_counted(
-    kind: str, terms: dict[str, float]
+    kind: str, terms: dict[str, float], strain: float
 ) -> None:
-    rope = wound(kind, 0.05, **terms)
+    rope = wound(kind, strain, **terms)
     balance = play(rope, loop(rope.model, 1, 1000))
     assert missing(balance) < 1e-4
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("term", ["none", "bristles", "clamps", "relaxation"])
+@pytest.mark.parametrize("kind", ["band", *KINDS])
+def test_the_heat_of_any_presliding_and_creep_is_counted(
+    kind: str, term: str, seed: int
+) -> None:
+    """To an error that falls with the square of the step, also through slack."""
+    random = np.random.default_rng([seed, 5])
+    strain, friction = random.choice([0.005, 0.05, 0.2]), random.choice([0.05, 0.3, 1])
+    size, terms = random.choice([0.5, 1.0, 2.0]), {}
+    if term == "bristles":
+        terms = {"bristle_length": 10 ** random.uniform(-4.0, -2.5)}
+    elif term == "relaxation":
+        terms = {
+            "stress_relaxation": random.uniform(0.1, 1.0),
+            "relaxation_time": 10 ** random.uniform(-1.0, 1.0),
+        }
+    elif term == "clamps":
+        if kind != "mouth":
+            pytest.skip("only a conduit has clamps")
+        terms = {
+            "clamp_creep_proximal": 10 ** random.uniform(-6.0, -2.0),
+            "clamp_creep_distal": 10 ** random.uniform(-6.0, -2.0),
+            "clamp_force": random.choice([0.0, 10.0, 50.0, 95.0]),
+        }
+    rope = wound(kind, float(strain), float(friction), **terms)
+    coarse, fine = (
+        play(rope, loop(rope.model, seed, steps, size), parts=30)
+        for steps in (500, 1000)
+    )
+    assert abs(fine.work - fine.stored - fine.heat) < 1e-4 * fine.gross
+    assert missing(fine) < 0.4 * missing(coarse) + 2e-5
 
 
 @pytest.mark.study

@@ -181,7 +181,8 @@ def test_the_heat_of_any_presliding_and_creep_is_counted(
     """To an error that falls with the square of the step, also through slack."""
     random = np.random.default_rng([seed, 5])
     strain, friction = random.choice([0.005, 0.05, 0.2]), random.choice([0.05, 0.3, 1])
-    size, terms = random.choice([0.5, 1.0, 2.0]), {}
+    size = random.choice([0.5, 1.0, 2.0])
+    terms: dict[str, float] = {}
     if term == "bristles":
         terms = {"bristle_length": 10 ** random.uniform(-4.0, -2.5)}
     elif term == "relaxation":

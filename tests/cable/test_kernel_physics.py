@@ -166,7 +166,7 @@ def test_work_is_stored_or_heat(terms, strain):
 @pytest.mark.study
 @pytest.mark.parametrize("seed", range(200))
 def test_work_of_any_terms_is_stored_or_heat(seed):
-    """Of all terms, and of clamps, bristles and relaxation of any size."""
+    """Check all terms, and clamps, bristles and relaxation of any size."""
     rng = np.random.default_rng([seed, 8])
     own = {
         "clamp_creep_proximal": 10 ** rng.uniform(-6.0, -2.0),

@@ -5,6 +5,7 @@ law = LinearQuadraticGaussian(env.unwrapped.drive)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,13 +33,16 @@ _ENCODER_NOISE = 3e-4
 """Standard deviation of an angle [rad]."""
 _LOAD_WALK, _LACK_WALK = 0.2, 0.5
 """Random walks of both, in a second, over the greatest torque."""
+_SLIP_SIGMAS = 8.0
+"""Change of the innovation of the stretch in a step, in its standard deviations, beyond
+what the motor can do, from which an encoder has slipped."""
 _EFFORT = 1.0
 """Weight of motor torque to torque error at the joint, both over the greatest."""
 (
     _RATIO, _LOW, _HIGH, _RIGIDITY, _SAFE, _INERTIA, _RELEASE, _ONE_WAY, _PERIOD,
-    _SPEED_LIMIT, _POWER_LIMIT, _GAINS,
-) = range(12)  # fmt: skip
-_STARTED, _OFFSET, _GUARD = range(3)
+    _SPEED_LIMIT, _POWER_LIMIT, _SLIP, _GAINS,
+) = range(13)  # fmt: skip
+_STARTED, _OFFSET, _OFF, _GUARD = range(4)
 _HEADER = _GUARD + guard.MEMORY_SIZE
 
 
@@ -53,8 +57,10 @@ class LinearQuadraticGaussian(Controller):
     A Kalman filter finds z, its rate and the two disturbances, random walks, from
     angles and torque, as late as they are; a prediction over the delay and a linear
     quadratic regulator bring z to where the model makes the desired torque less
-    \(d_j\). Disturbance observers after K. Ohnishi, M. Shibata, T. Murakami, "Motion
-    control for advanced mechatronics", IEEE/ASME Trans. Mechatronics 1, 1996.
+    \(d_j\). Where an encoder slips, as an innovation shows that changes in one step by
+    more than any motion makes it, its zero is moved. Disturbance observers after K.
+    Ohnishi, M. Shibata, T. Murakami, "Motion control for advanced mechatronics",
+    IEEE/ASME Trans. Mechatronics 1, 1996.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -73,6 +79,7 @@ class LinearQuadraticGaussian(Controller):
         ratio, period, inertia = drive.ratio, drive.period, drive.inertia
         rigidity = float(np.mean([joint_stiffness(row) for row in drive.cable_drives]))
         most = max(map(abs, drive.reach))
+        self._gains = np.zeros(_GAINS)
         drift = np.zeros((_STATES + 1, _STATES + 1))
         drift[_STRETCH, _SPEED] = 1.0
         drift[_SPEED, _STRETCH] = -rigidity / ratio**2 / inertia
@@ -98,6 +105,9 @@ class LinearQuadraticGaussian(Controller):
         gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
         self._kalman = np.ascontiguousarray(gain)
         self._seen = seen
+        deviation = math.sqrt((seen @ spread @ seen.T + noise)[0, 0])
+        push = max(map(abs, (drive.low, drive.high))) / inertia * period**2
+        self._gains[_SLIP] = _SLIP_SIGMAS * deviation + push
         cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
         effort = np.array([[(_EFFORT * ratio / most) ** 2]])
         value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
@@ -105,7 +115,6 @@ class LinearQuadraticGaussian(Controller):
         regulator = np.linalg.solve(effort + own @ b[:2], own @ a[:2, :2])
         self._regulator = np.ascontiguousarray(regulator[0])
         self._late = round(total_delay(drive) / period - 0.5)
-        self._gains = np.zeros(_GAINS)
         self._gains[_RATIO], self._gains[_RIGIDITY] = ratio, rigidity
         self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
         self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
@@ -192,6 +201,11 @@ def _torque(
         memory[_STARTED], memory[_OFFSET] = 1.0, stretch
     _advance(model, state, applied[0], new)
     off_0 = stretch - memory[_OFFSET] - state[_STRETCH]
+    if abs(off_0 - memory[_OFF]) > gains[_SLIP]:
+        # No motion does that in a step: the encoder has slipped, the cable has not.
+        memory[_OFFSET] += off_0 - memory[_OFF]
+        off_0 = memory[_OFF]
+    memory[_OFF] = off_0
     off_1 = seen[_TORQUE]
     for j in range(_STATES):
         off_1 -= read[1, j] * state[j]

@@ -16,6 +16,12 @@ the values of a cable that slips as a whole to either side (`_full_slip`). It fo
 the joint between these edges, as a play does. A gain that is learned from the torque
 sensor, within bounds, takes up a wrong stiffness.
 
+A cable may stretch otherwise than believed. So the stretch contradicts a sensor only
+where it has explained the torque before, or where a third witness agrees with it: the
+torque of the motor less that of its inertia, which the joint gets but for the friction
+of the cables. A stretch that is not known to explain the torque lets go only as far as
+the motor could have made that torque.
+
 A motor that winds up slack is detected too late: when the cable gets taut, the
 stiffness k of the cables at the joint stops the rotor within milliseconds, with a
 torque of v sqrt(k J) beyond the measured one, at a speed v relative to the joint and an
@@ -72,13 +78,29 @@ against such a multiple of the believed friction."""
 _GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
 """Difference between the torques of sensor and stretch that is a fault: share of the
 safe torque, plus share of the larger one, for so long [s]."""
-_GAIN_TIME, _GAIN_SHARE = 0.5, 0.1
-"""Time over which the gain is learned [s], and torque from which it is, as a share of
-the safe torque."""
-_GAIN_RANGE = 0.7, 1.4
+_MOTOR_TIME, _HOLD_TIME, _MOTOR_SHARE = 0.02, 0.1, 0.1
+"""Times over which the torque of the motor is filtered and its greatest is forgotten
+[s], and difference to what the measured torque explains, as a share of the safe torque.
+"""
+_DENIED_SHARE = 0.15
+"""Share of the safe torque in such a difference where the motor agrees with the
+stretch."""
+_FRICTION_FACTOR, _MORE_FRICTION = 2.0, 0.3
+"""Friction coefficient times wrap that a motor may meet: multiple of the believed one,
+and what is added."""
+_MEAN_TIME, _LEARN_TIME = 0.5, 5.0
+"""Times over which means are taken, and over which the stretch is learned [s]."""
+_KNOWN_SHARE, _KNOWN_TIME = 0.1, 0.1
+"""Change of a torque, as a share of the safe one, and its time, from which it is known
+whether the stretch explains the torque [s]."""
+_GAIN_RANGE = 0.7, 2.0
 """Least and greatest gain with which the torque of the stretch is used."""
-_MIN_GAIN = 0.3
-"""Gain below which the torque sensor is dead or reversed."""
+_MAX_MISFIT, _MAX_DOUBT = 0.2, 0.1
+"""Greatest power of the difference between both torques, over the sum of their powers,
+with which the stretch explains the torque, and with which its word alone is a stop."""
+_AGREED_TIME = 0.2
+"""Time for which the motor has explained the torque, from which its word alone is a
+stop where the stretch explains nothing [s]."""
 _SLACK_SHARE, _SLACK_TIME = 0.1, 0.05
 """Share of the safe torque below which sensor and command both say that a single cable
 is slack, for so long [s]."""
@@ -99,19 +121,25 @@ READINGS = 6
 
 (
     STATE, _STARTED, _GOOD, _MISSING, _QUIET, COMMAND, _REFERENCE, _PREDICTED,
-    _GAIN, _SENSED, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
+    _GAIN, _MISFIT, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
 ) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
-_JUMPED, _EQUAL, _AT, _AT_PREDICTED, SEEN = 21, 27, 33, 39, 45
+_JUMPED, _EQUAL, _AT, _AT_PREDICTED = 21, 27, 33, 39
+_GIVEN, _POWER, _BOTH, _SENSED, _AGREED, _MOST, SEEN = 45, 46, 47, 48, 49, 50, 51
 MEMORY_SIZE = SEEN + READINGS
 """Places in the memory, and its size: state; readings of the last step, as they were
 used; samples without all readings and until velocities are read again; last command;
 stretch at which the cables are at rest; torque of the stretch; gain of the sensor to
-it, as it is used and as it is measured, without bounds; low-passed torques of both;
-time of a gap between them; low-passed rate of the measured torque; time for which
-nothing says that a cable pulls, and for which the motor is pushed and stands still; of
-every reading whether the last one was a spike, how often it was the same, and both
-torques when it last changed; room for readings of a caller whose own must not change.
+it, and misfit with that gain; low-passed torques of both; time of a gap between them;
+low-passed rate of the measured torque; time for which nothing says that a cable pulls,
+and for which the motor is pushed and stands still; of every reading whether the last
+one was a spike, how often it was the same, and both torques when it last changed;
+low-passed torque of the motor at the joint without friction; powers of the torque of
+the stretch, of both, and of the sensor's, each about its mean; time for which the
+motor has explained the torque, and size of its greatest torque lately; room for
+readings of a caller whose own must not change.
 """
+_UNKNOWN = -1.0
+"""Misfit that is not known yet."""
 
 
 class GuardLimits(NamedTuple):
@@ -253,7 +281,7 @@ def _start(
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
         memory[_AT + i] = seen[TORQUE]
-    memory[_STARTED], memory[_GAIN], memory[_SENSED] = 1.0, 1.0, 1.0
+    memory[_STARTED], memory[_GAIN], memory[_MISFIT] = 1.0, 1.0, _UNKNOWN
     memory[_PUSH] = -np.inf  # until the motor moves, as late readings begin equal
     memory[_REFERENCE] = seen[MOTOR] / limits.ratio - seen[JOINT]
     memory[_PREDICTED] = seen[TORQUE]
@@ -338,7 +366,8 @@ def _check_frozen(
             continue
         expected = predicted - memory[_AT_PREDICTED + i]
         change = torque - memory[_AT + i]
-        if abs(change - expected) > least + _GAP_FACTOR * abs(expected):
+        is_far = abs(change - expected) > least + _GAP_FACTOR * abs(expected)
+        if is_far and _explains(memory, _MAX_DOUBT):
             _stop(memory, STOPPED if i == TORQUE else LIMP)
     load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
     load += _PUSH_SHARE * limits.safe
@@ -352,32 +381,110 @@ def _check_frozen(
 
 
 @internal
-def _compare(limits: GuardLimits, memory: FloatArray) -> None:
-    """Learn the gain of sensor to stretch; stop where both contradict each other."""
+def _watch_motor(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> None:
+    """Filter the torque of the motor that its inertia does not take."""
+    rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
+    given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
+    share = min(limits.period / _MOTOR_TIME, 1.0)
+    memory[_GIVEN] += share * (given - memory[_GIVEN])
+    kept = max(1.0 - limits.period / _HOLD_TIME, 0.0)
+    memory[_MOST] = max(kept * memory[_MOST], abs(memory[_GIVEN]))
+
+
+@internal
+def _behind_friction(
+    limits: GuardLimits, spring: FloatArray, torque: float, sense: float
+) -> float:
+    """Return the torque at one end of cables that slip, from that at the other [N m].
+
+    Args:
+        limits: see `admit`.
+        spring: see `admit`.
+        torque: at the one end, of springs between both [N m].
+        sense: 1 where it is the greater at the other end, or -1.
+    """
+    grown = np.exp(
+        sense * (0.5 * _FRICTION_FACTOR * spring[FRICTION] + 0.5 * _MORE_FRICTION)
+    )
+    if limits.one_way != 0.0:
+        sign = np.sign(limits.ratio)
+        return float(sign * max(sign * torque, 0.0) * grown ** (2.0 * sign))
+    one = (torque + spring[REST] * grown) / (grown + 1.0 / grown)
+    other = spring[REST] - one
+    if other < 0.0:
+        one, other = torque * grown, 0.0
+    elif one < 0.0:
+        one, other = 0.0, -torque / grown
+    return float(one * grown - other / grown)
+
+
+@internal
+def _differs(
+    limits: GuardLimits, spring: FloatArray, torque: float, other: float
+) -> float:
+    """Return the side on which a torque is beyond what friction makes of another.
+
+    It is 1 above, -1 below, and 0 between.
+    """
+    least = _MOTOR_SHARE * limits.safe
+    if torque > _behind_friction(limits, spring, other, 1.0) + least:
+        return 1.0
+    if torque < _behind_friction(limits, spring, other, -1.0) - least:
+        return -1.0
+    return 0.0
+
+
+@internal
+def _explains(memory: FloatArray, most: float) -> bool:
+    """Return whether the stretch is known to explain the torque up to a misfit."""
+    return bool(0.0 <= memory[_MISFIT] < most)
+
+
+@internal
+def _learn(limits: GuardLimits, memory: FloatArray) -> None:
+    """Learn the gain of sensor to stretch, and how well it explains the torque."""
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
-    share = limits.period / _GAIN_TIME
+    share = limits.period / _MEAN_TIME
     memory[_MEAN] += share * (torque - memory[_MEAN])
     memory[_MEAN_PREDICTED] += share * (predicted - memory[_MEAN_PREDICTED])
-    off = torque - memory[_MEAN]
-    expected = predicted - memory[_MEAN_PREDICTED]
-    size = expected * expected + (_GAIN_SHARE * limits.safe) ** 2
-    memory[_SENSED] += share * expected * (off - memory[_SENSED] * expected) / size
-    if memory[_SENSED] < _MIN_GAIN:
-        _stop(memory, STOPPED)
-    scaled = memory[_GAIN] * predicted
-    most = _GAP_SHARE * limits.safe + _GAP_FACTOR * max(abs(torque), abs(scaled))
-    gap = abs(torque - scaled)
-    if gap > most:
+    off, expected = torque - memory[_MEAN], predicted - memory[_MEAN_PREDICTED]
+    kept = 1.0 - limits.period / _LEARN_TIME
+    memory[_POWER] = kept * memory[_POWER] + limits.period * expected * expected
+    memory[_BOTH] = kept * memory[_BOTH] + limits.period * expected * off
+    memory[_SENSED] = kept * memory[_SENSED] + limits.period * off * off
+    known = (_KNOWN_SHARE * limits.safe) ** 2 * _KNOWN_TIME
+    gain = (memory[_BOTH] + known) / (memory[_POWER] + known)
+    gain = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
+    memory[_GAIN] = gain
+    both = memory[_SENSED] + gain * gain * memory[_POWER]
+    memory[_MISFIT] = _UNKNOWN
+    if both > known:
+        memory[_MISFIT] = (both - 2.0 * gain * memory[_BOTH]) / (both + known)
+
+
+@internal
+def _compare(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> None:
+    """Stop where two of sensor, stretch and motor contradict the third."""
+    torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
+    gap = abs(scaled - torque) - _GAP_FACTOR * max(abs(torque), abs(scaled))
+    given = memory[_GIVEN]
+    beyond = _differs(limits, spring, given, torque)
+    agrees = beyond != 0.0 and beyond == np.sign(scaled - torque)
+    denied = agrees and gap > _DENIED_SHARE * limits.safe
+    if memory[_MISFIT] >= _MAX_MISFIT and memory[_AGREED] > _AGREED_TIME:
+        denied |= beyond != 0.0
+    doubted = gap > _GAP_SHARE * limits.safe and _explains(memory, _MAX_DOUBT)
+    doubted &= _differs(limits, spring, given, scaled) != -np.sign(scaled - torque)
+    if denied or doubted:
         memory[_GAP] += limits.period
         if memory[_GAP] > _GAP_TIME:
-            _stop(memory, LIMP)
+            _stop(memory, STOPPED if denied else LIMP)
         return
     memory[_GAP] = 0.0
-    if gap < 0.5 * most and memory[_EQUAL + TORQUE] < _STILL_SAMPLES:
-        gain = (
-            memory[_GAIN] + share * expected * (off - memory[_GAIN] * expected) / size
-        )
-        memory[_GAIN] = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
+    if beyond == 0.0 and abs(torque) > _KNOWN_SHARE * limits.safe:
+        memory[_AGREED] += limits.period
+    if not agrees and memory[_EQUAL + TORQUE] < _STILL_SAMPLES:
+        _learn(limits, memory)
 
 
 @compiled
@@ -401,13 +508,25 @@ def admit(
         _check_frozen(limits, spring, memory, seen)
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _RATE_FILTER * (rate - memory[_RUSH])
+    _watch_motor(limits, memory, seen)
     moved = seen[JOINT] - memory[_GOOD + JOINT]
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
     if is_known:
         _predict(limits, spring, memory, moved)
         if memory[STATE] < STOPPED:
-            _compare(limits, memory)
+            _compare(limits, spring, memory)
+
+
+@internal
+def _credible(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> float:
+    """Return the torque of the stretch as far as it is to be believed [N m]."""
+    if _explains(memory, _MAX_MISFIT):
+        return float(memory[_GAIN] * memory[_PREDICTED])
+    predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
+    high = _behind_friction(limits, spring, memory[_MOST], 1.0)
+    low = _behind_friction(limits, spring, -memory[_MOST], -1.0)
+    return float(min(max(predicted, low), high))
 
 
 @internal
@@ -444,7 +563,7 @@ def state(
     measured = memory[_GOOD + TORQUE]
     released = release_state(before, measured, rushing, planned, safe)
     if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
-        predicted = memory[_GAIN] * memory[_PREDICTED]
+        predicted = _credible(limits, spring, memory)
         released = max(
             released, release_state(before, predicted, rushing, planned, safe)
         )

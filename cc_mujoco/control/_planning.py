@@ -335,6 +335,8 @@ def motor_torque(
     ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
     planned = read[guard.DESIRED]
     if guard.state(limits, spring, watched, ahead, planned) != guard.FREE:
+        # What is predicted from a sensor that fails would drive the motor.
+        ahead = read[guard.MOTOR_SPEED] - tune[RATIO] * read[guard.JOINT_SPEED]
         torque = guard.let_go_torque(watched, _damping(tune, delay), ahead)
     torque = guard.bounded(limits, spring, watched, torque)
     most = tune[RATE] * dt

@@ -6,7 +6,6 @@ Replace `SimulatedRig` by a class that talks to your motor, and leave the clock 
 Read the page of `cc_mujoco.hardware` first.
 """
 
-import dataclasses
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -64,8 +63,6 @@ class Rows(list):
 
 
 drive = hardware.drive_of("bench", Path(), PERIOD, 2.0)
-# This motor drives its joint without a cable, whose stretch the guard would check.
-drive = dataclasses.replace(drive, cable_drives=())
 rig, log = SimulatedRig(drive.ratio), Rows()
 limits = hardware.Limits(2.0, 200.0, 60.0, (-1.0, 1.0))
 times, torques = np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.3, -0.3])

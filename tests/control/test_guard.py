@@ -45,6 +45,7 @@ from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Fleet, Trace, WornDevice, run
 from control.devices import pull_pull, single
+from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
 
 SAFE = 8.0
 GUARDED = [name for name in CONTROLLERS if name != "none"]  # which measures nothing
@@ -308,10 +309,87 @@ def test_a_sensor_that_fails_makes_no_unsafe_torque(name: str, fault: str) -> No
 def test_no_exported_controller_is_unsafe_after_a_fault(scene: str) -> None:
     found = {
         (name, fault): fault_peaks(scene, name, fault, seeds=10)
-        for name in (*EXPORTED, "pi_tuned", "lqg")
+        for name in (*EXPORTED, "pi_tuned", "pi_feed_forward", "inverse", "lqg")
         for fault in FAULTS
     }
     assert max(found.values()) <= 1.1, found
+
+
+RIGS = {
+    "soft": Truth(stiffness=0.5),
+    "stiff": Truth(stiffness=2.0),
+    "slick": Truth(friction=0.5),
+    "rough": Truth(friction=2.0),
+    "small": Truth(radius=0.8),
+    "large": Truth(radius=1.2),
+    "soft-rough-small": Truth(0.5, 2.0, 0.8),
+    "stiff-rough-large": Truth(2.0, 2.0, 1.2, motor_friction=0.05),
+    "ten times as stiff": Truth(stiffness=10.0),
+}
+"""Rigs that are not as their drive believes."""
+
+
+def driven(
+    believed: Believed, truth: Truth, name: str, fault: str = "", duration: float = 2.5
+) -> Ride:
+    """Return an episode of a rig."""
+    law = controller(name, believed.drive())
+    law.name = name
+    law.reset()
+    return ride(believed, truth, law, states, fault, duration=duration)
+
+
+@pytest.mark.parametrize(
+    ("believed", "rig", "name"),
+    [
+        # A guard that trusts its stiffness, ratio or friction stops each of them.
+        (ANKLE, "large", "pi_tuned"),
+        (ANKLE, "soft-rough-small", "pi_tuned"),
+        (HANDLE, "large", "lqg"),
+        (HANDLE, "small", "pi"),
+        (HANDLE, "ten times as stiff", "pi_tuned"),
+        (HANDLE, "stiff-rough-large", "pi_tuned"),
+    ],
+)
+def test_a_rig_that_is_not_as_believed_is_not_stopped(
+    believed: Believed, rig: str, name: str
+) -> None:
+    assert driven(believed, RIGS[rig], name).state.max() < guard.STOPPED
+
+
+@pytest.mark.parametrize("fault", ["dead", "frozen", "reversed"])
+@pytest.mark.parametrize(
+    ("believed", "rig"), [(ANKLE, "rough"), (ANKLE, "small"), (HANDLE, "stiff")]
+)
+def test_a_torque_sensor_that_fails_is_caught_on_a_rig_that_is_not_as_believed(
+    believed: Believed, rig: str, fault: str
+) -> None:
+    found = driven(believed, RIGS[rig], "pi_tuned", fault)
+    assert found.state[: round(1.2 / 0.001)].max() < guard.STOPPED
+    assert found.state[-1] == guard.STOPPED
+    assert np.abs(found.torque).max() <= 1.1 * believed.safe
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("believed", [ANKLE, HANDLE])
+@pytest.mark.parametrize("name", ["pi_tuned", "lqg", "inverse", "predictive"])
+def test_no_controller_stops_a_rig_that_is_not_as_believed(
+    believed: Believed, name: str
+) -> None:
+    found = {
+        rig: driven(believed, truth, name, duration=4.0).state.max()
+        for rig, truth in RIGS.items()
+    }
+    assert max(found.values()) < guard.STOPPED, found
+
+
+def test_a_gaussian_controller_recovers_after_an_encoder_slips() -> None:
+    errors = []
+    for fault in ("", "slipped"):
+        found = driven(HANDLE, Truth(), "lqg", fault)
+        after = np.arange(found.torque.size) > round(1.25 / 0.001)
+        errors.append(np.std((found.torque - found.desired)[after]))
+    assert errors[1] < 1.1 * errors[0]
 
 
 def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:

@@ -2,13 +2,15 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [tables] [claims] [benchmark] [diagnosis]
+    python scripts/benchmarks/check_structure.py ...   # see there
+    python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
 Writes the tables of parameters, materials, metrics and effects as CSV files, runs what
 is not done yet of claims and benchmark, and replaces what stands between the marks of
 each block, on its page and, in short, on the front page; claims and the benchmark's
 errors by condition also go into CSV files. The benchmark is
-`cc-mujoco benchmark --suite v1 --controllers pi model stiction`.
+`cc-mujoco benchmark --suite v1 --controllers pi model stiction`; the structure is what
+`check_structure.py` has left in v2-conditions.csv.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
@@ -60,6 +63,7 @@ FRONT = ROOT / "README.md"
 PAGES = {
     "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
+    "structure": FRONT,
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",
 }
 """Page of every block."""
@@ -74,9 +78,13 @@ TABLES = {
     }.items()
 }
 """File of every table of the package, which a page links to."""
+STRUCTURE = PAGES["benchmark"].with_name("v2-conditions.csv")
+"""Scores of the controllers in every condition of suite `v2`."""
+OURS = "predictive", "adaptive"
+"""Controllers with the model of the cables; all others are baselines."""
 ENTRIES = ("pi", "model", "stiction", "predictive", "adaptive")
 """Controllers in the table of the benchmark, beside `none` and the references."""
-SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
+SHORT = {"claims": 1, "diagnosis": 1}
 """Paragraphs of a block that the front page shows, if any."""
 
 
@@ -103,15 +111,6 @@ def tables(results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def cells(table: str) -> list[list[str]]:
-    """Return the entries of a Markdown table, without code and emphasis marks."""
-    return [
-        [entry.strip().strip("`*") for entry in line.strip("| ").split(" | ")]
-        for line in table.splitlines()
-        if not line.startswith("|---")
-    ]
-
-
 def plain(
     table: tuple[Sequence[str], Sequence[Sequence[str]]],
 ) -> list[list[str]]:
@@ -129,6 +128,49 @@ def package_tables() -> dict[str, list[list[str]]]:
         "metrics": of_metrics.table_rows(METRICS.values()),
         "effects": of_effects.table_rows(EFFECTS.values()),
     }
+
+
+def structure(path: Path) -> str:
+    """Return the Markdown of suite `v2`: a table, and where a baseline is the best."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    errors: dict[tuple[str, str], dict[str, float]] = {}
+    for row in rows:
+        of_condition = errors.setdefault((row["scene"], row["condition"]), {})
+        of_condition[row["controller"]] = float(row["rms_torque_error"])
+    scenes = list(dict.fromkeys(scene for scene, _ in errors))
+
+    def cell(law: str, scene: str) -> str:
+        ratios = [
+            of[law] / min(of.values()) for at, of in errors.items() if at[0] == scene
+        ]
+        own = [r for r in rows if (r["scene"], r["controller"]) == (scene, law)]
+        chatter, motor = (
+            float(np.median([float(row[name]) for row in own]))
+            for name in ("chatter", "rms_motor_torque")
+        )
+        spread = f"{np.median(ratios):.2f} to {max(ratios):.2f}"
+        return f"{spread} ({1e3 * chatter:.0f}, {motor:.2g})"
+
+    def worse(scene: str) -> str:
+        own = {name: of for (at, name), of in errors.items() if at == scene}
+        lost = []
+        for name, of in own.items():
+            best = min(of, key=of.__getitem__)
+            if best not in OURS:
+                ratio = min(of[law] for law in OURS) / of[best]
+                lost.append(f"`{name.removeprefix('structure-')}` {ratio:.2f}")
+        listed = f" ({', '.join(lost)})" if lost else ""
+        return f"{scene} {len(lost)} of {len(own)}{listed}"
+
+    laws = dict.fromkeys(row["controller"] for row in rows)
+    lines = [[f"`{law}`", *(cell(law, scene) for scene in scenes)] for law in laws]
+    return (
+        f"{table(['controller', *scenes], lines)}\n\n"
+        "A baseline is best in these conditions (error of the better of "
+        f"{' and '.join(f'`{law}`' for law in OURS)} over its): "
+        f"{'; '.join(map(worse, scenes))}."
+    )
 
 
 def write_results(results: Results) -> None:
@@ -202,28 +244,11 @@ def filled(page: str, name: str, text: str) -> str:
     return found
 
 
-def shortened(name: str, text: str) -> str:
-    """Return what the front page shows of a block: tables without intervals."""
-    short = "\n\n".join(text.split("\n\n")[: SHORT[name]])
-    if name != "benchmark" or OVERVIEW_HEADING not in short:
-        return short
-    (head, *rows) = cells(overview := short.partition("\n\n")[2])
-    shown = [place for place, entry in enumerate(head) if ", failed" not in entry]
-    marked = [line.strip("| ").split(" | ")[0] for line in overview.splitlines()[2:]]
-    return table(
-        [head[place] for place in shown],
-        [
-            [label, *(row[place].partition(" (")[0] for place in shown[1:])]
-            for label, row in zip(marked, rows, strict=True)
-        ],
-    )
-
-
 def write(name: str, text: str) -> None:
     """Put a block on its page, and its beginning on the front page, if it is there."""
     places = [(PAGES[name], text)]
     if name in SHORT:
-        places.append((FRONT, shortened(name, text)))
+        places.append((FRONT, "\n\n".join(text.split("\n\n")[: SHORT[name]])))
     for path, part in places:
         page = filled(path.read_text(encoding="utf-8"), name, part)
         with replacing(path) as place:
@@ -261,6 +286,8 @@ def main() -> None:
         results = played(options.benchmark, options.seeds)
         write("benchmark", tables(results))
         write_results(results)
+    if "structure" in options.blocks:
+        write("structure", structure(STRUCTURE))
     if "diagnosis" in options.blocks:
         write("diagnosis", studies(options.sealed))
 

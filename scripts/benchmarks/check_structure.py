@@ -1,18 +1,21 @@
 """Is a controller robust to structure that its model does not have?
 
     python scripts/benchmarks/check_structure.py --scenes wrist ankle finger \
-        --first-seed 83000 --duration 1.6
+        --first-seed 83000 --duration 1.6 --out cc_mujoco/benchmark/v2-conditions.csv
 
 Plays suite `v2` (or `v2-known`) and prints, for every device and condition, the RMS
 error of the torque, the mean over the seeds, and that of the first controller over the
-best of the others. Unlike `cc-mujoco benchmark` it plays no references and keeps
-nothing. A row is printed once it is played.
+best of the others. Unlike `cc-mujoco benchmark` it plays no references. A row is
+printed once it is played. `--out` keeps errors, chatter and motor torque, of which
+`fill_readme.py structure` makes the tables of the pages.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 
@@ -20,20 +23,39 @@ from cc_mujoco.benchmark import SUITES, Cell, Condition, play
 from cc_mujoco.errors import look_up
 
 BASELINES = "pi_tuned", "pi_feed_forward", "inverse", "lqg"
+SCORES = "rms_torque_error", "chatter", "rms_motor_torque"
+"""Scores that are kept [N m], means over the seeds."""
 
 
-def row(condition: Condition, laws: list[str], seeds: tuple[int, ...]) -> list[float]:
-    """Print a row of the table; return the errors of the controllers [N m]."""
-    errors: list[float] = []
+def row(
+    condition: Condition, laws: list[str], seeds: tuple[int, ...]
+) -> dict[str, list[float]]:
+    """Print a row of the table; return `SCORES` and failed episodes of each law."""
+    found: dict[str, list[float]] = {}
     cells: list[str] = []
     for law in laws:
         scores = play(Cell(condition, law, seeds)).scores
-        errors.append(float(np.mean(scores["rms_torque_error"])))
         failed = int(np.sum(scores["failed"]))
-        cells.append(f"{errors[-1]:.3g}" + (f" ({failed} failed)" if failed else ""))
-    share = errors[0] / min(errors[1:])
+        found[law] = [*(float(np.mean(scores[name])) for name in SCORES), failed]
+        error = f"{found[law][0]:.3g}"
+        cells.append(error + (f" ({failed} failed)" if failed else ""))
+    share = of_the_best(found)
     print(f"| {condition.name} | {' | '.join(cells)} | {share:.2f} |", flush=True)
-    return errors
+    return found
+
+
+def of_the_best(found: dict[str, list[float]]) -> float:
+    """Return the error of the first controller over the best of the others."""
+    first, *others = (scores[0] for scores in found.values())
+    return first / min(others)
+
+
+def keep(path: Path, rows: list[tuple[str | float, ...]]) -> None:
+    """Write one row per device, condition and controller."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        to = csv.writer(file, lineterminator="\n")
+        to.writerow(["scene", "condition", "controller", *SCORES, "failed"])
+        to.writerows(rows)
 
 
 def main() -> None:
@@ -46,11 +68,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=4.0)
+    parser.add_argument("--out", type=Path, help="CSV file, written after every row")
     options = parser.parse_args()
     seeds = tuple(range(options.first_seed, options.first_seed + options.seeds))
     laws: list[str] = options.controllers
     if len(laws) < 2:
         parser.error("--controllers needs one to judge and one to compare it with")
+    kept: list[tuple[str | float, ...]] = []
     for scene in options.scenes:
         print(f"\n| {scene} | {' | '.join(laws)} | of the best |")
         print("|---" * (len(laws) + 2) + "|", flush=True)
@@ -59,8 +83,12 @@ def main() -> None:
         for name in options.conditions or found:
             condition = look_up("condition", name, found)
             short = dataclasses.replace(condition, duration=options.duration)
-            errors = row(short, laws, seeds)
-            shares.append(errors[0] / min(errors[1:]))
+            played = row(short, laws, seeds)
+            shares.append(of_the_best(played))
+            for law, scores in played.items():
+                kept.append((scene, name, law, *(f"{one:.4g}" for one in scores)))
+            if options.out is not None:
+                keep(options.out, kept)
         print(f"\nmedian {np.median(shares):.2f}, worst {max(shares):.2f}", flush=True)
 
 

@@ -22,6 +22,21 @@ COLUMNS = ("time_s", "motor_angle_rad", "motor_torque_nm")
 COLUMNS += ("joint_angle_rad", "joint_torque_nm")
 
 
+def main():
+    """Record trials, diagnose them, draw one."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / "data").mkdir()
+        angle, torque = record(folder / "data", SECONDS)
+        verdict = cc_mujoco.diagnose(SCENE, folder / "data", folder / "out")
+    print(verdict.statement)
+    plt.plot(angle, torque, label="measured")
+    plt.xlabel("angle of the knee [rad]")
+    plt.ylabel("torque at the knee [N m]")
+    plt.legend()
+    plt.savefig("diagnose_csv.png")
+
+
 def record(folder, seconds):
     """Write what sensors would have read; return two columns of the fast trial."""
     plant = cc_mujoco.Plant(str(SCENE), HIDDEN)
@@ -53,15 +68,5 @@ def record(folder, seconds):
     return fast
 
 
-with tempfile.TemporaryDirectory() as place:
-    folder = Path(place)
-    (folder / "data").mkdir()
-    angle, torque = record(folder / "data", SECONDS)
-    verdict = cc_mujoco.diagnose(SCENE, folder / "data", folder / "out")
-print(verdict.statement)
-
-plt.plot(angle, torque, label="measured")
-plt.xlabel("angle of the knee [rad]")
-plt.ylabel("torque at the knee [N m]")
-plt.legend()
-plt.savefig("diagnose_csv.png")
+if __name__ == "__main__":
+    main()

@@ -149,8 +149,8 @@ def structure(path: Path) -> str:
             float(np.median([float(row[name]) for row in own]))
             for name in ("chatter", "rms_motor_torque")
         )
-        spread = f"{np.median(ratios):.2f} to {max(ratios):.2f}"
-        return f"{spread} ({1e3 * chatter:.0f}, {motor:.2g})"
+        spread = f"{np.median(ratios):.2f}/{max(ratios):.2f}"
+        return f"{spread}, {1e3 * chatter:.0f}, {motor:.2g}"
 
     def worse(scene: str) -> str:
         own = {name: of for (at, name), of in errors.items() if at == scene}
@@ -167,8 +167,7 @@ def structure(path: Path) -> str:
     lines = [[f"`{law}`", *(cell(law, scene) for scene in scenes)] for law in laws]
     return (
         f"{table(['controller', *scenes], lines)}\n\n"
-        "A baseline is best in these conditions (error of the better of "
-        f"{' and '.join(f'`{law}`' for law in OURS)} over its): "
+        f"A baseline beats {' and '.join(f'`{law}`' for law in OURS)} by this factor: "
         f"{'; '.join(map(worse, scenes))}."
     )
 

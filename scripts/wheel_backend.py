@@ -1,12 +1,12 @@
-"""Build backend: that of setuptools, whose wheels get the compiled engine plugin.
+"""Build backend: that of setuptools, whose wheels get the native library.
 
-On Linux on x86-64 `build_wheel` compiles the sources of the wheel and adds the shared
-library, so that `import cc_mujoco` has nothing to compile. Where that is not possible
-the wheel is the one of setuptools, and a line on standard error gives the reason.
+On Linux `build_wheel` compiles the sources of the wheel and adds the shared library, so
+that `import cc_mujoco` has nothing to compile. Where that is not possible the wheel is
+the one of setuptools, and a line on standard error gives the reason.
 
-    python -m build --wheel                   # with the plugin compiled for it
-    python -m build --wheel -C plugin=FILE    # with one that `cc-mujoco plugin` wrote
-    python -m build --wheel -C plugin=none    # without
+    python -m build --wheel                    # with the library compiled for it
+    python -m build --wheel -C library=FILE    # with one of the same sources
+    python -m build --wheel -C library=none    # without
 
 Editable installs are those of setuptools, and so are source distributions, with this
 file.
@@ -25,7 +25,6 @@ import sys
 import tempfile
 import tomllib
 import zipfile
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -41,17 +40,16 @@ get_requires_for_build_sdist = build_meta.get_requires_for_build_sdist
 prepare_metadata_for_build_editable = build_meta.prepare_metadata_for_build_editable
 prepare_metadata_for_build_wheel = build_meta.prepare_metadata_for_build_wheel
 
-_PLUGIN = "cc_mujoco/plugin/libcc_mujoco_cable.so"
-_NEEDED = ("gymnasium", "lazy_loader", "mujoco", "numba", "numpy")
-"""Dependencies of the package that the compilation of the plugin imports."""
-_COMPILE = "import sys, cc_mujoco.export as e; e.write_plugin(sys.argv[1])"
-_DIGEST = """
+_LIBRARY = "cc_mujoco/native/libcc_mujoco.so"
+_NEEDED = ("gymnasium", "lazy_loader", "mujoco", "numpy", "scipy")
+"""Dependencies of the package that the compilation of the library imports."""
+_COMPILE = """
 import sys
 from pathlib import Path
-from cc_mujoco._utils.code_stamp import digest
-package = Path(sys.argv[1])
-print(digest(package / "plugin" / "_registration.py", package))
+from cc_mujoco.native._library import build
+build(Path(sys.argv[1]))
 """
+_DIGEST = "from cc_mujoco.native._library import digest; print(digest())"
 
 
 class SourceDistribution(sdist):
@@ -63,16 +61,16 @@ class SourceDistribution(sdist):
 
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
-    """Return what the compilation of the plugin needs beside setuptools."""
+    """Return what the compilation of the library needs beside setuptools."""
     needed = list(build_meta.get_requires_for_build_wheel(config_settings))
-    choice = (config_settings or {}).get("plugin")
-    if not _can_have_plugin() or choice == "none":
+    choice = (config_settings or {}).get("library")
+    if not _can_have_library() or choice == "none":
         return needed
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
     for dependency in project["project"]["dependencies"]:
         if re.split(r"[^\w.-]", dependency)[0] in _NEEDED:
             needed.append(dependency)
-    if choice is None and shutil.which("ld") is None:
+    if choice is None and not _has_compiler():
         needed += project["project"]["optional-dependencies"]["native"]
     return needed
 
@@ -82,19 +80,17 @@ def build_wheel(
     config_settings: Settings = None,
     metadata_directory: str | None = None,
 ) -> str:
-    """Build the wheel, add the plugin to it and return its name.
+    """Build the wheel, add the library to it and return its name.
 
     Raises:
-        SystemExit: The file of the setting `plugin` is no plugin of these sources.
+        SystemExit: The file of the setting `library` is not of these sources.
     """
     name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
-    choice = (config_settings or {}).get("plugin")
+    choice = (config_settings or {}).get("library")
     if choice == "none":
         return name
-    if not _can_have_plugin():
-        return _without(name, "only Linux on x86-64 can load it")
-    if choice is None and shutil.which("ld") is None and find_spec("ziglang") is None:
-        return _without(name, "it takes a linker, `ld` or `ziglang`")
+    if not _can_have_library():
+        return _without(name, "only wheels for Linux carry one")
     plain = Path(wheel_directory) / name
     with tempfile.TemporaryDirectory() as folder:
         tree, made = Path(folder) / "wheel", Path(folder) / "made"
@@ -107,10 +103,10 @@ def build_wheel(
                 flush=True,
             )
             try:
-                _run(tree, _COMPILE, made)
+                _run(tree, _COMPILE, made / Path(_LIBRARY).name)
             except subprocess.CalledProcessError as error:
                 return _without(name, _last_line(error))
-            library = (made / Path(_PLUGIN).name).read_bytes()
+            library = (made / Path(_LIBRARY).name).read_bytes()
         else:
             library = _given(Path(choice), tree)
     return _pack(plain, library)
@@ -120,15 +116,14 @@ def _given(file: Path, tree: Path) -> bytes:
     """Return the content of a library, if it was made of the sources of a wheel."""
     try:
         content = file.read_bytes()
-        digest = _run(tree, _DIGEST, tree / "cc_mujoco")
+        digest = _run(tree, _DIGEST)
     except OSError as error:
         raise SystemExit(f"{file} cannot be read: {error.strerror}.") from None
     except subprocess.CalledProcessError as error:
         raise SystemExit(f"{file} cannot be checked: {_last_line(error)}.") from None
     if digest.encode() not in content:
         raise SystemExit(
-            f"{file} is no plugin of these sources for the MuJoCo installed here; "
-            "write it anew with `cc-mujoco plugin`."
+            f"{file} is no library of these sources for the MuJoCo installed here."
         )
     return content
 
@@ -137,15 +132,19 @@ def _last_line(error: subprocess.CalledProcessError) -> str:
     return (error.stderr.strip().splitlines() or ["no reason given"])[-1]
 
 
-def _can_have_plugin() -> bool:
-    return sys.platform == "linux" and platform.machine() == "x86_64"
+def _can_have_library() -> bool:
+    return sys.platform == "linux"
+
+
+def _has_compiler() -> bool:
+    return any(map(shutil.which, ("cc", "clang", "gcc")))
 
 
 def _without(name: str, reason: str) -> str:
-    """Report that a wheel has no compiled plugin, and return its name."""
+    """Report that a wheel has no native library, and return its name."""
     print(
-        f"cc_mujoco: the wheel carries no compiled plugin ({reason}); the first "
-        "import compiles it, for one to two minutes.",
+        f"cc_mujoco: the wheel carries no native library ({reason}); the first import "
+        "compiles it, for about 20 s.",
         file=sys.stderr,
     )
     return name
@@ -154,11 +153,10 @@ def _without(name: str, reason: str) -> str:
 def _run(tree: Path, script: str, *given: Path) -> str:
     """Run a script with the package of an unpacked wheel; return what it prints."""
     paths = [str(tree), *filter(None, [os.environ.get("PYTHONPATH")])]
-    # The compiler's cache does not belong into the wheel.
     settings = {
         "PYTHONPATH": os.pathsep.join(paths),
         "PYTHONDONTWRITEBYTECODE": "1",
-        "NUMBA_CACHE_DIR": str(tree.parent / "cache"),
+        "CC_MUJOCO_CACHE_DIR": str(tree.parent / "cache"),
     }
     done = subprocess.run(
         [sys.executable, "-P", "-c", script, *map(str, given)],
@@ -174,7 +172,7 @@ def _tag(library: bytes) -> str:
     """Return the tag of systems with the glibc that a library needs."""
     found = re.findall(rb"\0GLIBC_(\d+)\.(\d+)", library)
     major, minor = max((int(major), int(minor)) for major, minor in found)
-    return f"py3-none-manylinux_{major}_{minor}_x86_64"
+    return f"py3-none-manylinux_{major}_{minor}_{platform.machine()}"
 
 
 def _pack(plain: Path, library: bytes) -> str:
@@ -189,7 +187,7 @@ def _pack(plain: Path, library: bytes) -> str:
             if file.filename.endswith(".dist-info/WHEEL"):
                 content = re.sub(rb"(?m)^(Root-Is-Purelib:).*$", rb"\1 false", content)
                 content = re.sub(rb"(?m)^Tag: .*$", f"Tag: {tag}".encode(), content)
-                added = zipfile.ZipInfo(_PLUGIN, file.date_time)
+                added = zipfile.ZipInfo(_LIBRARY, file.date_time)
                 added.external_attr = file.external_attr
                 added.compress_type = zipfile.ZIP_DEFLATED
                 files.append((added, library))

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import gc
-import hashlib
 import os
-import platform
-import shutil
-import sys
 from collections.abc import Generator
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from compiled_code import STUDY, compile_all
+from cc_mujoco.native._library import digest, library
 from shared_folder import ABSENT, SHARED
 
 # The same examples in every run, so more of them find nothing in the next one; and no
@@ -26,7 +21,6 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "cc_mujoco"
 LONG = (
     "test_export.py",
     "test_wheel.py",
@@ -100,35 +94,9 @@ LONG = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the cached code once, before workers start that would each compile it.
-
-    The step is skipped if these sources were compiled before, because loading the cache
-    takes seconds.
-    """
-    if hasattr(config, "workerinput"):
-        return
-    cache, now = getattr(config, "cache", None), _sources()
-    if cache is None or cache.get("cc_mujoco/compiled", "") != now:
-        if compile_all() != 0:
-            pytest.exit("what the tests call does not compile: see above", 1)
-        if cache is not None:
-            cache.set("cc_mujoco/compiled", _sources())
-
-
-def _sources() -> str:
-    """Return a digest of the compiled sources and the versions of their compilers.
-
-    Of every file it covers path, size and time of modification.
-    """
-    digest = hashlib.sha256(sys.version.encode())
-    for name in ("mujoco", "numba", "numpy"):
-        digest.update(version(name).encode())
-    for path in sorted([*PACKAGE.rglob("*.py"), *STUDY.rglob("*.py")]):
-        about = path.stat()
-        digest.update(f"{path} {about.st_size} {about.st_mtime_ns}".encode())
-    kept = any((PACKAGE / "plugin" / "__pycache__").glob("*.nbi"))
-    kept = kept and any((STUDY / "rig" / "__pycache__").glob("*.nbi"))
-    return digest.hexdigest() if kept else "nothing is kept"
+    """Compile the native library once, before workers start that would each do so."""
+    if not hasattr(config, "workerinput"):
+        library()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -161,21 +129,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def plugin_library(pytestconfig: pytest.Config) -> Path | None:
-    """Write the plugin as a shared library once per version; none where it cannot be.
+def plugin_library(pytestconfig: pytest.Config) -> Path:
+    """Write the plugin as a shared library once per version.
 
-    It takes a quarter of a minute, so it is kept for other workers and later runs.
+    It takes seconds, so it is kept for other workers and later runs.
     """
-    if sys.platform != "linux" or platform.machine() != "x86_64":
-        return None
-    if shutil.which("ld") is None:
-        return None
     from cc_mujoco.export import write_plugin
-    from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
+    from cc_mujoco.plugin._registration import PLUGIN_LIBRARY
 
     folder = pytestconfig.cache.mkdir("plugin")
     kept = folder / PLUGIN_LIBRARY
-    if not kept.exists() or code_digest().encode() not in kept.read_bytes():
+    if not kept.exists() or digest().encode() not in kept.read_bytes():
         partial = folder / f"of {os.getpid()}"
         write_plugin(partial).replace(kept)
         partial.rmdir()

@@ -23,12 +23,12 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._runner import FIGURE_STEMS
 from cc_mujoco.cli import _options
+from cc_mujoco.cli._export import TARGETS
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import COMMANDS
 from cc_mujoco.device import find_device
 from cc_mujoco.export import EXPORT_FILES as EXPORTED_FILES
-from cc_mujoco.export import EXPORTED, TARGETS
-from cc_mujoco.export import _files as files
+from cc_mujoco.export import EXPORTED
 from cc_mujoco.report import figure
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import EPISODE_FILES, _episode_files
@@ -286,8 +286,8 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
             "'disturbance' cannot be exported",
         ),
         (
-            "export wrist --controller pi --out x --target arm7".split(),
-            "did you mean 'armv7'",
+            "export wrist --controller pi --out x --target onx".split(),
+            "did you mean 'onnx'",
         ),
         (
             [*EXPORT, "wrist", "--controller", "pi", "--model", "no.xml"],
@@ -733,7 +733,6 @@ def test_no_command_replaces_files_that_it_did_not_write(
 def test_a_command_runs_again_into_its_own_folder(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "emit", lambda *_: b"")  # seconds of LLVM
     for _ in range(2):
         assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
 
@@ -741,7 +740,6 @@ def test_a_command_runs_again_into_its_own_folder(
 def test_an_exported_controller_has_the_parameters_of_a_variant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "emit", lambda *_: b"")  # seconds of LLVM
     scene = scene_path("wrist").read_text("utf-8")
     assert scene.count('key="friction" value="0.21"') == 2
     variant = tmp_path / "variant.xml"

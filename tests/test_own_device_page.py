@@ -24,7 +24,6 @@ from cc_mujoco.device import Sensing, find_device
 from cc_mujoco.device import _derivation as derivation
 from cc_mujoco.device._derived_wearers import WEARER_KEYS
 from cc_mujoco.device._description import Cuff
-from cc_mujoco.export import _files as export_files
 from hardware.peers import Peer
 from page_blocks import Block, blocks_of
 
@@ -161,7 +160,6 @@ def test_commands_of_the_page_do_what_it_says(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(export_files, "emit", lambda *_: b"")  # seconds of LLVM
     play(section, monkeypatch)
     CHECKS[section](folder, capsys.readouterr().out)
 

@@ -59,9 +59,8 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
     home = tmp_path_factory.mktemp("scripts")
     alone = {name: SCRIPTS[name] for name in ("MuJoCo alone", "nothing else")}
     others = {name: text for name, text in SCRIPTS.items() if name not in alone}
-    # What takes longest to import, whose place in the order is of no account, and what
-    # Numba loads for the first compiled function.
-    start = "import numba, scipy.linalg; numba.cfunc('f8()')(lambda: 0.0)"
+    # What takes longest to import, whose place in the order is of no account.
+    start = "import scipy.linalg"
     return processes(start, others, home) | processes("", alone, home)
 
 

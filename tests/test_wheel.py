@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 import wheel_backend
 
-from cc_mujoco.plugin._registration import code_digest
+from cc_mujoco.native._library import digest, library
 from page_blocks import BLOCKS, ROOT, Block, Reader
 
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 SOURCES = ("cc_mujoco", "envs", "assets")
-LIBRARY = "cc_mujoco/plugin/libcc_mujoco_cable.so"
+ON_LINUX = sys.platform == "linux"
+LIBRARY = "cc_mujoco/native/libcc_mujoco.so"
 
 STEP = """
 import sys
@@ -27,7 +28,6 @@ import mujoco
 from cc_mujoco.assets import scene_path
 model = mujoco.MjModel.from_xml_path(str(scene_path("wrist")))
 mujoco.mj_step(model, mujoco.MjData(model))
-assert not {"numba", "llvmlite"} & set(sys.modules)
 """
 SMOKE = """
 import sys
@@ -64,9 +64,10 @@ def source_files() -> dict[str, Path]:
     }
 
 
-def run(*command: str | Path, cwd: Path) -> None:
+def run(*command: str | Path, cwd: Path, **settings: str) -> None:
     """Run a command without the settings that could lead it back to the checkout."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    environment |= settings
     done = subprocess.run(
         command, cwd=cwd, env=environment, text=True, capture_output=True, timeout=600
     )
@@ -83,9 +84,10 @@ def test_every_folder_with_modules_is_a_listed_package() -> None:
 
 
 @pytest.fixture(scope="module")
-def wheel(plugin_library: Path | None, copy: Path) -> Path:
-    """Build the wheel from a source distribution, with the plugin of other tests."""
-    return build(copy, f"--config-setting=plugin={plugin_library or 'none'}")
+def wheel(copy: Path) -> Path:
+    """Build the wheel from a source distribution, with the library of other tests."""
+    carried = library()._name if ON_LINUX else "none"
+    return build(copy, f"--config-setting=library={carried}")
 
 
 @pytest.fixture(scope="module")
@@ -136,55 +138,40 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     site = package.parents[1]
     lent = [p for p in sys.path if Path(p).name in ("site-packages", "dist-packages")]
     (site / "lent.pth").write_text("\n".join(lent) + "\n")
-    lend_compiled(package.parent)
     return commands
 
 
-def lend_compiled(package: Path) -> None:
-    """Give it what Numba has compiled here of the same sources, a minute's work.
-
-    Numba keeps code beside its source, with a stamp of what the sources say.
-    """
-    for source in (ROOT / "cc_mujoco").rglob("*.py"):
-        copy = package / source.relative_to(ROOT / "cc_mujoco")
-        for kept in (source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ci]"):
-            (copy.parent / "__pycache__").mkdir(exist_ok=True)
-            shutil.copy2(kept, copy.parent / "__pycache__")
-
-
 @pytest.mark.wheel
-def test_wheel_holds_every_source_file_and_the_plugin(
-    wheel: Path, plugin_library: Path | None
-) -> None:
+def test_wheel_holds_every_source_file_and_the_library(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    expected = {*source_files()} | ({LIBRARY} if plugin_library else set())
+    expected = {*source_files()} | ({LIBRARY} if ON_LINUX else set())
     assert {n for n in names if ".dist-info/" not in n} == expected
     assert any(n.endswith("licenses/LICENSE") for n in names)
-    assert wheel.stem.endswith("_x86_64" if plugin_library else "-any")
+    assert wheel.stem.endswith("-any") != ON_LINUX
 
 
 @pytest.mark.wheel
-def test_installed_plugin_needs_no_numba(
-    installed: Path, plugin_library: Path | None, tmp_path: Path
-) -> None:
-    if plugin_library is None:
-        pytest.skip("the library is for Linux on x86-64 and linked by `ld`")
-    run(installed / "python", "-c", STEP, cwd=tmp_path)
+def test_installed_library_needs_no_compiler(installed: Path, tmp_path: Path) -> None:
+    if not ON_LINUX:
+        pytest.skip("only wheels for Linux hold a library")
+    settings = {"PATH": "", "CC_MUJOCO_CACHE_DIR": str(tmp_path / "none")}
+    run(installed / "python", "-c", STEP, cwd=tmp_path, **settings)
+    assert not list((tmp_path / "none").glob("libcc_mujoco*"))
 
 
 @pytest.mark.wheel
 @pytest.mark.parametrize(
     "content, reason",
-    [(None, "cannot be read: No such file"), (b"", "is no plugin of these sources")],
+    [(None, "cannot be read: No such file"), (b"", "is no library of these sources")],
 )
-def test_library_that_is_no_plugin_of_these_sources_is_refused(
+def test_library_of_other_sources_is_refused(
     content: bytes | None,
     reason: str,
     wheel: Path,
     tmp_path: Path,
 ) -> None:
     if wheel.stem.endswith("-any"):
-        pytest.skip("only wheels for Linux on x86-64 hold a library")
+        pytest.skip("only wheels for Linux hold a library")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     file = tmp_path / "given.so"
@@ -195,9 +182,9 @@ def test_library_that_is_no_plugin_of_these_sources_is_refused(
 
 
 @pytest.mark.study
-def test_wheel_compiles_the_plugin_that_it_carries(copy: Path) -> None:
+def test_wheel_compiles_the_library_that_it_carries(copy: Path) -> None:
     with zipfile.ZipFile(build(copy)) as archive:
-        assert code_digest().encode() in archive.read(LIBRARY)
+        assert digest().encode() in archive.read(LIBRARY)
 
 
 @pytest.mark.wheel

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import ByteMatrix, FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
@@ -379,9 +379,9 @@ def _play(
     distal_kind: int,
     distal: FloatArray,
     dt: float,
-    summary: FloatArray,
-    tension: FloatArray,
-    direction: NDArray[np.int8],
+    summary: FloatMatrix,
+    tension: FloatMatrix,
+    direction: ByteMatrix,
 ) -> None:
     new_state = state.copy()
     work = np.empty(kernel.work_size(n))

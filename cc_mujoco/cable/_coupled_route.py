@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
@@ -214,11 +214,11 @@ class _Tables(NamedTuple):
 
     first: float
     step: float
-    wrap: FloatArray
-    contact: FloatArray
-    length: FloatArray
-    gained: FloatArray
-    gain: FloatArray
+    wrap: FloatMatrix
+    contact: FloatMatrix
+    length: FloatMatrix
+    gained: FloatMatrix
+    gain: FloatMatrix
     distal: FloatArray
     arm: FloatArray
 
@@ -252,7 +252,7 @@ def _play(
     motor: FloatArray,
     joint: FloatArray,
     dt: float,
-    out: FloatArray,
+    out: FloatMatrix,
 ) -> None:
     """Compute tensions [N], torques of joint and motor [N m] and friction heat [J].
 

@@ -21,14 +21,9 @@ it does while coefficients are constant. It says so when it fails, and
 from __future__ import annotations
 
 from cc_mujoco._utils.compilation import (
-    INTEGER,
-    REAL,
-    REALS,
     FloatArray,
-    borrow,
-    exported,
+    compiled,
     internal,
-    types,
 )
 
 LIMIT_TOLERANCE = 1e-11
@@ -140,12 +135,7 @@ def _null_slip(
     return min(max(slip, least), most)
 
 
-@exported(
-    types.boolean(
-        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REAL, REAL, REALS,
-        REALS, REALS,
-    )
-)  # fmt: skip
+@compiled
 def march(
     n: int,
     tension: FloatArray,
@@ -181,10 +171,6 @@ def march(
     Returns:
         True, or False where the march does not apply; outputs are then undefined.
     """
-    tension, compliance, half = borrow(tension), borrow(compliance), borrow(half)
-    growth, hold_distal = borrow(growth), borrow(hold_distal)
-    hold_proximal, drag = borrow(hold_proximal), borrow(drag)
-    shift, node, work = borrow(shift), borrow(node), borrow(work)
     m = n + 1
     # w_i = proximal_c T_i - proximal_e after the spring of node i and proximal_a
     # T_{i+1} - proximal_b before that of node i + 1; from the distal end the same for

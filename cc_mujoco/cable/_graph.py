@@ -25,14 +25,9 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco._utils.compilation import (
-    INTEGER,
-    REAL,
-    REALS,
     FloatArray,
-    borrow,
-    exported,
+    compiled,
     internal,
-    types,
 )
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE
 from cc_mujoco.cable._policy_iteration import (
@@ -190,12 +185,7 @@ def solve_by_graph(
     )  # fmt: skip
 
 
-@exported(
-    types.void(
-        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REAL,
-        REAL, REAL, REAL, REALS, REALS, REALS,
-    )
-)  # fmt: skip
+@compiled
 def sweep(
     n: int,
     last: FloatArray,
@@ -222,11 +212,6 @@ def sweep(
     and T = distal_p - distal_q w. `work` holds (11 n + 11,). `hold_distal` and
     `hold_proximal` are overwritten with E where a segment breaks away.
     """
-    last, tension, stiffness = borrow(last), borrow(tension), borrow(stiffness)
-    growth_distal, growth_proximal = borrow(growth_distal), borrow(growth_proximal)
-    hold_distal, hold_proximal = borrow(hold_distal), borrow(hold_proximal)
-    drag, viscosity, work = borrow(drag), borrow(viscosity), borrow(work)
-    shift, node = borrow(shift), borrow(node)
     size = 6 * n + 9  # what comes before it is free outside of the graph
     marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
     slip_direction, slack, lines = marks[:n], marks[n:], work[: 3 * n]

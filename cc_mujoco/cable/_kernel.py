@@ -23,13 +23,8 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco._utils.compilation import (
-    INTEGER,
-    REAL,
-    REALS,
     FloatArray,
-    borrow,
     compiled,
-    exported,
     internal,
 )
 from cc_mujoco.cable import _drum as drum
@@ -391,9 +386,7 @@ def finish_step(
             new_state[2] += drum.turn(prm, n, state, new_state, end, paid, ratio)
 
 
-@exported(
-    INTEGER(REALS, INTEGER, REALS, INTEGER, REAL, INTEGER, REAL, REAL, REALS, REALS)
-)
+@compiled
 def step(
     prm: FloatArray,
     n: int,
@@ -423,9 +416,6 @@ def step(
     Returns:
         OK or NOT_FINITE.
     """
-    prm, state, new_state, work = (
-        borrow(prm), borrow(state), borrow(new_state), borrow(work),
-    )  # fmt: skip
     status = begin_step(
         prm, n, state, proximal_kind, proximal_value, distal_kind, distal_value, dt,
         new_state, work,

@@ -142,6 +142,15 @@ def half_compliance(prm: FloatArray, n: int) -> FloatArray:
     return prm[_ROWS_START + 9 * n + 4 : _ROWS_START + 10 * n + 4]
 
 
+@internal
+def total(values: FloatArray) -> float:
+    """Return the sum, added up in order."""
+    whole = 0.0
+    for i in range(values.size):
+        whole += values[i]
+    return whole
+
+
 @compiled
 def carried_path(prm: FloatArray, n: int) -> FloatArray:
     """Return the path that a surface takes over every segment next (n,) [m]."""

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 
 MAX_REFINEMENT = 8.0
 """Times that a segment may be shorter than the mean."""
@@ -32,7 +32,7 @@ _MAX_ROUNDS, _CONVERGED_SHARE = 50, 1.0 - 1e-12
 
 
 @internal
-def measure_conduit(sections: FloatArray) -> tuple[float, float, bool]:
+def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
     """Return length [m] and wrap [rad] of a conduit, and whether it bends evenly."""
     length, wrap, even = 0.0, 0.0, True
     for s in range(sections.shape[0]):
@@ -44,7 +44,7 @@ def measure_conduit(sections: FloatArray) -> tuple[float, float, bool]:
 
 
 @compiled
-def lay_segments(sections: FloatArray, n: int, edges: FloatArray) -> None:
+def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
     """Lay n segments along a conduit.
 
     Args:
@@ -88,7 +88,7 @@ def _segment_density(radius: float, length: float, wrap: float, mean: float) -> 
 
 
 @compiled
-def segment_wraps(sections: FloatArray, edges: FloatArray, angles: FloatArray) -> None:
+def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) -> None:
     """Wrap angle of every segment: the curvature of the sections that it covers.
 
     Args:

@@ -27,7 +27,7 @@ does.
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, borrow, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
@@ -145,8 +145,6 @@ def carry(
     Returns:
         Whether anything that a step depends on is another than before.
     """
-    prm, tension, before = borrow(prm), borrow(tension), borrow(before)
-    now, gained = borrow(now), borrow(gained)
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
     soft = 1.0 / prm[_EA]

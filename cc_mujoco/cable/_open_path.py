@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import FloatArray, borrow, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _pack as pack
@@ -418,7 +418,6 @@ def store_conduit(
 
     `inside` are its packed parameters, of as many segments as `guided`.
     """
-    inside, reference = borrow(inside), borrow(reference)
     angle, contact = angles(reference, n), contacts(reference, n)
     length, own_length = lengths(reference, n), at.node_length(inside, guided)
     own_angle = at.segment_angles(inside, guided)
@@ -442,7 +441,6 @@ def pack_reference(
         reference: the path in that pose, that of the conduit included.
         prm: out, packed parameters.
     """
-    values, reference, prm = borrow(values), borrow(reference), borrow(prm)
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
     own_angle, own_contact = angles(reference, n), contacts(reference, n)
     length, own_length = at.node_length(prm, n), lengths(reference, n)

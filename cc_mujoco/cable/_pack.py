@@ -6,13 +6,10 @@ Their layout is defined in `_layout.py`.
 from __future__ import annotations
 
 from cc_mujoco._utils.compilation import (
-    INTEGER,
-    REALS,
     FloatArray,
+    FloatMatrix,
     compiled,
-    exported,
     internal,
-    types,
 )
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
@@ -83,7 +80,7 @@ def expect_lengthening(prm: FloatArray) -> None:
     prm[at.PATH_LENGTHENS] = 1.0
 
 
-@exported(types.void(REALS, INTEGER, REALS))
+@compiled
 def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     """Prepare the parameters of a cable whose mesh is in `out` already.
 
@@ -106,8 +103,8 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
         nodes.set_node(out, n, i)
 
 
-@exported(types.void(REALS, types.float64[:, ::1], INTEGER, REALS))
-def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> None:
+@compiled
+def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> None:
     """Prepare the parameters of a cable for the kernel.
 
     Args:

@@ -22,14 +22,9 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco._utils.compilation import (
-    INTEGER,
-    REAL,
-    REALS,
     FloatArray,
-    borrow,
-    exported,
+    compiled,
     internal,
-    types,
 )
 from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
 
@@ -242,12 +237,7 @@ def _find_choices(
         slack[s], slack[s + 1] = slack_before[s], slack_behind[s]
 
 
-@exported(
-    types.boolean(
-        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS,
-        REAL, REAL, REAL, REAL, REALS, REALS, REALS, REALS,
-    )
-)  # fmt: skip
+@compiled
 def preslide(
     n: int,
     tension: FloatArray,
@@ -279,13 +269,6 @@ def preslide(
     Returns:
         True, or False where no solution was found; outputs are then undefined.
     """
-    tension, stiffness, held = borrow(tension), borrow(stiffness), borrow(held)
-    growth_distal, growth_proximal = borrow(growth_distal), borrow(growth_proximal)
-    hold_distal, hold_proximal = borrow(hold_distal), borrow(hold_proximal)
-    drag, viscosity, spring = borrow(drag), borrow(viscosity), borrow(spring)
-    shift, node, slipped, work = (
-        borrow(shift), borrow(node), borrow(slipped), borrow(work),
-    )  # fmt: skip
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import tensions
@@ -242,14 +242,16 @@ def _drive(
     distal: FloatArray,
     play: float,
     dt: float,
-    out: FloatArray,
+    out: FloatMatrix,
 ) -> None:
     motor = proximal[0] if proximal_kind == ANGLE else 0.0
     joint = distal[0] if distal_kind == ANGLE else 0.0
-    pulley, count = joint, cables.n.size
-    state = np.zeros((count, kernel.state_size(cables.n.max())))
+    pulley, count, most = joint, cables.n.size, 0
+    for k in range(count):
+        most = max(most, cables.n[k])
+    state = np.zeros((count, kernel.state_size(most)))
     stepper.set_rest(cables, motor, joint, state)
-    new, work = state.copy(), np.empty(kernel.work_size(cables.n.max()))
+    new, work = state.copy(), np.empty(kernel.work_size(most))
     free = np.inf
     for row in range(proximal.size):
         if proximal_kind == ANGLE:

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import compiled
+from cc_mujoco._utils.compilation import ByteMatrix, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
@@ -87,14 +87,14 @@ def slack_compliance(cable: Cable) -> tuple[Floats, float]:
 
 @compiled
 def _read(
-    states: Floats,
+    states: FloatMatrix,
     start: int,
     lengths: int,
     compliance: Floats,
     strain: float,
-    tension: Floats,
-    slip: NDArray[np.int8],
-    numbers: Floats,
+    tension: FloatMatrix,
+    slip: ByteMatrix,
+    numbers: FloatMatrix,
 ) -> None:
     """Read a cable whose state begins at `start` in each of some states (k, m).
 

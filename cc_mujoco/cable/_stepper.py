@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _root as root
@@ -57,7 +57,7 @@ class Cables(NamedTuple):
         distal: displacement of the distal end per joint angle (cables,) [m/rad].
     """
 
-    prm: FloatArray
+    prm: FloatMatrix
     n: Counts
     proximal: FloatArray
     gear: FloatArray
@@ -115,7 +115,7 @@ def scratch(cables: Cables) -> FloatArray:
 
 
 @compiled
-def set_rest(cables: Cables, motor: float, joint: float, state: FloatArray) -> None:
+def set_rest(cables: Cables, motor: float, joint: float, state: FloatMatrix) -> None:
     """Bring the state (cables, numbers) to rest in pretension at these angles [rad]."""
     for k in range(cables.n.size):
         u_proximal, _ = proximal_displacement(cables, k, motor)
@@ -144,11 +144,11 @@ def proximal_displacement(cables: Cables, k: int, motor: float) -> tuple[float, 
 @compiled
 def move(
     cables: Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     motor: float,
     joint: float,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> None:
     """Step all cables with both angles given [rad]; `new` is the state after."""
@@ -162,7 +162,7 @@ def move(
 
 @compiled
 def torque(
-    cables: Cables, state: FloatArray, distal: bool, motor: float
+    cables: Cables, state: FloatMatrix, distal: bool, motor: float
 ) -> tuple[float, float]:
     """Return the torque of one side, and the sum of the sizes of its parts [N m]."""
     total, size = 0.0, 0.0
@@ -192,13 +192,13 @@ def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
 @compiled
 def balance(
     cables: Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     distal: bool,
     fixed: float,
     start: float,
     load: Load,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> float:
     """Step all cables with the angle of one side given and the load of the other.

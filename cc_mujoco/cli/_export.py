@@ -1,4 +1,4 @@
-"""`cc-mujoco export`: a controller as an object file with a C header."""
+"""`cc-mujoco export`: a controller as C99."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from cc_mujoco.device import Device
 
 
-ONNX = "onnx"
-"""Target of a policy without an observation or C."""
+C, ONNX = TARGETS = "c", "onnx"
+"""Kinds of files: C99, or a policy without its observation."""
 
 
 @dataclass(frozen=True)
 class Export:
-    """Write a controller for C: object file, header, parameters, example."""
+    """Write a controller as C99, with header, parameters and example."""
 
     interrupted: ClassVar[str] = "nothing was written"
 
@@ -32,8 +32,8 @@ class Export:
     """Controller: pi, feedback, model, stiction, predictive, adaptive or a policy."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
-    target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
-    """Machine that it runs on: host, aarch64 or armv7; of a policy also onnx."""
+    target: Annotated[str, tyro.conf.arg(metavar="KIND")] = C
+    """Kind of file: c, or onnx for a policy without its observation."""
     axis: Annotated[str | None, option_help("NAME")] = None
     """The only axis that the controller drives, of a device with several."""
     model: Annotated[Path | None, option_help("FILE.xml")] = None
@@ -46,7 +46,7 @@ class Export:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Compile and write; print what was written and how to build it.
+        """Write; print what was written and how to build it.
 
         Raises:
             CableError: Something is wrong, or in simulation the controller puts energy
@@ -58,18 +58,16 @@ class Export:
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
         from cc_mujoco.export import (
-            TARGETS,
             ExportPlan,
             require_ours,
             require_ros2_states,
             write,
         )
 
-        if self.target == ONNX:
+        if look_up("target", self.target, dict.fromkeys(TARGETS, self.target)) == ONNX:
             self._write_onnx()
             return
         device = find_device(self.scene)
-        target = look_up("target", self.target, TARGETS)
         if self.model is not None:
             try:
                 device = device.variant(self.model)
@@ -95,8 +93,8 @@ class Export:
         if not self.allow_active:
             self._require_passive(device, places)
         scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
-        what = f"{self.controller} for {scene} {self.scene}, on {self.target}"
-        write(self.out, plan, target, what, ros2_control=self.ros2_control)
+        what = f"{self.controller} for {scene} {self.scene}"
+        write(self.out, plan, what, ros2_control=self.ros2_control)
         build = f"cmake -B build {self.out} && cmake --build build"
         if self.ros2_control:
             build = f"colcon build --base-paths {self.out}"

@@ -9,6 +9,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.cli._options import Flag
+
 
 @dataclass(frozen=True)
 class WritePlugin:
@@ -18,14 +20,19 @@ class WritePlugin:
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
+    source: Flag = False
+    """Write C99 and a CMake file instead of a library."""
 
     def run(self) -> None:
-        """Compile, link and write; print the path of the library.
+        """Compile and write; print the path.
 
         Raises:
             CableError: The library cannot be built on this machine or written there.
         """
-        from cc_mujoco.export import write_plugin
+        from cc_mujoco.export import write_plugin, write_plugin_source
 
-        print("writing the plugin, about half a minute", file=sys.stderr, flush=True)
+        if self.source:
+            print(write_plugin_source(self.out))
+            return
+        print("compiling the plugin, about 10 s", file=sys.stderr, flush=True)
         print(write_plugin(self.out))

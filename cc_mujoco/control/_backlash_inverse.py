@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import LAW_INPUTS
@@ -136,7 +136,7 @@ def _turn(memory: FloatArray, wanted: float, band: float) -> float:
 def _torque(
     gains: FloatArray,
     spring: FloatArray,
-    cables: FloatArray,
+    cables: FloatMatrix,
     memory: FloatArray,
     seen: FloatArray,
 ) -> float:
@@ -179,10 +179,10 @@ def _torque(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    cables: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
+    springs: FloatMatrix,
+    cables: FloatCube,
+    memory: FloatMatrix,
+    seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):

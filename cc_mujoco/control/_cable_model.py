@@ -17,12 +17,11 @@ One model holds the cables of many environments; each row is computed by itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -187,7 +186,9 @@ class CableModel:
 
     def motor_torque(self) -> FloatArray:
         """Return the model's torque of the motor on the cables (rows,) [N m]."""
-        return _motor_torques(self.segments, self.arm, self.state)
+        found = np.empty(self.state.shape[0])
+        _motor_torques(self.segments, self.arm, self.state, found)
+        return found
 
     def _allocate(self, rows: int) -> None:
         known, cables = len(self.drive.cable_drives), self.segments.size
@@ -269,7 +270,7 @@ def checked_angles(
 @compiled
 def pack(
     values: FloatArray,
-    sections: FloatArray,
+    sections: FloatMatrix,
     n: int,
     factor: float,
     weakening: bool,
@@ -301,9 +302,9 @@ def pack(
 
 
 @compiled
-def has_changed(factor: Any, believed: Any) -> Any:
-    """Return whether to adopt a learned factor of friction; numbers or arrays."""
-    return np.abs(factor / believed - 1.0) > ADOPTION_THRESHOLD
+def has_changed(factor: float, believed: float) -> bool:
+    """Return whether to adopt a learned factor of friction."""
+    return abs(factor / believed - 1.0) > ADOPTION_THRESHOLD
 
 
 def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
@@ -328,7 +329,7 @@ def joint_spring(cable_drives: Sequence[CableDrive]) -> FloatArray:
 
 @compiled
 def add_preload(
-    values: FloatArray, sections: FloatArray, distal: float, spring: FloatArray
+    values: FloatArray, sections: FloatMatrix, distal: float, spring: FloatArray
 ) -> None:
     """Add the pretension of a cable to a spring, and take its friction if greater.
 
@@ -347,7 +348,7 @@ def add_preload(
 
 
 @compiled
-def stiffness(prm: FloatArray, distal: FloatArray) -> float:
+def stiffness(prm: FloatMatrix, distal: FloatArray) -> float:
     """Return `joint_stiffness` of packed cables (cables, numbers).
 
     Their arms are `distal` (cables,) [m/rad].
@@ -360,12 +361,12 @@ def stiffness(prm: FloatArray, distal: FloatArray) -> float:
 
 @compiled
 def _set_rest(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: stepper.Counts,
     proximal: FloatArray,
     distal: FloatArray,
     motor: float,
-    state: FloatArray,
+    state: FloatMatrix,
 ) -> None:
     """Bring the cables of an environment to rest at a motor angle and joint angle 0."""
     stepper.set_rest(
@@ -376,7 +377,7 @@ def _set_rest(
 @compiled
 def follow(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     motor: float,
     torque: float,
     joint: float,
@@ -384,7 +385,7 @@ def follow(
     gain: FloatArray,
     arm: FloatArray,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> float:
     """Step the cables of one environment to a motor angle and a joint torque.
@@ -428,19 +429,19 @@ def follow(
 
 @compiled
 def _follow_all(
-    prm: FloatArray,
+    prm: FloatCube,
     n: stepper.Counts,
     proximal: FloatArray,
     distal: FloatArray,
-    state: FloatArray,
+    state: FloatCube,
     motor: FloatArray,
     torque: FloatArray,
     joint: FloatArray,
-    slip_direction: FloatArray,
-    gain: FloatArray,
-    arm: FloatArray,
+    slip_direction: FloatMatrix,
+    gain: FloatMatrix,
+    arm: FloatMatrix,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> None:
     """Step every environment to a motor angle and a joint torque."""
@@ -453,9 +454,10 @@ def _follow_all(
 
 
 @compiled
-def _motor_torques(n: stepper.Counts, arm: FloatArray, state: FloatArray) -> FloatArray:
-    found = np.zeros(state.shape[0])
+def _motor_torques(
+    n: stepper.Counts, arm: FloatMatrix, state: FloatCube, found: FloatArray
+) -> None:
     for row in range(found.size):
+        found[row] = 0.0
         for k in range(n.size):
             found[row] -= arm[row, k] * max(tensions(state[row, k], n[k])[0], 0.0)
-    return found

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._stepper import Counts
@@ -98,7 +98,7 @@ def _stretches(
     """
     stiffness = at.node_stiffness(prm, n)
     length = at.contact_length(prm, n)
-    ends = np.sum(length)
+    ends = at.total(length)
     level, offset, rest, unit, none = 1.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n + 1):
         j = n - i
@@ -117,14 +117,14 @@ def _stretches(
 
 @compiled
 def _shared_tensions(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
     distal: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     slip_direction: FloatArray,
     joint_velocity: float,
     desired: float,
-    scratch: FloatArray,
+    scratch: FloatMatrix,
 ) -> None:
     """Compute distal tensions of all cables that make the joint torque [N].
 
@@ -170,16 +170,16 @@ def _shared_tensions(
 
 @compiled
 def dynamic(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
     arm: FloatArray,
     distal: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     slip_direction: FloatArray,
     gain: FloatArray,
     joint_velocity: float,
     desired: float,
-    scratch: FloatArray,
+    scratch: FloatMatrix,
 ) -> float:
     """Return the torque with dynamic friction (4.2): distal tensions times gains.
 
@@ -227,15 +227,15 @@ def dynamic(
 
 @compiled
 def full_slip_torque(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
     arm: FloatArray,
     distal: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     slip_direction: float,
     joint_velocity: float,
     desired: float,
-    scratch: FloatArray,
+    scratch: FloatMatrix,
 ) -> float:
     """Return the torque at which all cables slip completely in the motor's direction.
 
@@ -296,7 +296,7 @@ def _proximal_tension(
     """
     node, slips = at.tensions(state, n), at.slips(state, n)
     length = at.contact_length(prm, n)
-    ends = np.sum(length)
+    ends = at.total(length)
     need = wanted
     for i in range(n):
         j = n - 1 - i

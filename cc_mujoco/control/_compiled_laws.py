@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compensation as compensation
@@ -357,17 +357,17 @@ def damped_feedback(
 def model_based(
     gains: FloatArray,
     spring: FloatArray,
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
     distal: FloatArray,
     arm: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     slip_direction: FloatArray,
     gain: FloatArray,
     disturbance: float,
     memory: FloatArray,
     seen: FloatArray,
-    scratch: FloatArray,
+    scratch: FloatMatrix,
 ) -> float:
     """Return the motor torque of `ModelBased` [N m], after its model was updated.
 
@@ -401,14 +401,14 @@ def model_based(
 def stiction(
     gains: FloatArray,
     spring: FloatArray,
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
     distal: FloatArray,
     arm: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     memory: FloatArray,
     seen: FloatArray,
-    scratch: FloatArray,
+    scratch: FloatMatrix,
 ) -> float:
     """Return the motor torque of `StictionCompensation` [N m]; see `model_based`.
 

@@ -26,7 +26,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    compiled,
+    internal,
+)
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
@@ -65,9 +71,9 @@ class CouplingTables(NamedTuple):
 class CouplingWorkspace(NamedTuple):
     """Scratch of `own_torques`; there are at most as many joints as axes."""
 
-    matrices: FloatArray
+    matrices: FloatCube
     """Matrices (`WORK_MATRICES`, axes, axes)."""
-    vectors: FloatArray
+    vectors: FloatMatrix
     """Vectors (`WORK_VECTORS`, axes)."""
 
 
@@ -148,7 +154,7 @@ def _least_squares(
 @internal
 def _motor_torques(
     own: Counts,
-    ratios: FloatArray,
+    ratios: FloatMatrix,
     measured: FloatArray,
     work: CouplingWorkspace,
     found: FloatArray,
@@ -177,7 +183,7 @@ def _motor_torques(
 
 @compiled
 def distribute(
-    ratios: FloatArray,
+    ratios: FloatMatrix,
     torques: FloatArray,
     scales: FloatArray,
     least: FloatArray,
@@ -198,7 +204,7 @@ def distribute(
         work: Scratch.
         found: Torques of the motors (axes,) [N m]; out.
     """
-    joints, count = ratios.shape
+    joints, count = ratios.shape[0], ratios.shape[1]
     normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
     unit, wanted, used, left = (
         work.vectors[_UNIT], work.vectors[_WANTED], work.vectors[_USED],
@@ -239,7 +245,7 @@ def distribute(
 @compiled
 def own_torques(
     tables: CouplingTables,
-    ratios: FloatArray,
+    ratios: FloatMatrix,
     measured: FloatArray,
     desired: FloatArray,
     work: CouplingWorkspace,
@@ -258,7 +264,7 @@ def own_torques(
         given: Measured torques of the cables (axes,) [N m]; out.
         wanted: Desired torques of the cables (axes,) [N m]; out.
     """
-    joints, count = ratios.shape
+    joints, count = ratios.shape[0], ratios.shape[1]
     motor, aim, total = (
         work.vectors[_MOTOR], work.vectors[_AIM], work.vectors[_TOTAL]
     )  # fmt: skip

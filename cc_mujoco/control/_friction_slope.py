@@ -11,12 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntMatrix,
+    compiled,
+)
 from cc_mujoco.cable._layout import segment_angles, slips
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.device._drive import CableDrive
@@ -45,8 +51,8 @@ class Taps(NamedTuple):
         fading: share of what is known that a reading takes away.
     """
 
-    nodes: NDArray[np.int64]
-    noise: FloatArray
+    nodes: IntMatrix
+    noise: FloatMatrix
     fading: float
 
 
@@ -60,7 +66,7 @@ class SlopeWorkspace(NamedTuple):
     """
 
     sign: FloatArray
-    design: FloatArray
+    design: FloatMatrix
     equations: tension_slope.EquationWorkspace
 
 
@@ -109,19 +115,19 @@ def reset_estimate(known: FloatArray, friction: float) -> None:
 
 
 @compiled
-def friction_factor(found: Any, friction: Any) -> Any:
-    """Return the factor on a friction coefficient; numbers or arrays."""
-    return np.maximum(found, MIN_BELIEVED_FRICTION) / friction
+def friction_factor(found: float, friction: float) -> float:
+    """Return the factor on a friction coefficient."""
+    return max(found, MIN_BELIEVED_FRICTION) / friction
 
 
 @compiled
 def learn(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: Counts,
-    state: FloatArray,
+    state: FloatMatrix,
     taps: Taps,
-    told: FloatArray,
-    known: FloatArray,
+    told: FloatMatrix,
+    known: FloatMatrix,
     room: SlopeWorkspace,
 ) -> None:
     """Take the readings of one instant of one device.
@@ -168,13 +174,13 @@ def learn(
 
 @compiled
 def learn_all(
-    prm: FloatArray,
+    prm: FloatCube,
     n: Counts,
-    states: FloatArray,
+    states: FloatCube,
     taps: Taps,
-    told: FloatArray,
+    told: FloatCube,
     calls: NDArray[np.int64],
-    known: FloatArray,
+    known: FloatCube,
     room: SlopeWorkspace,
 ) -> None:
     """Take the readings of every device whose turn it is; see `learn`.

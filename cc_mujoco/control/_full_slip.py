@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.device._drive import CableDrive
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
@@ -55,7 +55,7 @@ def _share(friction: float, slip: float) -> float:
 
 @compiled
 def full_slip_balance(
-    cables: FloatArray, sense: float, desired: float
+    cables: FloatMatrix, sense: float, desired: float
 ) -> tuple[float, float]:
     """Return motor torque and stretch of cables that slip as a whole.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import LAW_INPUTS
@@ -163,7 +163,7 @@ class LinearQuadraticGaussian(Controller):
 
 @compiled
 def _advance(
-    model: FloatArray, state: FloatArray, torque: float, new: FloatArray
+    model: FloatMatrix, state: FloatArray, torque: float, new: FloatArray
 ) -> None:
     """Advance the state by a step with a torque of the motor."""
     for i in range(_STATES):
@@ -178,9 +178,9 @@ def _advance(
 def _torque(
     gains: FloatArray,
     spring: FloatArray,
-    model: FloatArray,
-    read: FloatArray,
-    kalman: FloatArray,
+    model: FloatMatrix,
+    read: FloatMatrix,
+    kalman: FloatMatrix,
     regulator: FloatArray,
     memory: FloatArray,
     seen: FloatArray,
@@ -236,7 +236,7 @@ def _regulated(
     wanted = (desired - state[_LACK]) * ratio / gains[_RIGIDITY]
     if gains[_ONE_WAY] != 0.0:
         # A single cable cannot push, and what hangs need not hang further.
-        least = -np.abs(desired) * abs(ratio) / gains[_RIGIDITY]
+        least = -abs(desired) * abs(ratio) / gains[_RIGIDITY]
         wanted = max(wanted, least)
     hold = gains[_RIGIDITY] / ratio**2 * wanted - state[_LOAD]
     off = regulator[0] * (state[_STRETCH] - wanted) + regulator[1] * state[_SPEED]
@@ -246,13 +246,13 @@ def _regulated(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    model: FloatArray,
-    read: FloatArray,
-    kalman: FloatArray,
+    springs: FloatMatrix,
+    model: FloatMatrix,
+    read: FloatMatrix,
+    kalman: FloatMatrix,
     regulator: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
+    memory: FloatMatrix,
+    seen: FloatMatrix,
     new: FloatArray,
     found: FloatArray,
 ) -> None:

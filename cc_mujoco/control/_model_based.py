@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compiled_laws as compiled_laws
@@ -147,18 +147,18 @@ class ModelBased(ProportionalIntegral):
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    prm: FloatArray,
+    springs: FloatMatrix,
+    prm: FloatCube,
     n: Counts,
     distal: FloatArray,
-    arm: FloatArray,
-    state: FloatArray,
-    slip_direction: FloatArray,
-    gain: FloatArray,
+    arm: FloatMatrix,
+    state: FloatCube,
+    slip_direction: FloatMatrix,
+    gain: FloatMatrix,
     disturbance: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
-    scratch: FloatArray,
+    memory: FloatMatrix,
+    seen: FloatMatrix,
+    scratch: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.control._planner_memory import (
     ANGLE,
     COMMAND,
@@ -247,7 +247,7 @@ def _newton_step(
     free: FloatArray,
     step: FloatArray,
     weight: float,
-    matrix: FloatArray,
+    matrix: FloatMatrix,
     move: FloatArray,
 ) -> None:
     """Solve for the Newton step of the increments that are free, by Cholesky."""

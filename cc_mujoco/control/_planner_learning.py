@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import segment_angles, slips, tensions
@@ -33,7 +33,7 @@ _COULOMB = law.INDEX["friction"]
 
 @compiled
 def learn(
-    cables: stepper.Cables, state: FloatArray, memory: FloatArray, tune: FloatArray
+    cables: stepper.Cables, state: FloatMatrix, memory: FloatArray, tune: FloatArray
 ) -> None:
     """Adapt friction and bias to the torque on the rotor that the model lacks.
 

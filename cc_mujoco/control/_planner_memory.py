@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, internal
 from cc_mujoco.control import _guard as guard
 
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
@@ -57,9 +57,25 @@ class PlannerMemory(NamedTuple):
     """
 
     memory: FloatArray
-    rotors: FloatArray
+    rotors: FloatMatrix
     applied: FloatArray
-    other: FloatArray
+    other: FloatMatrix
+
+
+class PlannerMemories(NamedTuple):
+    """Memory of a controller for several devices: `PlannerMemory` with a row for each.
+
+    Attributes:
+        memory: (rows, `FRICTION` + cables).
+        rotors: (rows, delays, `OBSERVER_SIZE`).
+        applied: (rows, delays) [N m].
+        other: (rows, cables, numbers).
+    """
+
+    memory: FloatMatrix
+    rotors: FloatCube
+    applied: FloatMatrix
+    other: FloatCube
 
 
 class Tables(NamedTuple):
@@ -74,7 +90,7 @@ class Tables(NamedTuple):
         tune: see `Tuning.packed`.
     """
 
-    gains: FloatArray
+    gains: FloatCube
     unexplained: FloatArray
     weight: FloatArray
     tune: FloatArray
@@ -100,10 +116,10 @@ class PlannerWorkspace(NamedTuple):
         work: `cable._layout.work_size`.
     """
 
-    new: FloatArray
-    state: FloatArray
-    rolled: FloatArray
-    leapt: FloatArray
+    new: FloatMatrix
+    state: FloatMatrix
+    rolled: FloatMatrix
+    leapt: FloatMatrix
     push: FloatArray
     best: FloatArray
     memory: FloatArray
@@ -111,13 +127,13 @@ class PlannerWorkspace(NamedTuple):
     path: FloatArray
     load: FloatArray
     holding: FloatArray
-    matrix: FloatArray
-    vectors: FloatArray
+    matrix: FloatMatrix
+    vectors: FloatMatrix
     work: FloatArray
 
 
 @internal
-def copy_states(source: FloatArray, target: FloatArray) -> None:
+def copy_states(source: FloatMatrix, target: FloatMatrix) -> None:
     """Copy states of cables (cables, numbers) into others."""
     for k in range(source.shape[0]):
         for i in range(source.shape[1]):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import CONSTANT_COULOMB, scalars
@@ -119,7 +119,7 @@ def smooth(
 @internal
 def _reset(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     device: PlannerMemory,
     seen: FloatArray,
     late: float,
@@ -137,7 +137,8 @@ def _reset(
         late,
     )
     rotors[:] = 0.0
-    rotors[:, ANGLE] = seen[guard.MOTOR]
+    for row in range(rotors.shape[0]):
+        rotors[row, ANGLE] = seen[guard.MOTOR]
     memory[LOAD] = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
     for hypothesis in range(2):
         memory[MODEL_LOAD + hypothesis] = memory[LOAD]
@@ -149,7 +150,7 @@ def _reset(
 @compiled
 def observe(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     joint: FloatArray,
     device: PlannerMemory,
     seen: FloatArray,
@@ -240,7 +241,7 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
 @internal
 def _explain_rotor(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     device: PlannerMemory,
     hypothesis: int,
     motor: float,
@@ -295,7 +296,7 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
 @internal
 def _follow(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     joint: float,
     memory: FloatArray,
     hypothesis: int,

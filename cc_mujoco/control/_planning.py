@@ -8,7 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    compiled,
+    internal,
+)
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _guard as guard
@@ -38,6 +44,7 @@ from cc_mujoco.control._planner_memory import (
     JOINT,
     MOTOR_TORQUE,
     VELOCITY,
+    PlannerMemories,
     PlannerMemory,
     PlannerWorkspace,
     Tables,
@@ -144,7 +151,7 @@ def _plan(
     joint: float,
     sense: float,
     caution: float,
-    gains: FloatArray,
+    gains: FloatMatrix,
     weight: float,
     tune: FloatArray,
     push: FloatArray,
@@ -264,7 +271,7 @@ def _damping(tune: FloatArray, delay: int) -> float:
 @compiled
 def motor_torque(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     joint: FloatArray,
     device: PlannerMemory,
     seen: FloatArray,
@@ -352,14 +359,14 @@ def motor_torque(
 
 @compiled
 def motor_torques(
-    prm: FloatArray,
+    prm: FloatCube,
     n: stepper.Counts,
     proximal: FloatArray,
     distal: FloatArray,
-    states: FloatArray,
+    states: FloatCube,
     joints: FloatArray,
-    devices: PlannerMemory,
-    seen: FloatArray,
+    devices: PlannerMemories,
+    seen: FloatMatrix,
     tables: Tables,
     found: FloatArray,
     room: PlannerWorkspace,

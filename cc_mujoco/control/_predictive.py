@@ -18,7 +18,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
-from cc_mujoco.control._cable_model import CableModel, has_changed, joint_spring
+from cc_mujoco.control._cable_model import ADOPTION_THRESHOLD, CableModel, joint_spring
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._planner_parameters import Tuning
 from cc_mujoco.device._drive import Drive
@@ -313,7 +313,7 @@ class PredictiveCompensation(Controller):
 
     def _forget(self, rows: int) -> None:
         delays = self.tables.unexplained.size
-        self._devices = planner_memory.PlannerMemory(
+        self._devices = planner_memory.PlannerMemories(
             np.zeros((rows, self._size)),
             np.zeros((rows, delays, planner_memory.OBSERVER_SIZE)),
             np.zeros((rows, delays)),
@@ -366,7 +366,7 @@ class PredictiveCompensation(Controller):
             self._room,
         )
         factor = self.learned(observation)
-        changed = has_changed(factor, model.factor)
+        changed = np.abs(factor / model.factor - 1.0) > ADOPTION_THRESHOLD
         if changed.any():
             model.scale_friction(np.where(changed, factor, model.factor))
         return (

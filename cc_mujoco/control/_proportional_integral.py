@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
@@ -207,7 +207,7 @@ def stable_settling_time(
 
 @compiled
 def _admit(
-    gains: FloatArray, springs: FloatArray, memory: FloatArray, seen: FloatArray
+    gains: FloatArray, springs: FloatMatrix, memory: FloatMatrix, seen: FloatMatrix
 ) -> None:
     for row in range(seen.shape[0]):
         compiled_laws.admit(gains, springs[row], memory[row], seen[row])
@@ -216,9 +216,9 @@ def _admit(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
+    springs: FloatMatrix,
+    memory: FloatMatrix,
+    seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
@@ -229,7 +229,7 @@ def _torques(
 
 @compiled
 def _closed_loop_torques(
-    gains: FloatArray, memory: FloatArray, both: FloatArray, found: FloatArray
+    gains: FloatArray, memory: FloatMatrix, both: FloatMatrix, found: FloatArray
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.closed_loop_torque(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _root as root
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import node_stiffness, tensions
@@ -19,14 +19,14 @@ _MIN_STEP = 0.2
 @compiled
 def find_joint_angle(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     motor: float,
     start: float,
     torque: float,
     stiffness: float,
     tolerance: float,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> float:
     """Find the joint angle [rad] at which the cables make a torque, and move there.
@@ -62,7 +62,7 @@ def find_joint_angle(
 
 
 @internal
-def _end_tension(cables: stepper.Cables, state: FloatArray, distal: bool) -> float:
+def _end_tension(cables: stepper.Cables, state: FloatMatrix, distal: bool) -> float:
     """Return the tension at one end of the first cable [N].
 
     Where that end is slack it is below 0: what the cable that lies slack there would
@@ -86,7 +86,7 @@ def _end_tension(cables: stepper.Cables, state: FloatArray, distal: bool) -> flo
 
 
 @compiled
-def joint_torque(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
+def joint_torque(cables: stepper.Cables, state: FloatMatrix, motor: float) -> float:
     """Return the torque of the cables at the joint [N m].
 
     A single cable is taken to push in proportion to its slack, so that it is neither
@@ -100,7 +100,7 @@ def joint_torque(cables: stepper.Cables, state: FloatArray, motor: float) -> flo
 @internal
 def _torque_deficit(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     motor: float,
     torque: float,
     slack: float,
@@ -122,7 +122,7 @@ def _torque_deficit(
 @compiled
 def find_motor_angle(
     cables: stepper.Cables,
-    state: FloatArray,
+    state: FloatMatrix,
     start: float,
     way: float,
     joint: float,
@@ -134,8 +134,8 @@ def find_motor_angle(
     slack: float,
     dt: float,
     drags: bool,
-    leapt: FloatArray,
-    new: FloatArray,
+    leapt: FloatMatrix,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> float:
     """Find the nearest motor angle [rad] in direction `way` that makes a torque.

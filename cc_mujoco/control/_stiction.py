@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compiled_laws as compiled_laws
@@ -92,15 +92,15 @@ class StictionCompensation(ModelBased):
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    prm: FloatArray,
+    springs: FloatMatrix,
+    prm: FloatCube,
     n: Counts,
     distal: FloatArray,
-    arm: FloatArray,
-    state: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
-    scratch: FloatArray,
+    arm: FloatMatrix,
+    state: FloatCube,
+    memory: FloatMatrix,
+    seen: FloatMatrix,
+    scratch: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):

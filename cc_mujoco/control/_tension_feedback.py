@@ -211,10 +211,9 @@ class AdaptiveModel(PredictiveCompensation):
             self._estimates,
             self._slope_scratch,
         )
-        factor: NDArray[np.float64] = friction_slope.friction_factor(
-            self.friction(),
-            self._starts(tensions.shape[0])[:, :, friction_slope.COEFFICIENT],
-        )
+        start = self._starts(tensions.shape[0])[:, :, friction_slope.COEFFICIENT]
+        found = np.maximum(self.friction(), friction_slope.MIN_BELIEVED_FRICTION)
+        factor: NDArray[np.float64] = found / start
         return factor
 
     def _begin(self, rows: int) -> None:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_stiffness
@@ -198,13 +198,13 @@ def _sense_of_slip(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatArray,
-    cables: FloatArray,
+    springs: FloatMatrix,
+    cables: FloatCube,
     capstan: bool,
     dead: float,
-    memory: FloatArray,
-    senses: FloatArray,
-    seen: FloatArray,
+    memory: FloatMatrix,
+    senses: FloatMatrix,
+    seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):

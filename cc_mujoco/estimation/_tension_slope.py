@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
@@ -71,10 +71,10 @@ class EquationWorkspace(NamedTuple):
         target: out (p,).
     """
 
-    rows: FloatArray
+    rows: FloatMatrix
     right: FloatArray
     clear: FloatArray
-    information: FloatArray
+    information: FloatMatrix
     target: FloatArray
 
 
@@ -91,7 +91,7 @@ def make_scratch(sensors: int, parameters: int) -> EquationWorkspace:
 
 @compiled
 def run_equations(
-    design: FloatArray,
+    design: FloatMatrix,
     nodes: NDArray[np.int64],
     noise: FloatArray,
     value: FloatArray,
@@ -138,7 +138,7 @@ def _part_equations(
     first: int,
     last: int,
     sign: float,
-    design: FloatArray,
+    design: FloatMatrix,
     nodes: NDArray[np.int64],
     noise: FloatArray,
     value: FloatArray,

@@ -9,11 +9,7 @@ reading was taken, the deviations, and what is known of the friction of every ca
 
 from __future__ import annotations
 
-from typing import Any
-
-from numba import carray  # type: ignore[attr-defined]
-
-from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, IntArray, compiled, internal
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._layout import SCALARS
@@ -21,7 +17,7 @@ from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _predictive as predictive
-from cc_mujoco.export._entry_points import pointer_at
+from cc_mujoco.export._entry_points import part, rows_of, whole_part, whole_rows_of
 
 _FRICTION = friction.INDEX["friction"]
 
@@ -41,26 +37,24 @@ def memory_size(cables: int, most: int, sensors: int) -> int:
 
 
 @internal
-def _deviations_place(shape: Any) -> int:
+def _deviations_place(shape: IntArray) -> int:
     """Return the place of the first deviation among the parameters."""
     _, sections = predictive.longest_cable(shape)
     return int(predictive.TUNING_SIZE + shape[0] * (2 + SCALARS) + 2 * sections)
 
 
 @internal
-def _sensor_count(shape: Any) -> int:
+def _sensor_count(shape: IntArray) -> int:
     """Return the number of sensors along a cable."""
     return int(shape[3 + 2 * shape[0]])
 
 
-_wrong_plan = internal(predictive.wrong_plan)
-_store_plan = internal(predictive.store_plan)
-
-
-def wrong_sensed(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+def wrong_sensed(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none."""
     first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
-    wrong = _wrong_plan(shape, parameters, least, most)
+    wrong = predictive.wrong_plan(shape, parameters, least, most)
     if wrong != 0:
         return wrong
     return entry_points.first_out_of_range(
@@ -68,16 +62,18 @@ def wrong_sensed(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     )
 
 
-def store_sensed(memory: Any, shape: Any, parameters: Any) -> None:
+def store_sensed(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the tuning, the cables and the deviations of the sensors."""
     first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
-    _store_plan(memory, shape, parameters)
+    predictive.store_plan(memory, shape, parameters)
     own = predictive.memory_places(shape)[5] + 1
     for i in range(count):
         memory[own + i] = parameters[first + i]
 
 
-def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+def step_sensed(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m]."""
     cables, sensors = shape[0], _sensor_count(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
@@ -85,10 +81,8 @@ def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     _, packed, state, _, _, own = predictive.memory_places(shape)
     kept = own + 1 + cables * sensors
     work = kept + cables * friction_slope.ESTIMATE_SIZE
-    known = carray(pointer_at(memory, kept), (cables, friction_slope.ESTIMATE_SIZE))
-    factors = carray(
-        pointer_at(memory, predictive.friction_factor_place(shape)), cables
-    )
+    known = rows_of(memory, kept, cables, friction_slope.ESTIMATE_SIZE)
+    factors = part(memory, predictive.friction_factor_place(shape), cables)
     is_fresh = memory[entry_points.FIRST_STEP] != 0.0
     if is_fresh:
         memory[own] = 0.0
@@ -102,27 +96,25 @@ def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     torque = predictive.plan(memory, shape, tables, readings)
     if memory[own] == 0.0:
         friction_slope.learn(
-            carray(
-                pointer_at(memory, packed), (cables, kernel.parameter_size(longest))
-            ),
-            carray(pointer_at(shape, 1), cables),
-            carray(pointer_at(memory, state), (cables, kernel.state_size(longest))),
+            rows_of(memory, packed, cables, kernel.parameter_size(longest)),
+            whole_part(shape, 1, cables),
+            rows_of(memory, state, cables, kernel.state_size(longest)),
             friction_slope.Taps(
-                carray(pointer_at(shape, 4 + 2 * cables), (cables, sensors)),
-                carray(pointer_at(memory, own + 1), (cables, sensors)),
+                whole_rows_of(shape, 4 + 2 * cables, cables, sensors),
+                rows_of(memory, own + 1, cables, sensors),
                 tables[delays * (knots * (2 + knots) + 2)],
             ),
-            carray(pointer_at(readings, predictive.INPUT_COUNT), (cables, sensors)),
+            rows_of(readings, predictive.INPUT_COUNT, cables, sensors),
             known,
             friction_slope.SlopeWorkspace(
-                carray(pointer_at(memory, work), longest),
-                carray(pointer_at(memory, work + longest), (sensors, 1)),
+                part(memory, work, longest),
+                rows_of(memory, work + longest, sensors, 1),
                 tension_slope.EquationWorkspace(
-                    carray(pointer_at(memory, work + longest + sensors), (sensors, 1)),
-                    carray(pointer_at(memory, work + longest + 2 * sensors), sensors),
-                    carray(pointer_at(memory, work + longest + 3 * sensors), sensors),
-                    carray(pointer_at(memory, work + longest + 4 * sensors), (1, 1)),
-                    carray(pointer_at(memory, work + longest + 4 * sensors + 1), 1),
+                    rows_of(memory, work + longest + sensors, sensors, 1),
+                    part(memory, work + longest + 2 * sensors, sensors),
+                    part(memory, work + longest + 3 * sensors, sensors),
+                    rows_of(memory, work + longest + 4 * sensors, 1, 1),
+                    part(memory, work + longest + 4 * sensors + 1, 1),
                 ),
             ),
         )

@@ -14,12 +14,15 @@ scalars and its sections. Memory is numbers only; `places` says what stands wher
 
 from __future__ import annotations
 
-from typing import Any
-
-from numba import carray  # type: ignore[attr-defined]
-from numba.extending import intrinsic
-
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal, types
+from cc_mujoco._utils.compilation import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntArray,
+    IntMatrix,
+    compiled,
+    internal,
+)
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -28,6 +31,7 @@ from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import add_preload, follow, stiffness
 from cc_mujoco.control._compensation import SCRATCH_ROWS
+from cc_mujoco.native._functions import reinterpret_part
 
 FIRST_STEP, JOINT_ANGLE, SPRING = 0, 1, 2
 """Places in the memory: whether no step was taken yet, angle of the joint since the
@@ -50,12 +54,38 @@ _STATIC = friction.INDEX["static_friction"]
 _PRETENSION = friction.INDEX["pretension"]
 _EXPONENT = friction.INDEX["tension_exponent"]
 
-NUMBERS = types.CPointer(types.float64)
-COUNTS = types.CPointer(types.int64)
-WRONG_SIGNATURE = types.int64(COUNTS, NUMBERS, NUMBERS, NUMBERS)
-STORE_SIGNATURE = types.void(NUMBERS, COUNTS, NUMBERS)
-POSSIBLE_SIGNATURE = types.int64(NUMBERS, types.int64, COUNTS)
-STEP_SIGNATURE = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
+
+@reinterpret_part
+def part(numbers: FloatArray, first: int, count: int) -> FloatArray:
+    """Return a part of a memory."""
+    return numbers[first : first + count]
+
+
+@reinterpret_part
+def rows_of(numbers: FloatArray, first: int, rows: int, columns: int) -> FloatMatrix:
+    """Return a part of a memory as a matrix."""
+    return numbers[first : first + rows * columns].reshape(rows, columns)
+
+
+@reinterpret_part
+def tables_of(
+    numbers: FloatArray, first: int, tables: int, rows: int, columns: int
+) -> FloatCube:
+    """Return a part of a memory as several matrices."""
+    whole = numbers[first : first + tables * rows * columns]
+    return whole.reshape(tables, rows, columns)
+
+
+@reinterpret_part
+def whole_part(numbers: IntArray, first: int, count: int) -> IntArray:
+    """Return a part of some whole numbers."""
+    return numbers[first : first + count]
+
+
+@reinterpret_part
+def whole_rows_of(numbers: IntArray, first: int, rows: int, columns: int) -> IntMatrix:
+    """Return a part of some whole numbers as a matrix."""
+    return numbers[first : first + rows * columns].reshape(rows, columns)
 
 
 @compiled
@@ -75,22 +105,9 @@ def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
     return scratch, packed, state, new, work, work + kernel.work_size(most)
 
 
-@intrinsic
-def _offset_pointer(context: Any, pointer: Any, count: Any) -> Any:
-    """Return a pointer advanced by `count` numbers."""
-
-    def codegen(context: Any, builder: Any, called: Any, args: Any) -> Any:
-        return builder.gep(args[0], [args[1]])
-
-    return pointer(pointer, types.int64), codegen
-
-
-pointer_at: Any = _offset_pointer
-
-
 @internal
 def first_out_of_range(
-    first: int, end: int, parameters: Any, least: Any, most: Any
+    first: int, end: int, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
     """Return 1 + the index of a parameter out of its range, 0 if there is none."""
     for i in range(first, end):
@@ -101,9 +118,9 @@ def first_out_of_range(
 
 @internal
 def wrong_motor(
-    parameters: Any,
-    least: Any,
-    most: Any,
+    parameters: FloatArray,
+    least: FloatArray,
+    most: FloatArray,
     count: int,
     ratio: int,
     low: int,
@@ -141,7 +158,13 @@ def _consistent(values: FloatArray) -> int:
 
 
 @internal
-def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int) -> int:
+def wrong_cables(
+    shape: IntArray,
+    parameters: FloatArray,
+    least: FloatArray,
+    most: FloatArray,
+    first: int,
+) -> int:
     """Return 1 + the index of an impossible cable parameter, 0 if there is none.
 
     Those of the cables begin at `first`.
@@ -155,7 +178,7 @@ def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int)
     for k in range(cables):
         if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
             return first + (1 if parameters[first] == 0.0 else 2)
-        wrong = _consistent(carray(pointer_at(parameters, first + 2), SCALARS))
+        wrong = _consistent(part(parameters, first + 2, SCALARS))
         if wrong != 0:
             return first + 2 + wrong
         first += 2 + SCALARS + 2 * shape[1 + cables + k]
@@ -163,17 +186,19 @@ def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int)
 
 
 @internal
-def _store_parameters(memory: Any, parameters: Any) -> None:
+def _store_parameters(memory: FloatArray, parameters: FloatArray) -> None:
     for i in range(_N_GAINS):
         memory[_GAINS + i] = parameters[i]
 
 
-def wrong_gains(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+def wrong_gains(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
     """Return 1 + the index of an impossible gain, 0 if there is none."""
     return wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
 
 
-def store_gains(memory: Any, shape: Any, parameters: Any) -> None:
+def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller without a model."""
     _store_parameters(memory, parameters)
     memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
@@ -181,7 +206,9 @@ def store_gains(memory: Any, shape: Any, parameters: Any) -> None:
     memory[SPRING + guard.FRICTION] = parameters[compiled_laws.WRAP_FRICTION]
 
 
-def wrong_model(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+def wrong_model(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
     """Return 1 + the index of an impossible gain or cable, 0 if there is none."""
     wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
     if wrong != 0:
@@ -189,7 +216,7 @@ def wrong_model(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     return wrong_cables(shape, parameters, least, most, _N_GAINS)
 
 
-def store_model(memory: Any, shape: Any, parameters: Any) -> None:
+def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller with a model, and its cables."""
     cables, longest = shape[0], 0
     for k in range(cables):
@@ -198,29 +225,29 @@ def store_model(memory: Any, shape: Any, parameters: Any) -> None:
     _, packed, _, _, _, _ = places(cables, longest)
     size = kernel.parameter_size(longest)
     first = _N_GAINS
-    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    spring = part(memory, SPRING, guard.SPRING_SIZE)
     spring[:] = 0.0
     for k in range(cables):
         memory[_CABLES + k] = parameters[first]
         memory[_CABLES + cables + k] = parameters[first + 1]
         sections = shape[1 + cables + k]
-        values = carray(pointer_at(parameters, first + 2), SCALARS)
-        bends = carray(pointer_at(parameters, first + 2 + SCALARS), (sections, 2))
+        values = part(parameters, first + 2, SCALARS)
+        bends = rows_of(parameters, first + 2 + SCALARS, sections, 2)
         kernel.pack(
             values,
             bends,
             shape[1 + k],
-            carray(pointer_at(memory, packed + k * size), size),
+            part(memory, packed + k * size, size),
         )
         add_preload(values, bends, parameters[first + 1], spring)
         first += 2 + SCALARS + 2 * sections
     spring[guard.STIFFNESS] = stiffness(
-        carray(pointer_at(memory, packed), (cables, size)),
-        carray(pointer_at(memory, _CABLES + cables), cables),
+        rows_of(memory, packed, cables, size),
+        part(memory, _CABLES + cables, cables),
     )
 
 
-def are_possible(readings: Any, count: int, guarded: Any) -> int:
+def are_possible(readings: FloatArray, count: int, guarded: IntArray) -> int:
     """Return 1 if all readings are numbers that sensors can mean, else 0.
 
     Args:
@@ -235,53 +262,55 @@ def are_possible(readings: Any, count: int, guarded: Any) -> int:
 
 
 @internal
-def _admitted(memory: Any, readings: Any) -> Any:
+def _admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
     """Return what is measured as the guard lets it through; begin where that is due."""
-    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
+    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
     if memory[FIRST_STEP] != 0.0:
         law[:] = 0.0
     seen = law[compiled_laws.GUARD + guard.SEEN :]
     for i in range(_N_INPUTS):
         seen[i] = readings[i]
-    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
-    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    gains = part(memory, _GAINS, _N_GAINS)
+    spring = part(memory, SPRING, guard.SPRING_SIZE)
     compiled_laws.admit(gains, spring, law, seen)
     return seen
 
 
 def step_proportional_integral(
-    memory: Any, shape: Any, tables: Any, readings: Any
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     """Return the motor torque of the next step [N m]."""
     seen = _admitted(memory, readings)
     memory[FIRST_STEP] = 0.0
-    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
-    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
-    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
+    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
+    gains = part(memory, _GAINS, _N_GAINS)
+    spring = part(memory, SPRING, guard.SPRING_SIZE)
     return compiled_laws.guarded_torque(gains, spring, law, seen)
 
 
 @internal
-def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> float:
+def _step_model(
+    memory: FloatArray, shape: IntArray, readings: FloatArray, with_stiction: bool
+) -> float:
     count, longest = shape[0], 0
     for k in range(count):
         longest = max(longest, shape[1 + k])
     scratch, packed, first, after, work, end = places(count, longest)
     size, width = kernel.parameter_size(longest), kernel.state_size(longest)
     seen = _admitted(memory, readings)
-    law = carray(pointer_at(memory, OWN_MEMORY), compiled_laws.MEMORY_SIZE)
-    gains = carray(pointer_at(memory, _GAINS), _N_GAINS)
-    spring = carray(pointer_at(memory, SPRING), guard.SPRING_SIZE)
-    proximal = carray(pointer_at(memory, _CABLES), count)
-    distal = carray(pointer_at(memory, _CABLES + count), count)
-    arm = carray(pointer_at(memory, _CABLES + 2 * count), count)
-    direction = carray(pointer_at(memory, _CABLES + 3 * count), count)
-    gain = carray(pointer_at(memory, _CABLES + 4 * count), count)
-    law_scratch = carray(pointer_at(memory, scratch), (SCRATCH_ROWS, count))
-    prm = carray(pointer_at(memory, packed), (count, size))
-    state = carray(pointer_at(memory, first), (count, width))
-    new = carray(pointer_at(memory, after), (count, width))
-    n = carray(pointer_at(shape, 1), count)
+    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
+    gains = part(memory, _GAINS, _N_GAINS)
+    spring = part(memory, SPRING, guard.SPRING_SIZE)
+    proximal = part(memory, _CABLES, count)
+    distal = part(memory, _CABLES + count, count)
+    arm = part(memory, _CABLES + 2 * count, count)
+    direction = part(memory, _CABLES + 3 * count, count)
+    gain = part(memory, _CABLES + 4 * count, count)
+    law_scratch = rows_of(memory, scratch, SCRATCH_ROWS, count)
+    prm = rows_of(memory, packed, count, size)
+    state = rows_of(memory, first, count, width)
+    new = rows_of(memory, after, count, width)
+    n = whole_part(shape, 1, count)
     cables = stepper.Cables(prm, n, proximal, proximal, distal)
     if memory[FIRST_STEP] != 0.0:
         stepper.set_rest(cables, seen[compiled_laws.ANGLE], 0.0, state)
@@ -299,7 +328,7 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
         arm,
         gains[compiled_laws.PERIOD],
         new,
-        carray(pointer_at(memory, work), end - work),
+        part(memory, work, end - work),
     )
     if with_stiction:
         return compiled_laws.stiction(
@@ -311,11 +340,15 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     )  # fmt: skip
 
 
-def step_model_based(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+def step_model_based(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, readings, False)
 
 
-def step_stiction(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+def step_stiction(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, readings, True)

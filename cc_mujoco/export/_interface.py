@@ -1,6 +1,5 @@
-"""Functions that C calls, as LLVM assembly around the compiled functions of each axis.
+"""The controller in C: functions of the header around the functions of each axis.
 
-The compiled functions have their names in Python; `_entry_points` says what they take.
 Memory, parameters and readings of the axes lie one behind the other, and those that
 `_joint_torques` needs are behind the memory of the last.
 """
@@ -8,143 +7,186 @@ Memory, parameters and readings of the axes lie one behind the other, and those 
 from __future__ import annotations
 
 import itertools
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import ExportPlan
 from cc_mujoco.export._joint_torques import own_readings
+from cc_mujoco.native import _library as native_library
+from cc_mujoco.native._c99 import CLibrary, literal
+from cc_mujoco.native._kinds import python_function
 
-_NAN = "0x7FF8000000000000"
 
-
-def interface(plan: ExportPlan, bits: int) -> str:
-    """Return the LLVM assembly of the functions of the header.
+def controller_source(plan: ExportPlan, what: str) -> str:
+    """Return the controller as C99, without what it includes.
 
     Args:
         plan: What is exported.
-        bits: Of a pointer of the machine.
+        what: Of which controller, for what scene.
+
+    Raises:
+        CableError: It needs memory that it is not given.
     """
-    lines = [
-        *_constants(plan),
-        *sorted(_declarations(plan)),
-        f"define i{bits} @cc_controller_size() {{",
-        f"  ret i{bits} {8 * plan.memory_size}",
-        "}",
-        *_set_parameters(plan),
-        "define i32 @cc_controller_init(ptr %memory, ptr %given) {",
-        "  %wrong = call i32 @cc_controller_set_parameters(ptr %memory, ptr %given)",
-        "  %fine = icmp eq i32 %wrong, 0",
-        "  br i1 %fine, label %begin, label %end",
-        "begin:",
-        "  call void @cc_controller_reset(ptr %memory)",
-        "  br label %end",
-        "end:",
-        "  ret i32 %wrong",
-        "}",
-        *_reset(plan),
-        *_step(plan),
-    ]
-    return "\n".join(lines)
+    library = CLibrary({}, native_library.PACKAGE.parent)
+    writer = _Interface(plan, library)
+    text = "\n".join(writer.lines())
+    functions = library.text()
+    if "cc_take(" in functions:
+        raise CableError("the controller allocates memory, which C must give it.")
+    return (
+        f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
+        f"{functions}\n{text}\n"
+    )
 
 
-def _constants(plan: ExportPlan) -> Iterator[str]:
-    yield _numbers("least", [field.low for field in plan.fields])
-    yield _numbers("most", [field.high for field in plan.fields])
-    yield _whole_numbers("shape", plan.torques.shape)
-    yield _whole_numbers("guarded", plan.guarded)
-    yield _numbers("tables", plan.torques.tables)
-    for k, axis in enumerate(plan.axes):
-        yield _whole_numbers(f"shape{k}", axis.shape)
-        yield _numbers(f"tables{k}", axis.tables)
+class _Interface:
+    def __init__(self, plan: ExportPlan, library: CLibrary) -> None:
+        self._plan, self._library = plan, library
+
+    def lines(self) -> Iterator[str]:
+        """Return the lines of the constants and of the functions of the header."""
+        yield from self._constants()
+        yield "size_t cc_controller_size(void) { return sizeof(cc_controller); }\n"
+        yield from self._set_parameters()
+        yield from self._reset()
+        yield "int cc_controller_init(cc_controller *controller, const double *given)"
+        yield "{"
+        yield "    const int wrong = cc_controller_set_parameters(controller, given);"
+        yield "    if (wrong == 0) {"
+        yield "        cc_controller_reset(controller);"
+        yield "    }"
+        yield "    return wrong;"
+        yield "}\n"
+        yield from self._step()
+
+    def _name(self, function: Callable[..., Any]) -> str:
+        plain = python_function(function)
+        assert plain is not None
+        return self._library.require(plain).name
+
+    def _constants(self) -> Iterator[str]:
+        plan = self._plan
+        yield _table("double", "least", [field.low for field in plan.fields])
+        yield _table("double", "most", [field.high for field in plan.fields])
+        yield _table("int64_t", "guarded", plan.guarded)
+        if plan.torques.changes:
+            yield _table("int64_t", "shape", plan.torques.shape)
+            yield _table("double", "tables", plan.torques.tables)
+        for k, axis in enumerate(plan.axes):
+            yield _table("int64_t", f"shape{k}", axis.shape)
+            yield _table("double", f"tables{k}", axis.tables)
+        yield ""
+
+    def _set_parameters(self) -> Iterator[str]:
+        """Refuse what is wrong in any axis before parameters of one are taken."""
+        plan = self._plan
+        yield "int cc_controller_set_parameters("
+        yield "    cc_controller *controller, const double *given)"
+        yield "{"
+        yield "    double *memory = controller->number;"
+        yield "    int64_t wrong = 0;"
+        starts = _starts([len(axis.fields) for axis in plan.axes])
+        for k, first in enumerate(starts):
+            axis = plan.axes[k]
+            count = len(axis.fields)
+            arguments = [
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                *(
+                    _view("Reals", f"{name} + {first}", count)
+                    for name in ("given", "least", "most")
+                ),
+            ]
+            yield f"    wrong = {self._name(axis.law.wrong_parameters)}("
+            yield f"        {_joined(arguments)});"
+            yield "    if (wrong != 0) {"
+            yield f"        return (int)(wrong + {first});"
+            yield "    }"
+        for k, first in enumerate(starts):
+            axis = plan.axes[k]
+            yield f"    {self._name(axis.law.store_parameters)}("
+            arguments = [
+                self._memory(k),
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Reals", f"given + {first}", len(axis.fields)),
+            ]
+            yield f"        {_joined(arguments)});"
+        yield "    return 0;"
+        yield "}\n"
+
+    def _memory(self, axis: int) -> str:
+        plan = self._plan
+        end = [*plan.starts, plan.memory_size][axis + 1]
+        return _view("Reals", f"memory + {plan.starts[axis]}", end - plan.starts[axis])
+
+    def _reset(self) -> Iterator[str]:
+        yield "void cc_controller_reset(cc_controller *controller)"
+        yield "{"
+        for k in range(len(self._plan.axes)):
+            place = self._plan.starts[k] + entry_points.FIRST_STEP
+            yield f"    controller->number[{place}] = 1.0;"
+        yield "}\n"
+
+    def _step(self) -> Iterator[str]:
+        """Refuse an impossible reading of any axis before a state changes."""
+        plan = self._plan
+        count = len(plan.seen)
+        possible = self._name(entry_points.are_possible)
+        guarded = _view("Ints", "guarded", len(plan.guarded))
+        yield "void cc_controller_step(cc_controller *controller,"
+        yield "                        const cc_readings *readings, double *torques)"
+        yield "{"
+        yield "    double *memory = controller->number;"
+        yield "    double seen[sizeof(cc_readings) / sizeof(double)];"
+        yield "    memcpy(seen, readings, sizeof seen);"
+        check = f"{possible}({_view('Reals', 'seen', count)}, {count}, {guarded}) != 0"
+        yield f"    bool fine = {check};"
+        if plan.torques.changes:
+            start = plan.starts[-1]
+            own = _view("Reals", f"memory + {start}", plan.memory_size - start)
+            arguments = [
+                own,
+                _view("Ints", "shape", len(plan.torques.shape)),
+                _view("Reals", "tables", len(plan.torques.tables)),
+                _view("Reals", "seen", count),
+            ]
+            yield "    if (fine) {"
+            yield f"        {self._name(own_readings)}("
+            yield f"            {_joined(arguments, 12)});"
+            yield f"        memcpy(seen, memory + {start}, sizeof seen);"
+            yield "        /* It may be over an arm of 0. */"
+            yield f"        fine = {check};"
+            yield "    }"
+        yield "    if (!fine) {"
+        for k in range(len(plan.axes)):
+            yield f"        torques[{k}] = NAN;"
+        yield "        return;"
+        yield "    }"
+        for k, first in enumerate(_starts([len(axis.seen) for axis in plan.axes])):
+            axis = plan.axes[k]
+            arguments = [
+                self._memory(k),
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Reals", f"tables{k}", len(axis.tables)),
+                _view("Reals", f"seen + {first}", len(axis.seen)),
+            ]
+            yield f"    torques[{k}] = {self._name(axis.law.step)}("
+            yield f"        {_joined(arguments)});"
+        yield "}"
 
 
-def _declarations(plan: ExportPlan) -> set[str]:
-    found = {f"declare i64 @{entry_points.are_possible.__name__}(ptr, i64, ptr)"}
-    if plan.torques.changes:
-        found.add(f"declare void @{own_readings.__name__}(ptr, ptr, ptr, ptr)")
-    for axis in plan.axes:
-        law = axis.law
-        found |= {
-            f"declare i64 @{law.wrong_parameters.__name__}(ptr, ptr, ptr, ptr)",
-            f"declare void @{law.store_parameters.__name__}(ptr, ptr, ptr)",
-            f"declare double @{law.step.__name__}(ptr, ptr, ptr, ptr)",
-        }
-    return found
+def _view(kind: str, place: str, count: int) -> str:
+    """Return an array of C's functions, of a constant or a part of a memory."""
+    element = {"Reals": "double", "Ints": "int64_t"}[kind]
+    place = place.removesuffix(" + 0")
+    if " " in place:
+        place = f"({place})"
+    return f"({kind}){{({element} *){place}, {count}}}"
 
 
-def _set_parameters(plan: ExportPlan) -> Iterator[str]:
-    """Refuse what is wrong in any axis before parameters of one are taken."""
-    yield "define i32 @cc_controller_set_parameters(ptr %memory, ptr %given) {"
-    for k, first in enumerate(_starts([len(axis.fields) for axis in plan.axes])):
-        yield _place(f"given{k}", "%given", first)
-        yield _place(f"least{k}", "@least", first)
-        yield _place(f"most{k}", "@most", first)
-        function = plan.axes[k].law.wrong_parameters.__name__
-        arguments = f"ptr @shape{k}, ptr %given{k}, ptr %least{k}, ptr %most{k}"
-        yield f"  %wrong{k} = call i64 @{function}({arguments})"
-        yield f"  %fine{k} = icmp eq i64 %wrong{k}, 0"
-        yield f"  br i1 %fine{k}, label %next{k}, label %refuse{k}"
-        yield f"refuse{k}:"
-        yield f"  %place{k} = add i64 %wrong{k}, {first}"
-        yield f"  %narrow{k} = trunc i64 %place{k} to i32"
-        yield f"  ret i32 %narrow{k}"
-        yield f"next{k}:"
-    for k, axis in enumerate(plan.axes):
-        yield _place(f"memory{k}", "%memory", plan.starts[k])
-        function = axis.law.store_parameters.__name__
-        arguments = f"ptr %memory{k}, ptr @shape{k}, ptr %given{k}"
-        yield f"  call void @{function}({arguments})"
-    yield "  ret i32 0"
-    yield "}"
-
-
-def _reset(plan: ExportPlan) -> Iterator[str]:
-    yield "define void @cc_controller_reset(ptr %memory) {"
-    for k in range(len(plan.axes)):
-        yield _place(f"first{k}", "%memory", plan.starts[k] + entry_points.FIRST_STEP)
-        yield f"  store double 1.0, ptr %first{k}"
-    yield "  ret void"
-    yield "}"
-
-
-def _step(plan: ExportPlan) -> Iterator[str]:
-    """Refuse an impossible reading of any axis before a state changes."""
-    yield "define void @cc_controller_step(ptr %memory, ptr %readings, ptr %torques) {"
-    for k in range(len(plan.axes)):
-        yield _place(f"out{k}", "%torques", k)
-    yield from _require_possible("readings", len(plan.seen))
-    yield "refuse:"
-    for k in range(len(plan.axes)):
-        yield f"  store double {_NAN}, ptr %out{k}"
-    yield "  ret void"
-    yield "readings_are_possible:"
-    readings = "%readings"
-    if plan.torques.changes:
-        readings = "%own"
-        yield _place("own", "%memory", plan.starts[-1])
-        arguments = "ptr %own, ptr @shape, ptr @tables, ptr %readings"
-        yield f"  call void @{own_readings.__name__}({arguments})"
-        yield from _require_possible("own", len(plan.seen))  # over an arm of 0
-        yield "own_are_possible:"
-    for k, first in enumerate(_starts([len(axis.seen) for axis in plan.axes])):
-        yield _place(f"memory{k}", "%memory", plan.starts[k])
-        yield _place(f"read{k}", readings, first)
-        function = plan.axes[k].law.step.__name__
-        arguments = f"ptr %memory{k}, ptr @shape{k}, ptr @tables{k}, ptr %read{k}"
-        yield f"  %torque{k} = call double @{function}({arguments})"
-        yield f"  store double %torque{k}, ptr %out{k}"
-    yield "  ret void"
-    yield "}"
-
-
-def _require_possible(name: str, count: int) -> Iterator[str]:
-    """Branch to `NAME_are_possible`, or to `refuse` for an impossible reading."""
-    function = entry_points.are_possible.__name__
-    arguments = f"ptr %{name}, i64 {count}, ptr @guarded"
-    yield f"  %{name}_possible = call i64 @{function}({arguments})"
-    yield f"  %{name}_fine = icmp ne i64 %{name}_possible, 0"
-    yield f"  br i1 %{name}_fine, label %{name}_are_possible, label %refuse"
+def _joined(arguments: Sequence[str], depth: int = 8) -> str:
+    return (",\n" + " " * depth).join(arguments)
 
 
 def _starts(sizes: Sequence[int]) -> list[int]:
@@ -152,19 +194,10 @@ def _starts(sizes: Sequence[int]) -> list[int]:
     return list(itertools.accumulate(sizes, initial=0))[:-1]
 
 
-def _place(name: str, pointer: str, place: int) -> str:
-    """Return the assembly of a pointer to a number behind another pointer."""
-    return f"  %{name} = getelementptr double, ptr {pointer}, i64 {place}"
-
-
-def _whole_numbers(name: str, numbers: Sequence[int]) -> str:
-    """Return the assembly of a constant array of integers."""
-    values = ", ".join(f"i64 {number}" for number in numbers)
-    return f"@{name} = private constant [{len(numbers)} x i64] [{values}]"
-
-
-def _numbers(name: str, numbers: Sequence[float]) -> str:
-    """Return the assembly of a constant array of real numbers, bit for bit."""
-    bits = [struct.unpack("<Q", struct.pack("<d", number))[0] for number in numbers]
-    values = ", ".join(f"double 0x{number:016X}" for number in bits)
-    return f"@{name} = private constant [{len(numbers)} x double] [{values}]"
+def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
+    """Return a constant array, of the same bits; of one zero where it is empty."""
+    cells = [
+        str(n) if kind == "int64_t" else literal(float(n)).text for n in numbers
+    ] or ["0"]
+    rows = [", ".join(cells[i : i + 8]) for i in range(0, len(cells), 8)]
+    return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + "\n};"

@@ -13,16 +13,13 @@ torque of every motor, then safe torque and scale of every joint.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import carray  # type: ignore[attr-defined]
 
-from cc_mujoco._utils.compilation import FloatArray, types
+from cc_mujoco._utils.compilation import FloatArray, IntArray
 from cc_mujoco.control import _decoupling as decoupling
-from cc_mujoco.export._entry_points import COUNTS, NUMBERS, pointer_at
+from cc_mujoco.export._entry_points import part, rows_of, tables_of, whole_rows_of
 
-SIGNATURE = types.void(NUMBERS, COUNTS, NUMBERS, NUMBERS)
 _COUNTS = 3
 _ROWS = 5
 _OWN, _TORQUE, _DESIRED, _LEVERAGE, _IS_DIVIDED = range(_ROWS)
@@ -80,16 +77,18 @@ class JointTorques:
         return self.readings + size + matrices * axes * axes
 
 
-def own_readings(memory: Any, shape: Any, tables: Any, readings: Any) -> None:
+def own_readings(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> None:
     """Write the readings as the law of each axis has them to the memory."""
     count, axes, joints = shape[0], shape[1], shape[2]
-    rows = carray(pointer_at(shape, _COUNTS), (_ROWS, axes))
+    rows = whole_rows_of(shape, _COUNTS, _ROWS, axes)
     for i in range(count):
         memory[i] = readings[i]
     if joints > 0:
         place = count + joints * axes
-        ratios = carray(pointer_at(memory, count), (joints, axes))
-        torques = carray(pointer_at(memory, place), (4, axes))
+        ratios = rows_of(memory, count, joints, axes)
+        torques = rows_of(memory, place, 4, axes)
         place += 4 * axes
         matrices = decoupling.WORK_MATRICES, axes, axes
         vectors = decoupling.WORK_VECTORS, axes
@@ -109,17 +108,17 @@ def own_readings(memory: Any, shape: Any, tables: Any, readings: Any) -> None:
         decoupling.own_torques(
             decoupling.CouplingTables(
                 rows[_OWN],
-                carray(pointer_at(tables, _LEAST * axes), axes),
-                carray(pointer_at(tables, _MOST * axes), axes),
-                carray(pointer_at(tables, _PER_AXIS * axes), joints),
-                carray(pointer_at(tables, _PER_AXIS * axes + joints), joints),
+                part(tables, _LEAST * axes, axes),
+                part(tables, _MOST * axes, axes),
+                part(tables, _PER_AXIS * axes, joints),
+                part(tables, _PER_AXIS * axes + joints, joints),
             ),
             ratios,
             torques[0],
             torques[1],
             decoupling.CouplingWorkspace(
-                carray(pointer_at(memory, place), matrices),
-                carray(pointer_at(memory, place + size), vectors),
+                tables_of(memory, place, *matrices),
+                rows_of(memory, place + size, *vectors),
             ),
             torques[2],
             torques[3],

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import internal
+from cc_mujoco._utils.compilation import FloatArray, IntArray, internal
 from cc_mujoco.control import Network
 from cc_mujoco.control._policy import ACTIVATIONS
 from cc_mujoco.device import Observed
@@ -81,7 +80,9 @@ class PolicyTables:
         return _PAST + self.observed.history * (frame + 1) + frame + 2 * widest
 
 
-def wrong_policy(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+def wrong_policy(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none."""
     wrong = entry_points.first_out_of_range(0, N_PARAMETERS, parameters, least, most)
     if wrong != 0:
@@ -91,22 +92,28 @@ def wrong_policy(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     return 0
 
 
-def store_policy(memory: Any, shape: Any, parameters: Any) -> None:
+def store_policy(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the parameters of a policy."""
     for i in range(N_PARAMETERS):
         memory[_PARAMETERS + i] = parameters[i]
 
 
 @internal
-def _play_angle(seen: Any, ratio: float, play: int) -> Any:
+def _play_angle(seen: FloatArray, ratio: float, play: int) -> float:
     """Return the angle that a play follows: the first half are those of the motor."""
     if 2 * play < _PLAYS:
-        return seen[MOTOR_ANGLE] / ratio
-    return seen[JOINT_ANGLE]
+        return float(seen[MOTOR_ANGLE] / ratio)
+    return float(seen[JOINT_ANGLE])
 
 
 @internal
-def _look(shape: Any, tables: Any, seen: Any, begins: bool, memory: Any) -> None:
+def _look(
+    shape: IntArray,
+    tables: FloatArray,
+    seen: FloatArray,
+    begins: bool,
+    memory: FloatArray,
+) -> None:
     """Follow the plays, compute the frame, and at the beginning the past.
 
     See `device.ObservationHistory`.
@@ -139,7 +146,9 @@ def _look(shape: Any, tables: Any, seen: Any, begins: bool, memory: Any) -> None
 
 
 @internal
-def _observe(shape: Any, tables: Any, seen: Any, memory: Any, into: int) -> None:
+def _observe(
+    shape: IntArray, tables: FloatArray, seen: FloatArray, memory: FloatArray, into: int
+) -> None:
     """Write the observation, rounded to single precision, into the memory."""
     columns, history, ratio = shape[_COLUMNS], shape[_HISTORY], tables[_RATIO]
     frame = _PAST + history * (columns + 1)
@@ -157,7 +166,9 @@ def _observe(shape: Any, tables: Any, seen: Any, memory: Any, into: int) -> None
 
 
 @internal
-def _share(shape: Any, tables: Any, memory: Any, first: int, other: int) -> Any:
+def _share(
+    shape: IntArray, tables: FloatArray, memory: FloatArray, first: int, other: int
+) -> float:
     """Return the network's output; see `control.Network`.
 
     Args:
@@ -190,13 +201,15 @@ def _share(shape: Any, tables: Any, memory: Any, first: int, other: int) -> Any:
             memory[y + row] = total
         place += out * (width + 1)
         x, y = y, x
-    value = memory[x]
+    value = float(memory[x])
     if shape[_SQUASHED]:
         value = math.tanh(value)
     return min(max(value, -1.0), 1.0)
 
 
-def step_policy(memory: Any, shape: Any, tables: Any, readings: Any) -> Any:
+def step_policy(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m]."""
     columns, history = shape[_COLUMNS], shape[_HISTORY]
     begins = memory[entry_points.FIRST_STEP] != 0.0
@@ -220,5 +233,6 @@ def step_policy(memory: Any, shape: Any, tables: Any, readings: Any) -> Any:
     memory[_SAMPLE] += 1.0
     if memory[_SAMPLE] >= shape[_HOLD]:
         memory[_SAMPLE] = 0.0
-    torque = memory[_SHARE] * memory[_PARAMETERS + _WHOLE]
-    return min(max(torque, memory[_PARAMETERS + _LOW]), memory[_PARAMETERS + _HIGH])
+    torque = float(memory[_SHARE] * memory[_PARAMETERS + _WHOLE])
+    low, high = memory[_PARAMETERS + _LOW], memory[_PARAMETERS + _HIGH]
+    return float(min(max(torque, low), high))

@@ -10,11 +10,7 @@ the friction that was learned.
 
 from __future__ import annotations
 
-from typing import Any
-
-from numba import carray  # type: ignore[attr-defined]
-
-from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco._utils.compilation import FloatArray, IntArray, compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
@@ -26,7 +22,7 @@ from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import add_preload, has_changed, pack, stiffness
 from cc_mujoco.control._predictive import PLANNER_INPUTS
 from cc_mujoco.export import _entry_points as entry_points
-from cc_mujoco.export._entry_points import pointer_at
+from cc_mujoco.export._entry_points import part, rows_of, tables_of, whole_part
 
 _TUNING_START = entry_points.OWN_MEMORY
 TUNING_SIZE = len(planner_parameters.TUNING)
@@ -64,7 +60,7 @@ def places(
 
 
 @internal
-def longest_cable(shape: Any) -> tuple[int, int]:
+def longest_cable(shape: IntArray) -> tuple[int, int]:
     """Return the segments of the longest cable, and sections of all of them."""
     cables, most, sections = shape[0], 0, 0
     for k in range(cables):
@@ -74,7 +70,7 @@ def longest_cable(shape: Any) -> tuple[int, int]:
 
 
 @internal
-def memory_places(shape: Any) -> tuple[int, int, int, int, int, int]:
+def memory_places(shape: IntArray) -> tuple[int, int, int, int, int, int]:
     """Return the places of numbers in the memory; see `places`."""
     cables = shape[0]
     most, sections = longest_cable(shape)
@@ -82,7 +78,7 @@ def memory_places(shape: Any) -> tuple[int, int, int, int, int, int]:
 
 
 @internal
-def friction_factor_place(shape: Any) -> int:
+def friction_factor_place(shape: IntArray) -> int:
     """Return the place of the initial friction factor, until there is a plan."""
     cables = shape[0]
     kept, knots = planner_memory.FRICTION + cables, shape[2 + 2 * cables]
@@ -90,7 +86,7 @@ def friction_factor_place(shape: Any) -> int:
 
 
 @internal
-def cable_place(shape: Any, cable: int) -> int:
+def cable_place(shape: IntArray, cable: int) -> int:
     """Return the place of the given scalars of a cable, followed by its sections."""
     cables = shape[0]
     given = _ARMS + 3 * cables
@@ -100,23 +96,25 @@ def cable_place(shape: Any, cable: int) -> int:
 
 
 @internal
-def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
+def _pack(memory: FloatArray, shape: IntArray, cable: int, factor: float) -> None:
     """Pack a cable with a multiple of the friction that was given for it."""
     cables, given = shape[0], cable_place(shape, cable)
     scratch, packed, _, _, _, _ = memory_places(shape)
     size = kernel.parameter_size(longest_cable(shape)[0])
     pack(
-        carray(pointer_at(memory, given), SCALARS),
-        carray(pointer_at(memory, given + SCALARS), (shape[1 + cables + cable], 2)),
+        part(memory, given, SCALARS),
+        rows_of(memory, given + SCALARS, shape[1 + cables + cable], 2),
         shape[1 + cable],
         factor,
         False,
-        carray(pointer_at(memory, scratch), SCALARS),
-        carray(pointer_at(memory, packed + cable * size), size),
+        part(memory, scratch, SCALARS),
+        part(memory, packed + cable * size, size),
     )
 
 
-def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+def wrong_plan(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none."""
     wrong = entry_points.wrong_motor(
         parameters,
@@ -132,7 +130,7 @@ def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
     return entry_points.wrong_cables(shape, parameters, least, most, TUNING_SIZE)
 
 
-def store_plan(memory: Any, shape: Any, parameters: Any) -> None:
+def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the tuning and the cables."""
     for i in range(TUNING_SIZE):
         memory[_TUNING_START + i] = parameters[i]
@@ -148,22 +146,26 @@ def store_plan(memory: Any, shape: Any, parameters: Any) -> None:
     memory[_PARAMETERS_CHANGED] = 1.0
 
 
-def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+def step_plan(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m]."""
     cables = shape[0]
     _, sections = longest_cable(shape)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
-    kept = carray(pointer_at(memory, law), planner_memory.FRICTION + cables)
+    kept = part(memory, law, planner_memory.FRICTION + cables)
     if memory[entry_points.FIRST_STEP] != 0.0:
         kept[:] = 0.0
     planner_learning.friction_factors(
-        kept, carray(pointer_at(memory, friction_factor_place(shape)), cables)
+        kept, part(memory, friction_factor_place(shape), cables)
     )
     return plan(memory, shape, tables, readings)
 
 
 @internal
-def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+def plan(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
     """Return the motor torque of the next step [N m].
 
     Where `friction_factor_place` says, the memory has what the friction of every cable
@@ -177,21 +179,21 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     kept, states = planner_memory.FRICTION + cables, (cables, width)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
     device = planner_memory.PlannerMemory(
-        carray(pointer_at(memory, law), kept),
-        carray(pointer_at(memory, law + kept), (delays, planner_memory.OBSERVER_SIZE)),
-        carray(pointer_at(memory, scratch - delays), delays),
-        carray(pointer_at(memory, scratch - delays - cables * width), states),
+        part(memory, law, kept),
+        rows_of(memory, law + kept, delays, planner_memory.OBSERVER_SIZE),
+        part(memory, scratch - delays, delays),
+        rows_of(memory, scratch - delays - cables * width, *states),
     )
-    state = carray(pointer_at(memory, first), states)
-    arm = carray(pointer_at(memory, _ARMS), cables)
-    distal = carray(pointer_at(memory, _ARMS + cables), cables)
-    n = carray(pointer_at(shape, 1), cables)
-    prm = carray(pointer_at(memory, packed), (cables, size))
+    state = rows_of(memory, first, *states)
+    arm = part(memory, _ARMS, cables)
+    distal = part(memory, _ARMS + cables, cables)
+    n = whole_part(shape, 1, cables)
+    prm = rows_of(memory, packed, cables, size)
     model = stepper.Cables(prm, n, arm, arm, distal)
     free = friction_factor_place(shape)
     is_fresh = memory[entry_points.FIRST_STEP] != 0.0
-    factors = carray(pointer_at(memory, _ARMS + 2 * cables), cables)
-    found = carray(pointer_at(memory, free), cables)
+    factors = part(memory, _ARMS + 2 * cables, cables)
+    found = part(memory, free, cables)
     if is_fresh:
         device.memory[:] = 0.0
         device.applied[:] = 0.0
@@ -203,16 +205,15 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         elif is_fresh or memory[_PARAMETERS_CHANGED] != 0.0:
             _pack(memory, shape, k, factors[k])
     if memory[_PARAMETERS_CHANGED] != 0.0:
-        spring = carray(
-            pointer_at(memory, _TUNING_START + planner_parameters.STIFFNESS),
-            guard.SPRING_SIZE,
+        spring = part(
+            memory, _TUNING_START + planner_parameters.STIFFNESS, guard.SPRING_SIZE
         )
         spring[:] = 0.0
         for k in range(cables):
             place, sections_of = cable_place(shape, k), shape[1 + cables + k]
             add_preload(
-                carray(pointer_at(memory, place), SCALARS),
-                carray(pointer_at(memory, place + SCALARS), (sections_of, 2)),
+                part(memory, place, SCALARS),
+                rows_of(memory, place + SCALARS, sections_of, 2),
                 distal[k],
                 spring,
             )
@@ -223,32 +224,29 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         memory[entry_points.JOINT_ANGLE], memory[entry_points.FIRST_STEP] = 0.0, 0.0
     own = packed - knots * (4 + knots + planner_memory.WORK_ROWS)
     plan_scratch = planner_memory.PlannerWorkspace(
-        carray(pointer_at(memory, after), states),
-        carray(pointer_at(memory, free), states),
-        carray(pointer_at(memory, free + cables * width), states),
-        carray(pointer_at(memory, free + 2 * cables * width), states),
-        carray(pointer_at(memory, scratch + SCALARS), knots + 1),
-        carray(pointer_at(memory, scratch + SCALARS + knots + 1), knots + 1),
-        carray(pointer_at(memory, scratch + SCALARS + 2 * (knots + 1)), kept),
-        carray(pointer_at(memory, own), knots),
-        carray(pointer_at(memory, own + knots), knots),
-        carray(pointer_at(memory, own + 2 * knots), knots),
-        carray(pointer_at(memory, own + 3 * knots), knots),
-        carray(pointer_at(memory, own + 4 * knots), (knots, knots)),
-        carray(
-            pointer_at(memory, own + (4 + knots) * knots),
-            (planner_memory.WORK_ROWS, knots),
-        ),
-        carray(pointer_at(memory, work), end - work),
+        rows_of(memory, after, *states),
+        rows_of(memory, free, *states),
+        rows_of(memory, free + cables * width, *states),
+        rows_of(memory, free + 2 * cables * width, *states),
+        part(memory, scratch + SCALARS, knots + 1),
+        part(memory, scratch + SCALARS + knots + 1, knots + 1),
+        part(memory, scratch + SCALARS + 2 * (knots + 1), kept),
+        part(memory, own, knots),
+        part(memory, own + knots, knots),
+        part(memory, own + 2 * knots, knots),
+        part(memory, own + 3 * knots, knots),
+        rows_of(memory, own + 4 * knots, knots, knots),
+        rows_of(memory, own + (4 + knots) * knots, planner_memory.WORK_ROWS, knots),
+        part(memory, work, end - work),
     )
     plans = delays * knots * (2 + knots)
     plan_tables = planner_memory.Tables(
-        carray(tables, (delays, knots, 2 + knots)),
-        carray(pointer_at(tables, plans), delays),
-        carray(pointer_at(tables, plans + delays), delays),
-        carray(pointer_at(memory, _TUNING_START), TUNING_SIZE + guard.SPRING_SIZE),
+        tables_of(tables, 0, delays, knots, 2 + knots),
+        part(tables, plans, delays),
+        part(tables, plans + delays, delays),
+        part(memory, _TUNING_START, TUNING_SIZE + guard.SPRING_SIZE),
     )
     return planning.motor_torque(
-        model, state, carray(pointer_at(memory, entry_points.JOINT_ANGLE), 1), device,
-        carray(readings, INPUT_COUNT), plan_tables, plan_scratch,
+        model, state, part(memory, entry_points.JOINT_ANGLE, 1), device,
+        part(readings, 0, INPUT_COUNT), plan_tables, plan_scratch,
     )  # fmt: skip

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.device._drive import Drive
@@ -120,15 +120,15 @@ class TorqueSensor:
 
 @compiled
 def _predict_torque(
-    prm: FloatArray,
+    prm: FloatMatrix,
     n: stepper.Counts,
     proximal: FloatArray,
     distal: FloatArray,
-    state: FloatArray,
+    state: FloatMatrix,
     motor: float,
     joint: float,
     dt: float,
-    new: FloatArray,
+    new: FloatMatrix,
     work: FloatArray,
 ) -> float:
     """Move cables by both ends; return their torque at the joint [N m]."""

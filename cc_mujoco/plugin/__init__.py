@@ -11,8 +11,10 @@ from importlib import import_module
 import lazy_loader
 
 from cc_mujoco._mujoco_import import require_plugin_support
+from cc_mujoco.native._library import is_being_written
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 require_plugin_support()  # first, as the modules of the plugin use what is new in it
-import_module("cc_mujoco.plugin._registration").register()
+if not is_being_written():
+    import_module("cc_mujoco.plugin._registration").register()

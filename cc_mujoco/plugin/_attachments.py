@@ -57,7 +57,7 @@ _USED_BY = constant("it is used by ")
 _USED_BY_END = constant(
     " actuators; it must be used by two, first the proximal and then the distal end"
 )
-_ITS_ACTUATOR = constant("its actuator ")
+ITS_ACTUATOR = constant("its actuator ")
 _OTHER_ACTUATOR = constant("actuator ")
 _WRONG_TRANSMISSION = constant(
     " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
@@ -192,7 +192,7 @@ def is_spatial(model: int, tendon: int) -> bool:
 
 @internal
 def name_actuator(
-    message: Bytes, used: int, model: int, actuator: int, whose: Bytes = _ITS_ACTUATOR
+    message: Bytes, used: int, model: int, actuator: int, whose: Bytes
 ) -> int:
     """Add which actuator it is: its name, or its place in the model if it has none.
 
@@ -222,28 +222,28 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         fits = _has_valid_transmission(model, actuator)
         radius = pulley_radius(model, output_index(model, actuator))
         if not fits or radius == 0.0 or not math.isfinite(radius):
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             return append(message, used, _WRONG_GEAR if fits else _WRONG_TRANSMISSION)
         limited = mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0
         if limited or _has_metre_radius(model, actuator):
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             return append(message, used, _FORCE_RANGE_SET if limited else _WRONG_RADIUS)
         drags = _actuator_drag(model, actuator)
         if drags >= 0:
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             used = append(message, used, _ACTUATOR_DRAG[drags])
             return append(message, used, _ACTUATOR_DRAG_END)
         clamped = _force_clamp(model, actuator)
         if clamped >= 0:
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             used = append(message, used, _CLAMPED[clamped])
             return append(message, used, _CLAMPED_END)
         output = output_index(model, actuator)
         if not is_length(mj_struct.real(model, mj_struct.ACTUATOR_LENGTH0, output)):
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             return append(message, used, NO_LENGTH)
     if _hold_same_target(model, first, second):
-        used = name_actuator(message, used, model, second)
+        used = name_actuator(message, used, model, second, ITS_ACTUATOR)
         return append(message, used, _SAME_TARGET)
     return used
 
@@ -576,7 +576,7 @@ def explain_tied(
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         own = pulley_radius(model, output_index(model, actuator))
         if is_tied(model, actuator, tendon) and own != wanted:
-            used = name_actuator(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
             return append(message, used, _WRONG_TIED_GEAR)
     return used
 

@@ -27,12 +27,9 @@ they are evaluated from the state after the first stage, which the block keeps.
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 from mujoco.introspect.enums import ENUMS
-from numba import cfunc
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
@@ -48,7 +45,6 @@ from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin._evaluate import (
-    PACK,
     RK4,
     evaluate,
     evaluation_inputs,
@@ -58,9 +54,9 @@ from cc_mujoco.plugin._evaluate import (
     is_evaluated,
     keep_mounted_rope,
     origin,
+    pack,
     packed_block,
     path_unchanged,
-    repack,
     save_first_stage,
     save_motion,
     set_rest_state,
@@ -68,14 +64,14 @@ from cc_mujoco.plugin._evaluate import (
 )
 from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
+    CInt,
     allocate,
     append,
     assign,
-    call_by_name,
+    callback,
     clear,
     copy,
     copy_words,
-    export_callback,
     fill,
     floats,
     load_real,
@@ -83,24 +79,19 @@ from cc_mujoco.plugin._ffi import (
     release,
     store_real,
     store_word,
-    types,
     warn,
     warned_once,
 )
 from cc_mujoco.plugin._instance_data import (
-    BENDS_WITH_ROUTE,
     CHECKED_STIFFNESS,
     CHECKED_TIMESTEP,
     DISTAL,
     EARLY_KEPT,
     EARLY_PULL,
     EARLY_REPLACED,
-    END_ACTUATORS,
     EVALUATION_COUNT,
-    EXPLICIT_ENDS,
     FIRST_STAGE_STATE,
     FIRST_STAGE_VALID,
-    GUIDED,
     INPUT_POSITIONS,
     INPUTS,
     MOCAP_POSES,
@@ -116,15 +107,11 @@ from cc_mujoco.plugin._instance_data import (
     REFERENCE_STAGE,
     RESULT_VALID,
     ROUTE,
-    ROUTE_DIGEST,
     SEGMENTS,
     SHAPE_BYTES,
     STAGE_SIZE,
     STAGES,
     STATE_PATH,
-    TEXT_CAPACITY,
-    TEXT_SIZE,
-    TIED_ENDS,
     acting_block,
     before_at,
     block_of,
@@ -143,9 +130,8 @@ from cc_mujoco.plugin._instance_data import (
     rest_displacement,
     save_sizes,
     shape_at,
-    text_at,
 )
-from cc_mujoco.plugin._routing import compile_leading, follow, lay, pull, set_reference
+from cc_mujoco.plugin._routing import follow, lay, pull, set_reference
 from cc_mujoco.plugin._slack_passage import evaluate_prediction
 from cc_mujoco.plugin._warnings import (
     ACTUATION_DISABLED,
@@ -171,652 +157,520 @@ _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 
-# The large functions are compiled once each and called by name; as Numba functions they
-# would be compiled again inside every callback that calls them.
-_REFUSED_SIGNATURE = types.int32(types.intp, types.int32)
-_refused = call_by_name("cc_mujoco_refused", _REFUSED_SIGNATURE)
-_TURN_SIGNATURE = types.float64(types.intp, types.intp, types.int32)
-_WRAP_SIGNATURE = types.void(types.intp, types.intp, types.int32, types.intp)
-_limits = call_by_name("cc_mujoco_limits", _WRAP_SIGNATURE)
-_aim = call_by_name("cc_mujoco_aim", _WRAP_SIGNATURE)
-_CHECK_SIGNATURE = types.void(types.intp, types.intp, types.int32)
-_warn_cannot_act = call_by_name("cc_mujoco_cannot_act", _CHECK_SIGNATURE)
-_warn_missed = call_by_name("cc_mujoco_missed", _CHECK_SIGNATURE)
-_undo_early = call_by_name("cc_mujoco_undo_early", _CHECK_SIGNATURE)
-_pull_early = call_by_name("cc_mujoco_pull_early", _CHECK_SIGNATURE)
-_check = call_by_name("cc_mujoco_check", _CHECK_SIGNATURE)
-
-
-def compile_callbacks(cache: bool) -> dict[str, Any]:
-    """Compile the callbacks.
-
-    Args:
-        cache: whether to keep the compiled code on disk.
-    """
-    options: Any = {"cache": cache, "error_model": "numpy"}
-    compile_leading(options)
-
-    @cfunc(_REFUSED_SIGNATURE, **options)
-    def refused(model: int, instance: int) -> int:
-        """Return whether the instance cannot be used; if so, report why to MuJoCo."""
-        message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-        start = begin_message(message, model, instance)
-        used = attachments.explain(message, start, model, instance)
-        attributes = mj_struct.attributes(model, instance)
-        if not mj_struct.has_timestep(model):
-            used = append(message, start, NO_TIMESTEP)
-        if used == start:
-            values = np.empty(config.SCALARS)
-            sections = np.empty((MAX_SECTIONS, 2))
-            key, _ = config.read(attributes, values, sections)
-            _, first, _ = attachments.find_actuators(model, instance)
-            radius = abs(
-                attachments.pulley_radius(model, attachments.output_index(model, first))
-            )
-            swing = values[config.ECCENTRICITY] + values[config.OVALITY]
-            if key == config.VALID_CONFIGURATION and swing >= radius:
-                alone = values[config.ECCENTRICITY] >= radius
-                key = config.ECCENTRICITY if alone else config.OVALITY
-            route = config.key_text(attributes, config.ROUTE)
-            tendon, mouth = -1, 0
-            if key == config.VALID_CONFIGURATION and route.size > 0:
-                tendon = attachments.find_route(model, instance, route)
-                if tendon < 0:
-                    key = config.ROUTE
-                elif config.bends_with_route(attributes) and path.has_branches(
-                    model, tendon
-                ):
-                    key = config.BEND
-                elif not attachments.is_length(
-                    mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
-                ):
-                    used = append(message, start, ITS_ROUTE)
-                    used = append(message, used, attachments.NO_LENGTH)
-                elif config.is_open(attributes):
-                    key, used = refuse_open_path(
-                        message, start, model, instance, tendon
-                    )
-            if key != config.VALID_CONFIGURATION:
-                used = config.explain(message, start, attributes, key)
-            if used == start:
-                if config.is_mixed(attributes):
-                    name = config.key_text(attributes, config.MOUTH)
-                    mouth = attachments.find_mouth(model, instance, tendon, route, name)
-                path_open = tendon if config.is_open(attributes) else -1
-                body = attachments.keep_awake(model, instance, path_open, mouth)
-                used = attachments.explain_sleep(message, start, model, body)
-        if used > start:
-            warn(message, used)
-        return used > start
-
-    export_callback("cc_mujoco_refused", refused)
-
-    @cfunc(_CHECK_SIGNATURE, **options)
-    def cannot_act(model: int, data: int, instance: int) -> None:
-        """Warn, once, why a cable does not pull, or with no finite tension."""
-        warn_cannot_act(model, data, instance)
-
-    export_callback("cc_mujoco_cannot_act", cannot_act)
-
-    @cfunc(_REFUSED_SIGNATURE, **options)
-    def route(model: int, instance: int) -> int:
-        """Return the spatial tendon that is the route of the instance, or -1."""
-        attributes = mj_struct.attributes(model, instance)
-        written = config.key_text(attributes, config.ROUTE)
-        return attachments.find_route(model, instance, written)
-
-    export_callback("cc_mujoco_route", route)
-
-    @cfunc(PACK, **options)
-    def pack(block: int, model: int, instance: int) -> int:
-        """Pack the parameters from the attribute block of the instance.
-
-        Returns:
-            Whether they can be used.
-        """
-        attributes = mj_struct.attributes(model, instance)
-        n = load_word(block + SEGMENTS)
+@callback
+def refused(model: int, instance: CInt) -> CInt:
+    """Return whether the instance cannot be used; if so, report why to MuJoCo."""
+    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+    start = begin_message(message, model, instance)
+    used = attachments.explain(message, start, model, instance)
+    attributes = mj_struct.attributes(model, instance)
+    if not mj_struct.has_timestep(model):
+        used = append(message, start, NO_TIMESTEP)
+    if used == start:
         values = np.empty(config.SCALARS)
         sections = np.empty((MAX_SECTIONS, 2))
-        key, count = config.read(attributes, values, sections)
-        invalidate(block)
-        store_word(block + PATH_EVALUATION, 0)
-        store_word(block + TEXT_SIZE, 0)
-        store_word(block + OTHER_KIND, 0)
-        if key != config.VALID_CONFIGURATION:
-            return 0
-        kind, free = config.path_kind(attributes), config.is_open(attributes)
-        if config.segment_count(attributes) != n or kind != load_word(
-            block + PATH_KIND
-        ):
-            store_word(block + OTHER_KIND, 1)
-            return 0
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        kernel.pack(values, sections[:count], n, prm)
-        tendon, mouth, guided = -1, 0, n
-        follows = config.bends_with_route(attributes)
-        if follows or free:
-            route = config.key_text(attributes, config.ROUTE)
+        key, _ = config.read(attributes, values, sections)
+        _, first, _ = attachments.find_actuators(model, instance)
+        radius = abs(
+            attachments.pulley_radius(model, attachments.output_index(model, first))
+        )
+        swing = values[config.ECCENTRICITY] + values[config.OVALITY]
+        if key == config.VALID_CONFIGURATION and swing >= radius:
+            alone = values[config.ECCENTRICITY] >= radius
+            key = config.ECCENTRICITY if alone else config.OVALITY
+        route = config.key_text(attributes, config.ROUTE)
+        tendon, mouth = -1, 0
+        if key == config.VALID_CONFIGURATION and route.size > 0:
             tendon = attachments.find_route(model, instance, route)
-            if tendon < 0 or path.has_branches(model, tendon):
-                return 0
-            kernel.expect_change(prm)
-        if free:
-            kernel.expect_lengthening(prm)
-            guided = 0
+            if tendon < 0:
+                key = config.ROUTE
+            elif config.bends_with_route(attributes) and path.has_branches(
+                model, tendon
+            ):
+                key = config.BEND
+            elif not attachments.is_length(
+                mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
+            ):
+                used = append(message, start, ITS_ROUTE)
+                used = append(message, used, attachments.NO_LENGTH)
+            elif config.is_open(attributes):
+                key, used = refuse_open_path(message, start, model, instance, tendon)
+        if key != config.VALID_CONFIGURATION:
+            used = config.explain(message, start, attributes, key)
+        if used == start:
             if config.is_mixed(attributes):
                 name = config.key_text(attributes, config.MOUTH)
                 mouth = attachments.find_mouth(model, instance, tendon, route, name)
-                if mouth < 0:
-                    return 0
-                guided = n - open_path.wanted_segments(
-                    model, tendon, mouth, open_path.ARC_SEGMENTS
-                )
-                guided = max(guided, 1)
-            if n - guided < open_path.min_segments(model, tendon, mouth):
-                return 0
-            at_guides = floats(guides_at(block, n), n)
-            if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
-                return 0
-        for end in range(2):
-            actuator = load_word(block + END_ACTUATORS + 8 * end)
-            tied = free and attachments.is_tied(model, actuator, tendon)
-            store_word(block + TIED_ENDS + 8 * end, 1 if tied else 0)
-        store_word(block + ROUTE, tendon)
-        store_word(block + ROUTE_DIGEST, path.digest(model, tendon))
-        store_word(block + BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
-        store_word(block + MOUTH, mouth)
-        store_word(block + GUIDED, guided)
-        store_word(block + REFERENCE_KNOWN, 0)
-        store_word(block + EXPLICIT_ENDS, 1 if config.is_explicit(attributes) else 0)
-        size = config.block_size(attributes)
-        if size <= TEXT_CAPACITY:
-            copy(attributes, text_at(block, n), size)
-            store_word(block + TEXT_SIZE, size)
-        return 1
+            path_open = tendon if config.is_open(attributes) else -1
+            body = attachments.keep_awake(model, instance, path_open, mouth)
+            used = attachments.explain_sleep(message, start, model, body)
+    if used > start:
+        warn(message, used)
+    return used > start
 
-    export_callback("cc_mujoco_pack", pack)
 
-    @cfunc(_TURN_SIGNATURE, **options)
-    def turn(model: int, data: int, tendon: int) -> float:
-        """Return the total turning angle of a tendon at the last position [rad]."""
-        whole, total = np.ones(1), np.empty(1)
-        length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-        path.bend(model, data, tendon, 0, length, whole, total)
-        return float(total[0])
+@callback
+def cannot_act(model: int, data: int, instance: CInt) -> None:
+    """Warn, once, why a cable does not pull, or with no finite tension."""
+    warn_cannot_act(model, data, instance)
 
-    export_callback("cc_mujoco_turn", turn)
 
-    @cfunc(PACK, **options)
-    def holds(model: int, data: int, instance: int) -> int:
-        """Return whether data hold an instance as the model has it."""
-        return 1 if packed_block(model, data, instance) != 0 else 0
+@callback
+def route(model: int, instance: CInt) -> CInt:
+    """Return the spatial tendon that is the route of the instance, or -1."""
+    attributes = mj_struct.attributes(model, instance)
+    written = config.key_text(attributes, config.ROUTE)
+    return attachments.find_route(model, instance, written)
 
-    export_callback("cc_mujoco_holds", holds)
 
-    @cfunc(_WRAP_SIGNATURE, **options)
-    def wrap(model: int, data: int, instance: int, out: int) -> None:
-        """Wrap angles of the segments of an instance at the last position."""
-        block = acting_block(model, data, instance)
-        if block == 0 or not update_parameters(block, model, instance):
-            return
-        follow(block, model, data, mj_struct.state(model, data, instance))
-        n = load_word(block + SEGMENTS)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        assign(floats(out, n), kernel.segment_angles(prm, n))
+@callback
+def turn(model: int, data: int, tendon: CInt) -> float:
+    """Return the total turning angle of a tendon at the last position [rad]."""
+    whole, total = np.ones(1), np.empty(1)
+    length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
+    path.bend(model, data, tendon, 0, length, whole, total)
+    return float(total[0])
 
-    export_callback("cc_mujoco_wrap", wrap)
 
-    @cfunc(_WRAP_SIGNATURE, **options)
-    def compliance(model: int, data: int, instance: int, out: int) -> None:
-        """Write an instance's node compliances [m/N], then its elastic energy [J]."""
-        block = acting_block(model, data, instance)
-        if block == 0 or not update_parameters(block, model, instance):
-            return
-        if is_open(block) and load_word(block + REFERENCE_KNOWN) == 0:
-            set_reference(block, model, data)
-        n = load_word(block + SEGMENTS)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        at_state = mj_struct.state(model, data, instance)
-        state = floats(at_state, kernel.state_size(n))
-        if is_open(block):
-            # The packed nodes are those of the next step.
-            prm = prm.copy()
-            reference = floats(
-                shape_at(block, n, REFERENCE_STAGE), open_path.shape_size(n)
-            )
-            before = open_path.previous_lengths(reference, path_memory(at_state, n), n)
-            moving_path.set_unstretched_lengths(
-                prm, n, layout.tensions(state, n), before
-            )
-        found = floats(out, n + 2)
-        assign(found[: n + 1], layout.node_compliance(prm, n))
-        found[n + 1] = kernel.stored_energy(prm, n, state)
+@callback
+def holds(model: int, data: int, instance: CInt) -> CInt:
+    """Return whether data hold an instance as the model has it."""
+    return 1 if packed_block(model, data, instance) != 0 else 0
 
-    export_callback("cc_mujoco_compliance", compliance)
 
-    @cfunc(_WRAP_SIGNATURE, **options)
-    def limits(model: int, data: int, instance: int, out: int) -> None:
-        """Write the longest stable time steps of an instance (3,) [s] to an address."""
-        fill(floats(out, 3), np.inf)
-        if acting_block(model, data, instance) == 0:
-            return
-        follow_all_paths(model, data, instance)
-        stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
+@callback
+def wrap(model: int, data: int, instance: CInt, out: int) -> None:
+    """Wrap angles of the segments of an instance at the last position."""
+    block = acting_block(model, data, instance)
+    if block == 0 or not update_parameters(block, model, instance):
+        return
+    follow(block, model, data, mj_struct.state(model, data, instance))
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    assign(floats(out, n), kernel.segment_angles(prm, n))
 
-    export_callback("cc_mujoco_limits", limits)
 
-    @cfunc(_WRAP_SIGNATURE, **options)
-    def aim(model: int, data: int, instance: int, out: int) -> None:
-        """Write the prediction of an instance's ends (`predict_ends`) to an address."""
-        kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-        area = lead + load_word(lead + PREDICTION_AREA)
-        if implicit_ends.is_unknown(area):
-            follow_other_paths(
-                model, data, instance, load_word(lead + EVALUATION_COUNT)
-            )
-            implicit_ends.predict_acceleration(model, data, kind, area)
-        block = mj_struct.block(data, instance)
-        implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 9))
+@callback
+def compliance(model: int, data: int, instance: CInt, out: int) -> None:
+    """Write an instance's node compliances [m/N], then its elastic energy [J]."""
+    block = acting_block(model, data, instance)
+    if block == 0 or not update_parameters(block, model, instance):
+        return
+    if is_open(block) and load_word(block + REFERENCE_KNOWN) == 0:
+        set_reference(block, model, data)
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    at_state = mj_struct.state(model, data, instance)
+    state = floats(at_state, kernel.state_size(n))
+    if is_open(block):
+        # The packed nodes are those of the next step.
+        prm = prm.copy()
+        reference = floats(shape_at(block, n, REFERENCE_STAGE), open_path.shape_size(n))
+        before = open_path.previous_lengths(reference, path_memory(at_state, n), n)
+        moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
+    found = floats(out, n + 2)
+    assign(found[: n + 1], layout.node_compliance(prm, n))
+    found[n + 1] = kernel.stored_energy(prm, n, state)
 
-    export_callback("cc_mujoco_aim", aim)
 
-    @cfunc(_CHECK_SIGNATURE, **options)
-    def missed(model: int, data: int, instance: int) -> None:
-        """Warn, once, of each geom in the path of an instance that it never touches."""
-        message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-        start = begin_message(message, model, instance)
-        used = append(message, start, guides.GEOMS_SEARCHED)
-        if warned_once(message, used, mj_struct.signature(model)):
-            return
-        tendon = load_word(mj_struct.block(data, instance) + ROUTE)
-        touched = np.zeros(
-            mj_struct.integer(model, mj_struct.TENDON_NUM, tendon), np.uint8
-        )
-        guides.mark_touched(model, data, tendon, touched)
-        for place in range(touched.size):
-            if touched[place] == 0:
-                used = guides.explain(message, start, model, tendon, place)
-                warn(message, used)
+@callback
+def limits(model: int, data: int, instance: CInt, out: int) -> None:
+    """Write the longest stable time steps of an instance (3,) [s] to an address."""
+    fill(floats(out, 3), np.inf)
+    if acting_block(model, data, instance) == 0:
+        return
+    follow_all_paths(model, data, instance)
+    stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
-    export_callback("cc_mujoco_missed", missed)
 
-    @cfunc(_CHECK_SIGNATURE, **options)
-    def check(model: int, data: int, instance: int) -> None:
-        """Warn if the time step is too long for the instance, or its ends are not fit.
+@callback
+def aim(model: int, data: int, instance: CInt, out: int) -> None:
+    """Write the prediction of an instance's ends (`predict_ends`) to an address."""
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
+    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
+    area = lead + load_word(lead + PREDICTION_AREA)
+    if implicit_ends.is_unknown(area):
+        follow_other_paths(model, data, instance, load_word(lead + EVALUATION_COUNT))
+        implicit_ends.predict_acceleration(model, data, kind, area)
+    block = mj_struct.block(data, instance)
+    implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 9))
 
-        What was refused at load can also be set on the compiled model.
-        """
-        message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-        start = begin_message(message, model, instance)
-        used = attachments.explain(message, start, model, instance)
-        block = mj_struct.block(data, instance)
-        if used == start and is_open(block):
-            tendon = load_word(block + ROUTE)
-            used = attachments.explain_bypass(message, start, model, instance, tendon)
-        if used > start and not warned_once(message, used, mj_struct.signature(model)):
+
+@callback
+def missed(model: int, data: int, instance: CInt) -> None:
+    """Warn, once, of each geom in the path of an instance that it never touches."""
+    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+    start = begin_message(message, model, instance)
+    used = append(message, start, guides.GEOMS_SEARCHED)
+    if warned_once(message, used, mj_struct.signature(model)):
+        return
+    tendon = load_word(mj_struct.block(data, instance) + ROUTE)
+    touched = np.zeros(mj_struct.integer(model, mj_struct.TENDON_NUM, tendon), np.uint8)
+    guides.mark_touched(model, data, tendon, touched)
+    for place in range(touched.size):
+        if touched[place] == 0:
+            used = guides.explain(message, start, model, tendon, place)
             warn(message, used)
-        if is_open(block):
-            warn_no_effect(model, instance, block)
-        if load_word(block + ROUTE) >= 0:
-            _warn_missed(model, data, instance)
-        warn_cannot_pull(model, instance)
-        warn_short_conduit(model, data, instance, block)
-        longest = np.empty(3)
-        _limits(model, data, instance, longest.ctypes.data)
-        warn_short_period(model, instance, block, longest[0], longest[1])
-        if implicit_ends.is_implicit(model, block):
-            longest[0] = longest[1] = np.inf
-        step, worst = mj_struct.timestep(model), int(np.argmin(longest))
-        limit = longest[worst]
-        if step <= limit:
-            return
-        used = stability_limits.append_part(message, start, worst, step)
-        if not warned_once(message, used, mj_struct.signature(model)):
-            warn(
-                message,
-                stability_limits.append_limit(message, start, worst, limit, step),
-            )
 
-    export_callback("cc_mujoco_check", check)
 
-    @cfunc(_CHECK_SIGNATURE, **options)
-    def pull_early(model: int, data: int, instance: int) -> None:
-        """Pull with the pieces of an open cable before its actuators are evaluated.
+@callback
+def check(model: int, data: int, instance: CInt) -> None:
+    """Warn if the time step is too long for the instance, or its ends are not fit.
 
-        `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
-        is given, an implicit end looks ahead by that.
-        """
-        block = mj_struct.block(data, instance)
-        if mj_struct.disabled(model, _NO_ACTUATION) or has_no_passive(model):
-            return
-        if not update_parameters(block, model, instance):
-            return
-        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-        state, dt = origin(block, model, data, instance)
-        follow(block, model, data, state)
-        store_word(block + PATH_EVALUATION, load_word(lead + EVALUATION_COUNT) + 1)
-        u_proximal = proximal_winding(
-            model, block, displacement(data, block, PROXIMAL)
-        )[0]
-        u_distal = displacement(data, block, DISTAL)
-        known, looks = True, implicit_ends.is_implicit(model, block)
-        if not looks:
-            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
-        elif not is_evaluated(block, data, state, u_proximal, u_distal):
-            aim = np.empty(9)
-            implicit_ends.predict_known_motion(model, data, block, aim)
-            known = evaluate_prediction(model, block, state, aim, dt)
-        if known:
-            pull(block, model, data)
-            store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
-
-    export_callback("cc_mujoco_pull_early", pull_early)
-
-    @cfunc(_CHECK_SIGNATURE, **options)
-    def undo_early(model: int, data: int, instance: int) -> None:
-        """Take back the early pulls of implicit cables, to the last bit.
-
-        They depend on an acceleration that is no part of the state; what is left of
-        them by rounding must not reach the simulation.
-        """
-        kind, nv = (
-            mj_struct.integer(model, mj_struct.PLUGIN, instance),
-            mj_struct.dofs(model),
-        )
-        passive = floats(load_word(data + mj_struct.QFRC_PASSIVE), nv)
-        for other in range(mj_struct.plugins(model) - 1, -1, -1):
-            block = 0
-            if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-                block = block_of(model, data, other)
-            if block == 0 or load_word(block + EARLY_PULL) != EARLY_REPLACED:
-                continue
-            n = load_word(block + SEGMENTS)
-            pulls = floats(pulls_at(block, n), nv)
-            before = floats(before_at(block, n), nv)
-            for i in range(nv):
-                # Unless another plugin has added to it since.
-                if passive[i] == before[i] + pulls[i]:
-                    passive[i] = before[i]
-                else:
-                    passive[i] -= pulls[i]
-            store_word(block + PASSIVE_FRESH, 1)
-            store_word(block + EARLY_PULL, 0)
-
-    export_callback("cc_mujoco_undo_early", undo_early)
-
-    @cfunc(types.void(types.intp, types.intp, types.int32, types.int32), **options)
-    def settle(model: int, data: int, instance: int, keeps_rope: int) -> None:
-        """Lay the cable at rest, with its ends where they are at the last position.
-
-        Its tension is the pretension or, where it keeps its rope, that of the rope
-        which was mounted in the pose `qpos0`.
-        """
-        block = acting_block(model, data, instance)
-        if block == 0:
-            _warn_cannot_act(model, data, instance)
-        if block == 0 or not update_parameters(block, model, instance):
-            return
-        proximal_length = displacement(data, block, PROXIMAL)
-        distal_length = displacement(data, block, DISTAL)
-        state = mj_struct.state(model, data, instance)
-        set_rest_state(
-            block, model, state, proximal_length, distal_length, mj_struct.time(data)
-        )
-        n = load_word(block + SEGMENTS)
-        store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
-        if is_open(block):
-            follow(block, model, data, state)
-        if keeps_rope != 0:
-            keep_mounted_rope(block, model, state)
-        if is_open(block):
-            shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
-            open_path.save_path(shape, n, path_memory(state, n))
-
-    export_callback("cc_mujoco_settle", settle)
-
-    address = types.intp
-    integer = types.int32
-
-    @cfunc(integer(address, integer), **options)
-    def nstate(model: int, instance: int) -> int:
-        attributes = mj_struct.attributes(model, instance)
-        n = max(config.segment_count(attributes), 1)
-        more = open_path.memory_size(n) if config.is_open(attributes) else 0
-        return kernel.state_size(n) + STATE_PATH + more
-
-    @cfunc(integer(address, address, integer), **options)
-    def init(model: int, data: int, instance: int) -> int:
-        mj_struct.set_block(data, instance, 0)
-        if _refused(model, instance) != 0:
-            return -1
-        attributes = mj_struct.attributes(model, instance)
-        n = config.segment_count(attributes)
-        free = config.is_open(attributes)
-        shape = 8 * (open_path.shape_size(n) if free else n)
-        pulls = 8 * (3 * mj_struct.dofs(model) + n + 1) if free else 0
-        # Its parts follow each other from the header on, whatever is in it.
-        own = guides_at(0, n) + 8 * n + (REFERENCE_STAGE + 1) * shape + pulls
-        kept, area, poses = own, 0, 0
-        own += 8 * (kernel.state_size(n) + STATE_PATH)
-        own += 8 * open_path.memory_size(n) if free else 0
-        if mj_struct.first_cable(model, instance) == instance:
-            area, poses = (
-                implicit_ends.area_size(model),
-                jump_warnings.poses_size(model),
-            )
-        block = allocate(own + area + poses)
-        clear(block, own + area + poses)
-        store_word(block + FIRST_STAGE_STATE, kept)
-        store_word(block + PREDICTION_AREA, own if area > 0 else 0)
-        store_word(block + MOCAP_POSES, own + area if poses > 0 else 0)
-        store_word(block + SEGMENTS, n)
-        store_word(block + SHAPE_BYTES, shape)
-        store_word(block + PATH_KIND, config.path_kind(attributes))
-        save_sizes(block, model, instance)
-        repack(block, model, instance)
-        mj_struct.set_block(data, instance, block)
-        return 0
-
-    @cfunc(types.void(address, integer), **options)
-    def destroy(data: int, instance: int) -> None:
-        block = mj_struct.block(data, instance)
-        if block != 0:
-            release(block)
-        mj_struct.set_block(data, instance, 0)
-
-    @cfunc(types.void(address, address, address, integer), **options)
-    def reset(model: int, state: int, block: int, instance: int) -> None:
-        if block == 0 or not (
-            mj_struct.has_timestep(model) and fits(block, model, instance)
-        ):
-            return
-        if not update_parameters(block, model, instance):
-            return
-        store_real(block + CHECKED_TIMESTEP, 0.0)
-        store_real(block + CHECKED_STIFFNESS, 0.0)
-        jump_warnings.forget_poses(model, block)
-        # The pose `qpos0` may be another since.
-        store_word(block + REFERENCE_KNOWN, 0)
-        proximal_length = rest_displacement(model, block, PROXIMAL)
-        distal_length = rest_displacement(model, block, DISTAL)
-        set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
-        rest = load_word(model + mj_struct.QPOS0)
-        n = load_word(block + SEGMENTS)
-        store_real(pose_at(state, n), jump_warnings.checksum(model, rest))
-
-    @cfunc(types.void(address, address, integer, integer), **options)
-    def compute(model: int, data: int, instance: int, capability: int) -> None:
-        block = acting_block(model, data, instance)
-        if block == 0:
-            _warn_cannot_act(model, data, instance)
-            return
-        if capability == _PASSIVE:
-            store_word(block + PASSIVE_FRESH, 1)
-            store_word(block + EARLY_PULL, 0)
-            if is_open(block):
-                _pull_early(model, data, instance)
-            return
-        lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-        if lead == block:
-            implicit_ends.begin_evaluation(lead)
-            _undo_early(model, data, instance)
-        usable = update_parameters(block, model, instance)
-        if load_word(block + OTHER_KIND) != 0:
-            _warn_cannot_act(model, data, instance)
-            return
-        cut = is_open(block) and has_no_passive(model)
+    What was refused at load can also be set on the compiled model.
+    """
+    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
+    start = begin_message(message, model, instance)
+    used = attachments.explain(message, start, model, instance)
+    block = mj_struct.block(data, instance)
+    if used == start and is_open(block):
         tendon = load_word(block + ROUTE)
-        if tendon >= 0 and not np.isfinite(
-            mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-        ):
-            # MuJoCo sees the bad acceleration, warns and resets, as for any other.
-            _warn_cannot_act(model, data, instance)
-            invalidate(block)
-            mj_struct.set_force(data, load_word(block + PROXIMAL), np.nan)
-            mj_struct.set_force(data, load_word(block + DISTAL), np.nan)
-            return
-        if usable and mj_struct.enabled(model, _SLEEP):
-            route = load_word(block + ROUTE) if is_open(block) else -1
-            attachments.keep_awake(model, instance, route, load_word(block + MOUTH))
-        n = load_word(block + SEGMENTS)
-        state, dt = origin(block, model, data, instance)
-        begins = state == mj_struct.state(model, data, instance)
-        u_proximal, lever = proximal_winding(
-            model, block, displacement(data, block, PROXIMAL)
+        used = attachments.explain_bypass(message, start, model, instance, tendon)
+    if used > start and not warned_once(message, used, mj_struct.signature(model)):
+        warn(message, used)
+    if is_open(block):
+        warn_no_effect(model, instance, block)
+    if load_word(block + ROUTE) >= 0:
+        missed(model, data, instance)
+    warn_cannot_pull(model, instance)
+    warn_short_conduit(model, data, instance, block)
+    longest = np.empty(3)
+    limits(model, data, instance, longest.ctypes.data)
+    warn_short_period(model, instance, block, longest[0], longest[1])
+    if implicit_ends.is_implicit(model, block):
+        longest[0] = longest[1] = np.inf
+    step, worst = mj_struct.timestep(model), int(np.argmin(longest))
+    limit = longest[worst]
+    if step <= limit:
+        return
+    used = stability_limits.append_part(message, start, worst, step)
+    if not warned_once(message, used, mj_struct.signature(model)):
+        warn(
+            message,
+            stability_limits.append_limit(message, start, worst, limit, step),
         )
-        u_distal = displacement(data, block, DISTAL)
-        looks = False
-        if usable:
-            evaluation = load_word(lead + EVALUATION_COUNT)
-            if load_word(block + PATH_EVALUATION) != evaluation:
-                follow(block, model, data, state)
-                store_word(block + PATH_EVALUATION, evaluation)
-            # A piece that has become short needs a shorter step.
-            shorter = is_open(block) and has_stiffened(block)
-            if shorter or load_real(block + CHECKED_TIMESTEP) != mj_struct.timestep(
-                model
-            ):
-                store_real(block + CHECKED_TIMESTEP, mj_struct.timestep(model))
-                _check(model, data, instance)
-            if begins:
-                touched = jump_warnings.position_changed(
-                    model, data, load_real(pose_at(state, n))
-                )
-                store_word(block + POSITION_CHANGED, 1 if touched else 0)
-            looks = implicit_ends.is_implicit(model, block)
-        store_word(block + PATH_EVALUATION, 0)
-        if cut:
-            warn_once(model, instance, NO_PASSIVE)
-        save_motion(block, data, u_proximal, u_distal)
-        known = False
-        if usable and not cut and looks:
-            aim = np.empty(9)
-            _aim(model, data, instance, aim.ctypes.data)
-            known = evaluate_prediction(model, block, state, aim, dt)
-        elif usable and not cut:
-            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
-        if known:
-            tension = new_at(block, n) + 8 * kernel.STATE_HEADER
-            proximal = max(load_real(tension), 0.0) * lever
-            distal = max(load_real(tension + 8 * n), 0.0)
-        else:
-            # MuJoCo sees the bad acceleration, warns and resets, as for any other.
-            proximal, distal = np.nan, np.nan
-        if usable and not cut and not np.isfinite(proximal + distal):
-            _warn_cannot_act(model, data, instance)
-        mj_struct.set_force(data, load_word(block + PROXIMAL), proximal)
-        mj_struct.set_force(data, load_word(block + DISTAL), -distal)
-        if usable and is_open(block) and load_word(block + EARLY_PULL) == 0:
-            pull(block, model, data)
+
+
+@callback
+def pull_early(model: int, data: int, instance: CInt) -> None:
+    """Pull with the pieces of an open cable before its actuators are evaluated.
+
+    `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
+    is given, an implicit end looks ahead by that.
+    """
+    block = mj_struct.block(data, instance)
+    if mj_struct.disabled(model, _NO_ACTUATION) or has_no_passive(model):
+        return
+    if not update_parameters(block, model, instance):
+        return
+    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
+    state, dt = origin(block, model, data, instance)
+    follow(block, model, data, state)
+    store_word(block + PATH_EVALUATION, load_word(lead + EVALUATION_COUNT) + 1)
+    u_proximal = proximal_winding(model, block, displacement(data, block, PROXIMAL))[0]
+    u_distal = displacement(data, block, DISTAL)
+    known, looks = True, implicit_ends.is_implicit(model, block)
+    if not looks:
+        known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+    elif not is_evaluated(block, data, state, u_proximal, u_distal):
+        aim = np.empty(9)
+        implicit_ends.predict_known_motion(model, data, block, aim)
+        known = evaluate_prediction(model, block, state, aim, dt)
+    if known:
+        pull(block, model, data)
+        store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
+
+
+@callback
+def undo_early(model: int, data: int, instance: CInt) -> None:
+    """Take back the early pulls of implicit cables, to the last bit.
+
+    They depend on an acceleration that is no part of the state; what is left of
+    them by rounding must not reach the simulation.
+    """
+    kind, nv = (
+        mj_struct.integer(model, mj_struct.PLUGIN, instance),
+        mj_struct.dofs(model),
+    )
+    passive = floats(load_word(data + mj_struct.QFRC_PASSIVE), nv)
+    for other in range(mj_struct.plugins(model) - 1, -1, -1):
+        block = 0
+        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
+            block = block_of(model, data, other)
+        if block == 0 or load_word(block + EARLY_PULL) != EARLY_REPLACED:
+            continue
+        n = load_word(block + SEGMENTS)
+        pulls = floats(pulls_at(block, n), nv)
+        before = floats(before_at(block, n), nv)
+        for i in range(nv):
+            # Unless another plugin has added to it since.
+            if passive[i] == before[i] + pulls[i]:
+                passive[i] = before[i]
+            else:
+                passive[i] -= pulls[i]
+        store_word(block + PASSIVE_FRESH, 1)
         store_word(block + EARLY_PULL, 0)
-        if mj_struct.integrator(model) == RK4:
-            if begins:
-                store_word(block + FIRST_STAGE_VALID, load_word(block + RESULT_VALID))
-                save_first_stage(block, data, state)
-            stages = block + STAGES
-            copy(stages + STAGE_SIZE, stages, 3 * STAGE_SIZE)
-            store_real(stages + 3 * STAGE_SIZE, u_proximal)
-            store_real(stages + 3 * STAGE_SIZE + 8, u_distal)
-            store_real(stages + 3 * STAGE_SIZE + 16, mj_struct.time(data))
-            copy(block + INPUTS, stages + 3 * STAGE_SIZE + 24, 40)
-            if load_word(block + ROUTE) >= 0:
-                size = load_word(block + SHAPE_BYTES)
-                copy(shape_at(block, n, 2), shape_at(block, n, 1), 3 * size)
-                copy(shape_at(block, n, 0), shape_at(block, n, 4), size)
 
-    @cfunc(types.void(address, address, integer), **options)
-    def advance(model: int, data: int, instance: int) -> None:
-        block = acting_block(model, data, instance)
-        if block == 0 or not update_parameters(block, model, instance):
-            return
-        state = mj_struct.state(model, data, instance)
-        n = load_word(block + SEGMENTS)
-        u_proximal, _ = proximal_winding(
-            model, block, displacement(data, block, PROXIMAL)
+
+@callback
+def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
+    """Lay the cable at rest, with its ends where they are at the last position.
+
+    Its tension is the pretension or, where it keeps its rope, that of the rope
+    which was mounted in the pose `qpos0`.
+    """
+    block = acting_block(model, data, instance)
+    if block == 0:
+        cannot_act(model, data, instance)
+    if block == 0 or not update_parameters(block, model, instance):
+        return
+    proximal_length = displacement(data, block, PROXIMAL)
+    distal_length = displacement(data, block, DISTAL)
+    state = mj_struct.state(model, data, instance)
+    set_rest_state(
+        block, model, state, proximal_length, distal_length, mj_struct.time(data)
+    )
+    n = load_word(block + SEGMENTS)
+    store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
+    if is_open(block):
+        follow(block, model, data, state)
+    if keeps_rope != 0:
+        keep_mounted_rope(block, model, state)
+    if is_open(block):
+        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+        open_path.save_path(shape, n, path_memory(state, n))
+
+
+@callback
+def nstate(model: int, instance: CInt) -> CInt:
+    attributes = mj_struct.attributes(model, instance)
+    n = max(config.segment_count(attributes), 1)
+    more = open_path.memory_size(n) if config.is_open(attributes) else 0
+    return kernel.state_size(n) + STATE_PATH + more
+
+
+@callback
+def init(model: int, data: int, instance: CInt) -> CInt:
+    mj_struct.set_block(data, instance, 0)
+    if refused(model, instance) != 0:
+        return -1
+    attributes = mj_struct.attributes(model, instance)
+    n = config.segment_count(attributes)
+    free = config.is_open(attributes)
+    shape = 8 * (open_path.shape_size(n) if free else n)
+    pulls = 8 * (3 * mj_struct.dofs(model) + n + 1) if free else 0
+    # Its parts follow each other from the header on, whatever is in it.
+    own = guides_at(0, n) + 8 * n + (REFERENCE_STAGE + 1) * shape + pulls
+    kept, area, poses = own, 0, 0
+    own += 8 * (kernel.state_size(n) + STATE_PATH)
+    own += 8 * open_path.memory_size(n) if free else 0
+    if mj_struct.first_cable(model, instance) == instance:
+        area, poses = (
+            implicit_ends.area_size(model),
+            jump_warnings.poses_size(model),
         )
-        u_distal = displacement(data, block, DISTAL)
-        jump_warnings.save_poses(model, data, block)
-        if mj_struct.integrator(model) != RK4:  # where these are of its last stage
-            now = shape_at(block, n, 0)
-            warn_jump(model, data, instance, state, u_proximal, u_distal, now)
-        if attachments.in_disabled_group(model, instance):
-            warn_once(model, instance, GROUP_DISABLED)
-        dt = mj_struct.timestep(model)
-        time = 0.0
-        ends = u_proximal, u_distal
-        yields = 0.0, 0.0
-        if mj_struct.disabled(model, _NO_ACTUATION):
-            # Nothing has evaluated the last position.
-            warn_once(model, instance, ACTUATION_DISABLED)
-            follow(block, model, data, state)
-        elif (
-            mj_struct.integrator(model) != RK4
-            and load_real(block + INPUT_POSITIONS) == u_proximal
-            and load_real(block + INPUT_POSITIONS + 8) == u_distal
-        ):
-            # What was applied is what the step did, whatever it looked ahead to.
-            u_proximal, u_distal = (
-                load_real(block + INPUTS),
-                load_real(block + INPUTS + 8),
-            )
-            yields = load_real(block + INPUTS + 16), load_real(block + INPUTS + 24)
-        shape = shape_at(block, n, 0)
-        if mj_struct.integrator(model) == RK4:
-            # A step makes four evaluations; the first of them is committed. With
-            # actuation disabled there are none, and the last position counts.
-            time = mj_struct.time(data) - dt
-            stages = block + STAGES
-            if (
-                load_real(stages + 3 * STAGE_SIZE) == u_proximal
-                and load_real(stages + 3 * STAGE_SIZE + 8) == u_distal
-                and path_unchanged(block)
-            ):
-                u_proximal = load_real(stages)
-                u_distal = load_real(stages + 8)
-                ends = u_proximal, u_distal
-                first = shape_at(block, n, 1)
-                warn_jump(model, data, instance, state, u_proximal, u_distal, first)
-                time = load_real(stages + 16)
-                u_proximal, u_distal, yields, dt = evaluation_inputs(stages + 24)
-                if load_word(block + ROUTE) >= 0:
-                    shape = first
-                    lay(block, shape, state)
-        if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
-            copy_words(new_at(block, n), state, kernel.state_size(n))
-            store_real(committed_time_at(state, n), time)
-            store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
-            save_ends(data, block, state, n, *ends)
-            if is_open(block):
-                seen = floats(shape, open_path.shape_size(n))
-                open_path.save_path(seen, n, path_memory(state, n))
+    block = allocate(own + area + poses)
+    clear(block, own + area + poses)
+    store_word(block + FIRST_STAGE_STATE, kept)
+    store_word(block + PREDICTION_AREA, own if area > 0 else 0)
+    store_word(block + MOCAP_POSES, own + area if poses > 0 else 0)
+    store_word(block + SEGMENTS, n)
+    store_word(block + SHAPE_BYTES, shape)
+    store_word(block + PATH_KIND, config.path_kind(attributes))
+    save_sizes(block, model, instance)
+    pack(block, model, instance)
+    mj_struct.set_block(data, instance, block)
+    return 0
 
-    return {
-        "nstate": nstate,
-        "init": init,
-        "destroy": destroy,
-        "reset": reset,
-        "compute": compute,
-        "advance": advance,
-    }
+
+@callback
+def destroy(data: int, instance: CInt) -> None:
+    block = mj_struct.block(data, instance)
+    if block != 0:
+        release(block)
+    mj_struct.set_block(data, instance, 0)
+
+
+@callback
+def reset(model: int, state: int, block: int, instance: CInt) -> None:
+    if block == 0 or not (
+        mj_struct.has_timestep(model) and fits(block, model, instance)
+    ):
+        return
+    if not update_parameters(block, model, instance):
+        return
+    store_real(block + CHECKED_TIMESTEP, 0.0)
+    store_real(block + CHECKED_STIFFNESS, 0.0)
+    jump_warnings.forget_poses(model, block)
+    # The pose `qpos0` may be another since.
+    store_word(block + REFERENCE_KNOWN, 0)
+    proximal_length = rest_displacement(model, block, PROXIMAL)
+    distal_length = rest_displacement(model, block, DISTAL)
+    set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
+    rest = load_word(model + mj_struct.QPOS0)
+    n = load_word(block + SEGMENTS)
+    store_real(pose_at(state, n), jump_warnings.checksum(model, rest))
+
+
+@callback
+def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
+    block = acting_block(model, data, instance)
+    if block == 0:
+        cannot_act(model, data, instance)
+        return
+    if capability == _PASSIVE:
+        store_word(block + PASSIVE_FRESH, 1)
+        store_word(block + EARLY_PULL, 0)
+        if is_open(block):
+            pull_early(model, data, instance)
+        return
+    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
+    if lead == block:
+        implicit_ends.begin_evaluation(lead)
+        undo_early(model, data, instance)
+    usable = update_parameters(block, model, instance)
+    if load_word(block + OTHER_KIND) != 0:
+        cannot_act(model, data, instance)
+        return
+    cut = is_open(block) and has_no_passive(model)
+    tendon = load_word(block + ROUTE)
+    if tendon >= 0 and not np.isfinite(
+        mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
+    ):
+        # MuJoCo sees the bad acceleration, warns and resets, as for any other.
+        cannot_act(model, data, instance)
+        invalidate(block)
+        mj_struct.set_force(data, load_word(block + PROXIMAL), np.nan)
+        mj_struct.set_force(data, load_word(block + DISTAL), np.nan)
+        return
+    if usable and mj_struct.enabled(model, _SLEEP):
+        route = load_word(block + ROUTE) if is_open(block) else -1
+        attachments.keep_awake(model, instance, route, load_word(block + MOUTH))
+    n = load_word(block + SEGMENTS)
+    state, dt = origin(block, model, data, instance)
+    begins = state == mj_struct.state(model, data, instance)
+    u_proximal, lever = proximal_winding(
+        model, block, displacement(data, block, PROXIMAL)
+    )
+    u_distal = displacement(data, block, DISTAL)
+    looks = False
+    if usable:
+        evaluation = load_word(lead + EVALUATION_COUNT)
+        if load_word(block + PATH_EVALUATION) != evaluation:
+            follow(block, model, data, state)
+            store_word(block + PATH_EVALUATION, evaluation)
+        # A piece that has become short needs a shorter step.
+        shorter = is_open(block) and has_stiffened(block)
+        if shorter or load_real(block + CHECKED_TIMESTEP) != mj_struct.timestep(model):
+            store_real(block + CHECKED_TIMESTEP, mj_struct.timestep(model))
+            check(model, data, instance)
+        if begins:
+            touched = jump_warnings.position_changed(
+                model, data, load_real(pose_at(state, n))
+            )
+            store_word(block + POSITION_CHANGED, 1 if touched else 0)
+        looks = implicit_ends.is_implicit(model, block)
+    store_word(block + PATH_EVALUATION, 0)
+    if cut:
+        warn_once(model, instance, NO_PASSIVE)
+    save_motion(block, data, u_proximal, u_distal)
+    known = False
+    if usable and not cut and looks:
+        found = np.empty(9)
+        aim(model, data, instance, found.ctypes.data)
+        known = evaluate_prediction(model, block, state, found, dt)
+    elif usable and not cut:
+        known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+    if known:
+        tension = new_at(block, n) + 8 * kernel.STATE_HEADER
+        proximal = max(load_real(tension), 0.0) * lever
+        distal = max(load_real(tension + 8 * n), 0.0)
+    else:
+        # MuJoCo sees the bad acceleration, warns and resets, as for any other.
+        proximal, distal = np.nan, np.nan
+    if usable and not cut and not np.isfinite(proximal + distal):
+        cannot_act(model, data, instance)
+    mj_struct.set_force(data, load_word(block + PROXIMAL), proximal)
+    mj_struct.set_force(data, load_word(block + DISTAL), -distal)
+    if usable and is_open(block) and load_word(block + EARLY_PULL) == 0:
+        pull(block, model, data)
+    store_word(block + EARLY_PULL, 0)
+    if mj_struct.integrator(model) == RK4:
+        if begins:
+            store_word(block + FIRST_STAGE_VALID, load_word(block + RESULT_VALID))
+            save_first_stage(block, data, state)
+        stages = block + STAGES
+        copy(stages + STAGE_SIZE, stages, 3 * STAGE_SIZE)
+        store_real(stages + 3 * STAGE_SIZE, u_proximal)
+        store_real(stages + 3 * STAGE_SIZE + 8, u_distal)
+        store_real(stages + 3 * STAGE_SIZE + 16, mj_struct.time(data))
+        copy(block + INPUTS, stages + 3 * STAGE_SIZE + 24, 40)
+        if load_word(block + ROUTE) >= 0:
+            size = load_word(block + SHAPE_BYTES)
+            copy(shape_at(block, n, 2), shape_at(block, n, 1), 3 * size)
+            copy(shape_at(block, n, 0), shape_at(block, n, 4), size)
+
+
+@callback
+def advance(model: int, data: int, instance: CInt) -> None:
+    block = acting_block(model, data, instance)
+    if block == 0 or not update_parameters(block, model, instance):
+        return
+    state = mj_struct.state(model, data, instance)
+    n = load_word(block + SEGMENTS)
+    u_proximal, _ = proximal_winding(model, block, displacement(data, block, PROXIMAL))
+    u_distal = displacement(data, block, DISTAL)
+    jump_warnings.save_poses(model, data, block)
+    if mj_struct.integrator(model) != RK4:  # where these are of its last stage
+        now = shape_at(block, n, 0)
+        warn_jump(model, data, instance, state, u_proximal, u_distal, now)
+    if attachments.in_disabled_group(model, instance):
+        warn_once(model, instance, GROUP_DISABLED)
+    dt = mj_struct.timestep(model)
+    time = 0.0
+    ends = u_proximal, u_distal
+    yields = 0.0, 0.0
+    if mj_struct.disabled(model, _NO_ACTUATION):
+        # Nothing has evaluated the last position.
+        warn_once(model, instance, ACTUATION_DISABLED)
+        follow(block, model, data, state)
+    elif (
+        mj_struct.integrator(model) != RK4
+        and load_real(block + INPUT_POSITIONS) == u_proximal
+        and load_real(block + INPUT_POSITIONS + 8) == u_distal
+    ):
+        # What was applied is what the step did, whatever it looked ahead to.
+        u_proximal, u_distal = (
+            load_real(block + INPUTS),
+            load_real(block + INPUTS + 8),
+        )
+        yields = load_real(block + INPUTS + 16), load_real(block + INPUTS + 24)
+    shape = shape_at(block, n, 0)
+    if mj_struct.integrator(model) == RK4:
+        # A step makes four evaluations; the first of them is committed. With
+        # actuation disabled there are none, and the last position counts.
+        time = mj_struct.time(data) - dt
+        stages = block + STAGES
+        if (
+            load_real(stages + 3 * STAGE_SIZE) == u_proximal
+            and load_real(stages + 3 * STAGE_SIZE + 8) == u_distal
+            and path_unchanged(block)
+        ):
+            u_proximal = load_real(stages)
+            u_distal = load_real(stages + 8)
+            ends = u_proximal, u_distal
+            first = shape_at(block, n, 1)
+            warn_jump(model, data, instance, state, u_proximal, u_distal, first)
+            time = load_real(stages + 16)
+            u_proximal, u_distal, yields, dt = evaluation_inputs(stages + 24)
+            if load_word(block + ROUTE) >= 0:
+                shape = first
+                lay(block, shape, state)
+    if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
+        copy_words(new_at(block, n), state, kernel.state_size(n))
+        store_real(committed_time_at(state, n), time)
+        store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
+        save_ends(data, block, state, n, *ends)
+        if is_open(block):
+            seen = floats(shape, open_path.shape_size(n))
+            open_path.save_path(seen, n, path_memory(state, n))

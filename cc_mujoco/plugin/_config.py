@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco._utils.compilation import exported, types
+from cc_mujoco._utils.compilation import compiled
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.cable._parameters import (
     BEND_ALLOWED,
@@ -37,7 +37,7 @@ from cc_mujoco.cable._parameters import (
     Cable,
 )
 from cc_mujoco.plugin._engine import REQUIRED
-from cc_mujoco.plugin._ffi import Bytes, append, internal, quote, text
+from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, append, internal, quote, text
 from cc_mujoco.plugin._parse_float import is_digit, is_space, number, strip
 
 VALID_CONFIGURATION = -1
@@ -182,11 +182,14 @@ def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
     sections = np.empty((MAX_SECTIONS, 2))
     count = _sections(key_text(block, CONDUIT), sections)
-    return float(sections[:count, 0].sum())
+    total = 0.0
+    for i in range(count):
+        total += sections[i, 0]
+    return total
 
 
 @internal
-def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
+def _sections(written: Bytes, sections: FloatMatrix) -> int:
     """Return the number of sections read, or 0 if the text is no conduit."""
     count, i = 0, 0
     while True:
@@ -307,13 +310,9 @@ def explain(message: Bytes, used: int, block: int, key: int) -> int:
     return append(message, used, _REFUSAL_TEXT[middle + 1 : end])
 
 
-@exported(
-    types.UniTuple(types.int64, 2)(
-        types.intp, types.float64[::1], types.float64[:, ::1]
-    )
-)
+@compiled
 def read(
-    block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
+    block: int, values: npt.NDArray[np.float64], sections: FloatMatrix
 ) -> tuple[int, int]:
     """Read the attribute block of an instance.
 

@@ -11,12 +11,16 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._parameters import MAX_SECTIONS
+from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import (
     Floats,
-    call_by_name,
+    callback,
+    copy,
     copy_words,
     fill,
     floats,
@@ -27,29 +31,40 @@ from cc_mujoco.plugin._ffi import (
     same_words,
     store_real,
     store_word,
-    types,
 )
 from cc_mujoco.plugin._instance_data import (
+    BENDS_WITH_ROUTE,
     CHECKED_STIFFNESS,
     DISTAL,
     EARLY_PULL,
+    END_ACTUATORS,
+    EXPLICIT_ENDS,
     FIRST_STAGE_VALID,
+    GUIDED,
     INPUT_POSITIONS,
     INPUT_VELOCITIES,
     INPUTS,
+    MOUTH,
+    OTHER_KIND,
     PATH_EVALUATION,
+    PATH_KIND,
     PROXIMAL,
+    REFERENCE_KNOWN,
     REFERENCE_STAGE,
     RESULT_VALID,
     ROUTE,
     ROUTE_DIGEST,
     SEGMENTS,
     SHAPE_BYTES,
+    TEXT_CAPACITY,
     TEXT_SIZE,
+    TIED_ENDS,
     block_of,
     committed_time_at,
     end_at,
     first_stage_at,
+    guides_at,
+    invalidate,
     is_open,
     new_at,
     old_at,
@@ -72,8 +87,72 @@ _MIN_ROPE_SHARE = 1e-3
 _BISECTIONS = 100
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
-PACK = types.int32(types.intp, types.intp, types.int32)
-repack = call_by_name("cc_mujoco_pack", PACK)
+
+@callback
+def pack(block: int, model: int, instance: int) -> int:
+    """Pack the parameters from the attribute block of the instance.
+
+    Returns:
+        Whether they can be used.
+    """
+    attributes = mj_struct.attributes(model, instance)
+    n = load_word(block + SEGMENTS)
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, 2))
+    key, count = config.read(attributes, values, sections)
+    invalidate(block)
+    store_word(block + PATH_EVALUATION, 0)
+    store_word(block + TEXT_SIZE, 0)
+    store_word(block + OTHER_KIND, 0)
+    if key != config.VALID_CONFIGURATION:
+        return 0
+    kind, free = config.path_kind(attributes), config.is_open(attributes)
+    if config.segment_count(attributes) != n or kind != load_word(block + PATH_KIND):
+        store_word(block + OTHER_KIND, 1)
+        return 0
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    kernel.pack(values, sections[:count], n, prm)
+    tendon, mouth, guided = -1, 0, n
+    follows = config.bends_with_route(attributes)
+    if follows or free:
+        route = config.key_text(attributes, config.ROUTE)
+        tendon = attachments.find_route(model, instance, route)
+        if tendon < 0 or path.has_branches(model, tendon):
+            return 0
+        kernel.expect_change(prm)
+    if free:
+        kernel.expect_lengthening(prm)
+        guided = 0
+        if config.is_mixed(attributes):
+            name = config.key_text(attributes, config.MOUTH)
+            mouth = attachments.find_mouth(model, instance, tendon, route, name)
+            if mouth < 0:
+                return 0
+            guided = n - open_path.wanted_segments(
+                model, tendon, mouth, open_path.ARC_SEGMENTS
+            )
+            guided = max(guided, 1)
+        if n - guided < open_path.min_segments(model, tendon, mouth):
+            return 0
+        at_guides = floats(guides_at(block, n), n)
+        if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
+            return 0
+    for end in range(2):
+        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        tied = free and attachments.is_tied(model, actuator, tendon)
+        store_word(block + TIED_ENDS + 8 * end, 1 if tied else 0)
+    store_word(block + ROUTE, tendon)
+    store_word(block + ROUTE_DIGEST, path.digest(model, tendon))
+    store_word(block + BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
+    store_word(block + MOUTH, mouth)
+    store_word(block + GUIDED, guided)
+    store_word(block + REFERENCE_KNOWN, 0)
+    store_word(block + EXPLICIT_ENDS, 1 if config.is_explicit(attributes) else 0)
+    size = config.block_size(attributes)
+    if size <= TEXT_CAPACITY:
+        copy(attributes, text_at(block, n), size)
+        store_word(block + TEXT_SIZE, size)
+    return 1
 
 
 @internal
@@ -94,7 +173,7 @@ def update_parameters(block: int, model: int, instance: int) -> bool:
     route = path.digest(model, load_word(block + ROUTE))
     if size > 0 and i == size and route == load_word(block + ROUTE_DIGEST):
         return True
-    packed: bool = repack(block, model, instance) == 1
+    packed: bool = pack(block, model, instance) == 1
     return packed
 
 
@@ -293,23 +372,23 @@ def keep_mounted_rope(block: int, model: int, state: int) -> None:
     travel = whole[1] - rest_displacement(model, block, DISTAL)
     if prm[layout.STATE_DEPENDENT] != 0.0:
         whole[layout.TRAVEL] = travel
-    paid = np.array([whole[0] - begin, -travel])
-    path, wound, rope = 0.0, 0.0, whole[3] - paid.sum()
+    paid = np.empty(2)
+    paid[0], paid[1] = whole[0] - begin, -travel
+    path, wound, rope = 0.0, 0.0, whole[3] - (paid[0] + paid[1])
     mounted = moving_path.stretch_ratio(prm, prm[_PRETENSION])
     if is_open(block):
         size = open_path.shape_size(n)
         now = floats(shape_at(block, n, 0), size)
         first = floats(shape_at(block, n, REFERENCE_STAGE), size)
-        path = open_path.lengths(now, n).sum()
-        rope = (
-            open_path.lengths(first, n).sum() + np.maximum(paid, 0.0).sum()
-        ) / mounted
+        path = layout.total(open_path.lengths(now, n))
+        out = max(paid[0], 0.0) + max(paid[1], 0.0)
+        rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
         rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[_PRETENSION]
-        wound = np.maximum(-paid, 0.0).sum()
+        wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
     tension = _even_tension(prm, path, rope, wound)
-    layout.tensions(whole, n)[:] = tension
+    fill(layout.tensions(whole, n), tension)
     if is_open(block):
         for end in range(2):
             ratio = mounted if paid[end] > 0.0 else _wound_ratio(prm, tension)

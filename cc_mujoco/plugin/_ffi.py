@@ -12,96 +12,55 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import llvmlite.binding  # type: ignore[import-untyped]
-import llvmlite.ir as ir  # type: ignore[import-untyped]
 import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
-from numba import carray  # type: ignore[attr-defined]
-from numba.core import cgutils
-from numba.extending import intrinsic
 
+from cc_mujoco._utils.compilation import FloatMatrix as FloatMatrix
 from cc_mujoco._utils.compilation import internal as internal
-from cc_mujoco._utils.compilation import types as types
+from cc_mujoco.native._functions import callback as callback
+from cc_mujoco.native._functions import reinterpret as reinterpret
+from cc_mujoco.native._kinds import CInt as CInt
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._mj_offsets import offset, structure
-from cc_mujoco.plugin._prebuilt import address_in_library
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 
-_carray: Any = carray
+
+class Engine:
+    """A function of MuJoCo: compiled code calls it by its name."""
+
+    def __init__(self, name: str, result: Any, *arguments: Any) -> None:
+        """Name a function and the types of its result and arguments for `ctypes`."""
+        self.name = name
+        self._call = ctypes.CFUNCTYPE(result, *arguments)((name, LIBRARY))
+        self.arguments, self.result = arguments, result
+
+    def __call__(self, *given: Any) -> Any:
+        """Call it from Python."""
+        return self._call(*given)
 
 
-def export(name: str, address: int | None) -> None:
-    """Let compiled code find a C function by name.
-
-    Numba keeps code in its cache that calls by name, not code that holds an address.
-    """
-    llvmlite.binding.add_symbol(name, address)
-
-
-CALLBACKS: dict[str, Any] = {}
-"""Compiled functions that other compiled code calls by name."""
-
-
-def export_callback(name: str, code: Any) -> None:
-    """Let compiled code find a compiled function by name, and keep it."""
-    export(name, code.address)
-    CALLBACKS[name] = code
-
-
-def call_by_name(name: str, signature: Any) -> Any:
-    """Return a function of the plugin as compiled code calls it, by name.
-
-    Raises:
-        ImportError: The plugin is that of a shared library without this function.
-    """
-    address = address_in_library(name)
-    if address is not None:
-        export(name, address)
-    return types.ExternalFunction(name, signature)
-
-
-ENGINE_FUNCTIONS = (
-    "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
-    "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
-    "mju_cholSolve",
+_AT, _INT = ctypes.c_ssize_t, ctypes.c_int
+allocate = Engine("mju_malloc", _AT, ctypes.c_size_t)
+release = Engine("mju_free", None, _AT)
+solve_inertia = Engine("mj_solveM", None, _AT, _AT, _AT, _AT, _INT)
+evaluate_bodies = Engine("mj_kinematics", None, _AT, _AT)
+evaluate_tendons = Engine("mj_tendon", None, _AT, _AT)
+full_inertia = Engine("mj_fullM", None, _AT, _AT, _AT)
+multiply_inertia = Engine("mj_mulM", None, _AT, _AT, _AT, _AT)
+is_sparse = Engine("mj_isSparse", _INT, _AT)
+factorise = Engine("mju_cholFactor", _INT, _AT, _INT, ctypes.c_double)
+solve_factorised = Engine("mju_cholSolve", None, _AT, _AT, _AT, _INT)
+_apply = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
+_send_message = Engine("mju_message", None, _AT)
+ENGINE = (
+    allocate, release, _send_message, solve_inertia, _apply, evaluate_bodies,
+    evaluate_tendons, full_inertia, multiply_inertia, is_sparse, factorise,
+    solve_factorised,
 )  # fmt: skip
-"""Functions of MuJoCo that compiled code calls by name."""
-for _name in ENGINE_FUNCTIONS:
-    _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
-    export(_name, _function.value)
-
-allocate = types.ExternalFunction("mju_malloc", types.intp(types.intp))
-release = types.ExternalFunction("mju_free", types.void(types.intp))
-solve_inertia = types.ExternalFunction(
-    "mj_solveM", types.void(types.intp, types.intp, types.intp, types.intp, types.int32)
-)
-_at_position = types.void(types.intp, types.intp)
-evaluate_bodies = types.ExternalFunction("mj_kinematics", _at_position)
-evaluate_tendons = types.ExternalFunction("mj_tendon", _at_position)
-full_inertia = types.ExternalFunction(
-    "mj_fullM", types.void(types.intp, types.intp, types.intp)
-)
-multiply_inertia = types.ExternalFunction(
-    "mj_mulM", types.void(types.intp, types.intp, types.intp, types.intp)
-)
-is_sparse = types.ExternalFunction("mj_isSparse", types.int32(types.intp))
-factorise = types.ExternalFunction(
-    "mju_cholFactor", types.int32(types.intp, types.int32, types.float64)
-)
-solve_factorised = types.ExternalFunction(
-    "mju_cholSolve", types.void(types.intp, types.intp, types.intp, types.int32)
-)
-_apply = types.ExternalFunction(
-    "mj_applyFT",
-    types.void(
-        types.intp, types.intp, types.intp, types.intp, types.intp, types.int32,
-        types.intp,
-    ),
-)  # fmt: skip
-_send_message = types.ExternalFunction("mju_message", types.void(types.intp))
+"""In the order of the table in `native_plugin.h`."""
 
 _MESSAGE_SIZE = ctypes.sizeof(structure("mjLogMessage"))
 _LEVEL = offset("mjLogMessage", "level")
@@ -125,77 +84,63 @@ _MILLISECONDS = np.frombuffer(b" ms", np.uint8)
 _MILLIMETRES = np.frombuffer(b" mm", np.uint8)
 
 DIGEST_SLOTS = 256  # digests of messages that are remembered, a power of 2
-LIBRARY.mju_malloc.restype = ctypes.c_void_p
-LIBRARY.mju_malloc.argtypes = (ctypes.c_size_t,)
-# Compiled code outlives this module, and so must what it writes to.
-_digests = LIBRARY.mju_malloc(8 * DIGEST_SLOTS)
-ctypes.memset(_digests, 0, 8 * DIGEST_SLOTS)
-DIGEST_TABLE = "cc_mujoco_said"
-"""Name of the table of digests in compiled code."""
-export(DIGEST_TABLE, _digests)
+_digests = (ctypes.c_int64 * DIGEST_SLOTS)()
 
 
-@intrinsic
-def _digest_address(context: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [])
-        declare: Any = cgutils.get_or_insert_function
-        symbol = declare(builder.module, kind, DIGEST_TABLE)
-        return builder.ptrtoint(symbol, ir.IntType(64))
-
-    return types.intp(), codegen
-
-
-_digest_table: Any = _digest_address
-
-
-@intrinsic
-def _as_pointer(context: Any, address: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], cgutils.voidptr_t)
-
-    return types.voidptr(types.intp), codegen
-
-
-_pointer: Any = _as_pointer
+def _digest_table() -> int:
+    """Return the address of the digests of the messages that were issued."""
+    return ctypes.addressof(_digests)
 
 
 def _access(kind: Any) -> tuple[Any, Any]:
-    """Load and store of one value at an address."""
+    """Return load and store of one value at an address, which need not be aligned."""
+    size = ctypes.sizeof(kind)
 
-    @intrinsic
-    def load(context: Any, address: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            place = context.get_value_type(kind).as_pointer()
-            # Text lies at any address, so that words of it are not aligned.
-            return builder.load(builder.inttoptr(args[0], place), align=1)
+    def load(address: int) -> Any:
+        return kind.from_buffer_copy(ctypes.string_at(address, size)).value
 
-        return kind(types.intp), codegen
-
-    @intrinsic
-    def store(context: Any, address: Any, value: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            place = context.get_value_type(kind).as_pointer()
-            builder.store(args[1], builder.inttoptr(args[0], place))
-            return context.get_dummy_value()
-
-        return types.void(types.intp, kind), codegen
+    def store(address: int, value: Any) -> None:
+        ctypes.memmove(address, ctypes.byref(kind(value)), size)
 
     return load, store
 
 
 load_byte: Callable[[int], int]
 store_byte: Callable[[int, int], None]
-load_byte, store_byte = _access(types.uint8)
+load_byte, store_byte = _access(ctypes.c_uint8)
 load_integer: Callable[[int], int]
 store_integer: Callable[[int, int], None]
-load_integer, store_integer = _access(types.int32)
+load_integer, store_integer = _access(ctypes.c_int32)
 load_word: Callable[[int], int]
 store_word: Callable[[int, int], None]
-load_word, store_word = _access(types.int64)
+load_word, store_word = _access(ctypes.c_int64)
 load_real: Callable[[int], float]
 store_real: Callable[[int, float], None]
-load_real, store_real = _access(types.float64)
+load_real, store_real = _access(ctypes.c_double)
+
+
+@reinterpret
+def floats(address: int, count: int) -> Floats:
+    """Return a view on `count` doubles."""
+    return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
+
+
+@reinterpret
+def float_rows(address: int, rows: int, columns: int) -> FloatMatrix:
+    """Return a view on a matrix of doubles."""
+    return floats(address, rows * columns).reshape(rows, columns)
+
+
+@reinterpret
+def words(address: int, count: int) -> npt.NDArray[np.int64]:
+    """Return a view on `count` aligned words of 8 bytes."""
+    return np.ctypeslib.as_array((ctypes.c_int64 * count).from_address(address))
+
+
+@reinterpret
+def octets(address: int, count: int) -> Bytes:
+    """Return a view on `count` bytes."""
+    return np.ctypeslib.as_array((ctypes.c_uint8 * count).from_address(address))
 
 
 @internal
@@ -221,20 +166,6 @@ def apply_force(
 
 
 @internal
-def floats(address: int, count: int) -> npt.NDArray[np.float64]:
-    """Return a view on `count` doubles."""
-    view: npt.NDArray[np.float64] = _carray(_pointer(address), (count,), np.float64)
-    return view
-
-
-@internal
-def words(address: int, count: int) -> npt.NDArray[np.int64]:
-    """Return a view on `count` aligned words of 8 bytes."""
-    view: npt.NDArray[np.int64] = _carray(_pointer(address), (count,), np.int64)
-    return view
-
-
-@internal
 def same_words(a: int, b: int, count: int) -> bool:
     """Return whether `count` aligned words at two addresses are equal, bit by bit."""
     one, other, different = words(a, count), words(b, count), 0
@@ -251,7 +182,6 @@ def copy_words(source: int, target: int, count: int) -> None:
         taken[i] = given[i]
 
 
-# Loops, as Numba takes ten times as long to compile the same on whole arrays.
 @internal
 def fill(target: Floats, value: float) -> None:
     """Set all numbers of an array."""
@@ -306,8 +236,7 @@ def text(address: int) -> Bytes:
     length = 0
     while load_byte(address + length) != 0:
         length += 1
-    view: Bytes = _carray(_pointer(address), (length,), np.uint8)
-    return view
+    return octets(address, length)
 
 
 @internal

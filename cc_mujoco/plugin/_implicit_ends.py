@@ -197,7 +197,10 @@ def slipping_stiffness(block: int) -> float:
     """
     n = load_word(block + SEGMENTS)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
-    return float(2.0 / (1.0 / kernel.node_stiffness(prm, n)).sum())
+    stiffness, compliance = kernel.node_stiffness(prm, n), 0.0
+    for i in range(stiffness.size):
+        compliance += 1.0 / stiffness[i]
+    return 2.0 / compliance
 
 
 @internal

@@ -26,7 +26,7 @@ from cc_mujoco.cable._open_path import store_conduit as store_conduit
 from cc_mujoco.cable._path_geometry import FIRST, KIND, LAST, PLACE_SIZE, SITE, TOUCHED
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import apply_force, internal
-from cc_mujoco.plugin._path import read_places
+from cc_mujoco.plugin._path import places_size, read_places
 
 Floats = npt.NDArray[np.float64]
 
@@ -79,7 +79,8 @@ def measure_path(
     `tendon` is spatial and without pulleys; other arguments and result are those of
     `cable._open_path.measure`.
     """
-    places = read_places(model, data, tendon)
+    places = np.empty(places_size(model, tendon))
+    read_places(model, data, tendon, places)
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
     return measure(places, number, mouth, guided, n, guides, shape)
 
@@ -107,7 +108,8 @@ def apply_pulls(
     """
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    places, forces = read_places(model, data, tendon), np.empty(6 * (number - 1))
+    places, forces = np.empty(places_size(model, tendon)), np.empty(6 * (number - 1))
+    read_places(model, data, tendon, places)
     pull_forces(places, number, mouth, shape, n, guided, node, tied, aside, forces)
     points, k = places.ctypes.data, 0
     while k < number - 1:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco._utils.compilation import exported, internal, types
+from cc_mujoco._utils.compilation import compiled, internal
 from cc_mujoco.plugin._ffi import Bytes
 
 Integers = npt.NDArray[np.int64]
@@ -93,7 +93,7 @@ def _bit(limbs: Integers, position: int) -> int:
     return int(limbs[position // _BITS] >> (position % _BITS)) & 1
 
 
-@exported(types.float64(types.uint8[::1]))
+@compiled
 def number(text: Bytes) -> float:
     """Return the number that `text` spells, or NaN if it spells no finite number."""
     text = strip(text)

@@ -53,8 +53,14 @@ def digest(model: int, tendon: int) -> int:
 
 
 @internal
-def read_places(model: int, data: int, tendon: int) -> Floats:
-    """Return the places of a spatial tendon's path, see `cable/_path_geometry.py`.
+def places_size(model: int, tendon: int) -> int:
+    """Return how many numbers describe the places of a spatial tendon's path."""
+    return geometry.PLACE_SIZE * mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+
+
+@internal
+def read_places(model: int, data: int, tendon: int, places: Floats) -> None:
+    """Write the places of a spatial tendon's path, see `cable/_path_geometry.py`.
 
     The path is that of the last evaluated position.
     """
@@ -62,7 +68,6 @@ def read_places(model: int, data: int, tendon: int) -> Floats:
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
     at = mj_struct.integer(data, mj_struct.TEN_WRAPADR, tendon)
     points = load_word(data + mj_struct.WRAP_XPOS)
-    places = np.empty(geometry.PLACE_SIZE * number)
     for k in range(number):
         place = places[geometry.PLACE_SIZE * k :]
         kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + k)
@@ -84,7 +89,6 @@ def read_places(model: int, data: int, tendon: int) -> Floats:
             frame = load_word(data + mj_struct.GEOM_XMAT) + 72 * geom
             for axis in range(3):
                 _read_vector(frame + 8 * axis, 24, place, geometry.AXES + 3 * axis)
-    return places
 
 
 @internal
@@ -110,5 +114,6 @@ def bend(
     """
     if count == 0:
         count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    places = read_places(model, data, tendon)
+    places = np.empty(places_size(model, tendon))
+    read_places(model, data, tendon, places)
     geometry.bend(places, count, total, segments, out.size, out)

@@ -5,20 +5,17 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
 
-from cc_mujoco._utils.code_stamp import digest
 from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.native import _library as native_library
 from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
-from cc_mujoco.plugin._prebuilt import address_in_library, use_library
 
 PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
-"""File name of the shared library of the plugin."""
-_CARRIED = Path(__file__).with_name(PLUGIN_LIBRARY)
+"""File name of the shared library of the plugin, for a host in C."""
 NEEDED_STAGE = int(mujoco.mjtStage.mjSTAGE_ACC)
 CALLBACK_FIELDS = (
     "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute", "advance",
@@ -37,8 +34,14 @@ PYTHON_FUNCTIONS = {
     "route": ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER),
 }
 """Compiled functions that Python calls, in compiled code `cc_mujoco_<name>`."""
-DIGEST_NAME = "cc_mujoco_digest"
-"""Name of the text in a shared library of the plugin that identifies its code."""
+ENGINE_NAMES = (
+    "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
+    "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
+    "mju_cholSolve", "mj_version", "mjp_registerPlugin", "mju_warning",
+)  # fmt: skip
+"""MuJoCo's functions that the native library is given, in the order of its table."""
+_holder: ctypes.CDLL | None = None
+"""Library that holds the registered plugin."""
 
 
 class PluginRecord(ctypes.Structure):
@@ -57,13 +60,18 @@ class PluginRecord(ctypes.Structure):
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
-    A shared library of the plugin that lies in this package is loaded, if it was made
-    of these sources for this MuJoCo; otherwise the plugin is compiled, or read from
-    Numba's cache. One that the process has loaded from a library before stays.
+    It is that of the native library, which is compiled if need be; one that the process
+    has loaded from another library of the same code before stays.
 
     Raises:
         ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
     """
+    global _holder
+    library = native_library.library()
+    addresses = (ctypes.c_void_p * len(ENGINE_NAMES))(
+        *(ctypes.cast(getattr(LIBRARY, n), ctypes.c_void_p).value for n in ENGINE_NAMES)
+    )
+    library.cc_mujoco_use_engine(addresses)
     LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(PluginRecord)
     LIBRARY.mjp_getPlugin.argtypes = (ctypes.c_char_p, ctypes.POINTER(ctypes.c_int))
     present = LIBRARY.mjp_getPlugin(PLUGIN.encode(), None)
@@ -76,63 +84,27 @@ def register() -> None:
                 f"({', '.join(keys)}); only one version can be loaded in a process"
             )
         file = file_of(plugin.init)
-        if file is not None:
-            use_library(_require_same_code(file))
+        _holder = library if file is None else _require_same_code(file)
         return
-    library = _load_carried()
-    if library is not None:
-        use_library(library)
-    else:
-        add_plugin(PLUGIN, compiled_callbacks(), KEYS, plugin_capabilities())
+    from cc_mujoco.plugin import _mj_offsets as mj_offsets
+
+    mj_offsets.verify()
+    library.cc_mujoco_register(addresses)
+    _holder = library
 
 
 def plugin_function(name: str) -> Any:
     """Return a compiled function of the registered plugin, see `PYTHON_FUNCTIONS`."""
-    kind, symbol = PYTHON_FUNCTIONS[name], f"cc_mujoco_{name}"
-    return kind(_address_of(symbol))
-
-
-def _address_of(symbol: str) -> int:
-    """Return the address of compiled code or its data in this process."""
-    address = address_in_library(symbol)
-    if address is None:
-        import llvmlite.binding  # type: ignore[import-untyped]
-
-        address = llvmlite.binding.address_of_symbol(symbol)
-    return int(address)
+    assert _holder is not None
+    return PYTHON_FUNCTIONS[name]((f"cc_mujoco_{name}", _holder))
 
 
 def warned_digests() -> ctypes.Array[ctypes.c_char]:
     """Return the memory of the digests of warnings that this process has issued."""
-    from cc_mujoco.plugin._ffi import DIGEST_SLOTS, DIGEST_TABLE  # takes long to load
+    from cc_mujoco.plugin._ffi import DIGEST_SLOTS  # takes long to load
 
-    return (ctypes.c_char * (8 * DIGEST_SLOTS)).from_address(_address_of(DIGEST_TABLE))
-
-
-def code_digest() -> str:
-    """Return the digest of the plugin's sources and of the version of MuJoCo."""
-    return digest(Path(__file__), Path(__file__).parents[1])
-
-
-def _load_carried() -> ctypes.CDLL | None:
-    """Load the shared library in this package, if it fits; that registers the plugin.
-
-    It runs on every x86-64 processor; a system with an older glibc than the one it was
-    linked with, or without glibc, cannot load it. A line on standard error then gives
-    the loader's reason.
-    """
-    if not _CARRIED.is_file() or code_digest().encode() not in _CARRIED.read_bytes():
-        return None
-    try:
-        library = ctypes.CDLL(str(_CARRIED))
-    except OSError as error:
-        if sys.stderr is not None:
-            sys.stderr.write(
-                f"cc_mujoco: the compiled plugin does not load ({error}); it is "
-                "compiled anew, for one to two minutes.\n"
-            )
-        return None
-    return library if plugin_slot() >= 0 else None
+    assert _holder is not None
+    return (ctypes.c_char * (8 * DIGEST_SLOTS)).in_dll(_holder, "cc_mujoco_said")
 
 
 class _SymbolInfo(ctypes.Structure):
@@ -148,7 +120,7 @@ class _SymbolInfo(ctypes.Structure):
 
 def file_of(address: int) -> str | None:
     """Return the shared library that an address lies in; none has what Numba made."""
-    if sys.platform != "linux":
+    if sys.platform == "win32":
         return None
     info = _SymbolInfo()
     found = ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(info))
@@ -163,11 +135,14 @@ def _require_same_code(file: str) -> ctypes.CDLL:
     """
     library = ctypes.CDLL(file)
     try:
-        made_of = ctypes.c_char.in_dll(library, DIGEST_NAME)
+        made_of = ctypes.c_char.in_dll(library, native_library.DIGEST_NAME)
     except ValueError:
         same = False
     else:
-        same = ctypes.string_at(ctypes.addressof(made_of)).decode() == code_digest()
+        same = (
+            ctypes.string_at(ctypes.addressof(made_of)).decode()
+            == native_library.digest()
+        )
     if not same:
         raise ImportError(
             f"the plugin `{PLUGIN}` of this process is that of {file}, written by "
@@ -185,48 +160,23 @@ def plugin_capabilities() -> int:
     return int(bits["mjPLUGIN_ACTUATOR"]) | int(bits["mjPLUGIN_PASSIVE"])
 
 
-def compiled_callbacks() -> dict[str, Any]:
-    """Return the compiled callbacks by their names in `mjpPlugin`.
-
-    Raises:
-        ImportError: this MuJoCo lays its structures out in another way than it says.
-    """
-    from cc_mujoco.plugin import _mj_offsets as mj_offsets
-    from cc_mujoco.plugin._callbacks import compile_callbacks
-
-    mj_offsets.verify()
-    try:
-        return compile_callbacks(cache=True)
-    except RuntimeError:  # Numba finds no folder for its cache.
-        return compile_callbacks(cache=False)
-
-
-def add_plugin(
-    name: str,
-    callbacks: Mapping[str, Any],
-    keys: Sequence[str] = (),
-    capabilities: int = 0,
-) -> None:
-    """Hand a plugin over to MuJoCo.
+def add_plugin(name: str, entries: Mapping[str, str]) -> None:
+    """Hand a plugin of the native library over to MuJoCo, without a configuration.
 
     Args:
         name: of the plugin, which MuJoCo must not have yet.
-        callbacks: compiled, by their names in `mjpPlugin`.
-        keys: of its configuration.
-        capabilities: what it is, `mjtPluginCapabilityBit`.
+        entries: symbols of the library by the names of callbacks in `mjpPlugin`.
     """
     plugin = PluginRecord()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = name.encode()
-    plugin.nattribute = len(keys)
-    plugin.attributes = (ctypes.c_char_p * len(keys))(*(k.encode() for k in keys))
-    plugin.capabilityflags = capabilities
     plugin.needstage = NEEDED_STAGE
-    for which, callback in callbacks.items():
-        setattr(plugin, which, callback.address)
+    for which, symbol in entries.items():
+        function = getattr(native_library.library(), symbol)
+        setattr(plugin, which, ctypes.cast(function, ctypes.c_void_p).value)
     # MuJoCo keeps the addresses for the life of the process, whatever happens to this
     # module; so must what they point to.
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object((plugin, callbacks)))
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(plugin))
     LIBRARY.mjp_registerPlugin(ctypes.byref(plugin))
 
 

@@ -5,10 +5,7 @@ Functions that other callbacks call by name, so that they are compiled once each
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import cfunc
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
@@ -20,13 +17,12 @@ from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import (
-    Floats,
+    FloatMatrix,
     add,
     assign,
-    call_by_name,
+    callback,
     evaluate_bodies,
     evaluate_tendons,
-    export_callback,
     fill,
     floats,
     internal,
@@ -34,7 +30,6 @@ from cc_mujoco.plugin._ffi import (
     load_word,
     store_real,
     store_word,
-    types,
 )
 from cc_mujoco.plugin._instance_data import (
     BENDS_WITH_ROUTE,
@@ -62,21 +57,9 @@ from cc_mujoco.plugin._instance_data import (
     shape_at,
 )
 
-_FOLLOW_SIGNATURE = types.void(types.intp, types.intp, types.intp, types.intp)
-_LAY_SIGNATURE = types.void(types.intp, types.intp, types.intp)
-_PULL_SIGNATURE = _REFER_SIGNATURE = types.void(types.intp, types.intp, types.intp)
-_SURVEY_SIGNATURE = types.void(
-    types.intp, types.intp, types.intp, types.intp, types.intp
-)
-follow = call_by_name("cc_mujoco_follow", _FOLLOW_SIGNATURE)
-lay = call_by_name("cc_mujoco_lay", _LAY_SIGNATURE)
-pull = call_by_name("cc_mujoco_pull", _PULL_SIGNATURE)
-set_reference = call_by_name("cc_mujoco_refer", _REFER_SIGNATURE)
-_survey = call_by_name("cc_mujoco_survey", _SURVEY_SIGNATURE)
-
 
 @internal
-def _rest_mocap(model: int, held: Floats) -> None:
+def _rest_mocap(model: int, held: FloatMatrix) -> None:
     """Write the initial position and orientation of mocap bodies (bodies, 7)."""
     for body in range(mj_struct.bodies(model)):
         for i in range(7):
@@ -86,7 +69,7 @@ def _rest_mocap(model: int, held: Floats) -> None:
 
 
 @internal
-def _exchange_mocap(model: int, data: int, held: Floats) -> None:
+def _exchange_mocap(model: int, data: int, held: FloatMatrix) -> None:
     """Exchange the poses of the mocap bodies with those in `held` (bodies, 7)."""
     for body in range(mj_struct.bodies(model)):
         place = mj_struct.integer(model, mj_struct.BODY_MOCAP, body)
@@ -99,154 +82,143 @@ def _exchange_mocap(model: int, data: int, held: Floats) -> None:
             held[body, i] = before
 
 
-def compile_leading(options: dict[str, Any]) -> None:
-    """Compile these functions; arguments as in `_callbacks.compile_callbacks`."""
+@callback
+def _survey(block: int, model: int, data: int, state: int, shape: int) -> None:
+    """Measure the open path at the last position, as seen from a state.
 
-    @cfunc(_SURVEY_SIGNATURE, **options)
-    def survey_path(block: int, model: int, data: int, state: int, shape: int) -> None:
-        """Measure the open path at the last position, as seen from a state.
+    `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
+    """
+    n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+    tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
+    seen = floats(shape, size)
+    mouth = load_word(block + MOUTH)
+    reach = open_path.measure_path(
+        model,
+        data,
+        tendon,
+        mouth,
+        guided,
+        n,
+        floats(guides_at(block, n), n),
+        seen,
+    )
+    if state == 0:
+        return
+    reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+    open_path.keep_conduit(seen, reference, n, guided)
+    if load_word(block + BENDS_WITH_ROUTE) == 1:
+        length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon) - reach
+        contact = open_path.contacts(reference, n)[:guided]
+        path.bend(model, data, tendon, mouth + 1, length, contact, seen[:guided])
 
-        `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
-        """
-        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
-        tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
-        seen = floats(shape, size)
-        mouth = load_word(block + MOUTH)
-        reach = open_path.measure_path(
-            model,
-            data,
-            tendon,
-            mouth,
-            guided,
-            n,
-            floats(guides_at(block, n), n),
-            seen,
-        )
-        if state == 0:
-            return
-        reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
-        open_path.keep_conduit(seen, reference, n, guided)
-        if load_word(block + BENDS_WITH_ROUTE) == 1:
-            length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon) - reach
-            contact = open_path.contacts(reference, n)[:guided]
-            path.bend(model, data, tendon, mouth + 1, length, contact, seen[:guided])
 
-    export_callback("cc_mujoco_survey", survey_path)
+@callback
+def set_reference(block: int, model: int, data: int) -> None:
+    """Measure the open path in the pose `qpos0` and make its mesh."""
+    n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+    nq = mj_struct.positions(model)
+    present, rest = (
+        load_word(data + mj_struct.QPOS),
+        load_word(model + mj_struct.QPOS0),
+    )
+    kept = np.empty(nq)
+    assign(kept, floats(present, nq))
+    assign(floats(present, nq), floats(rest, nq))
+    held = np.empty((mj_struct.bodies(model), 7))
+    _rest_mocap(model, held)
+    _exchange_mocap(model, data, held)
+    evaluate_bodies(model, data)
+    evaluate_tendons(model, data)
+    size = open_path.shape_size(n)
+    reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+    fill(reference, 0.0)
+    _survey(block, model, data, 0, shape_at(block, n, REFERENCE_STAGE))
+    assign(floats(present, nq), kept)
+    _exchange_mocap(model, data, held)
+    evaluate_bodies(model, data)
+    evaluate_tendons(model, data)
 
-    @cfunc(_REFER_SIGNATURE, **options)
-    def refer_path(block: int, model: int, data: int) -> None:
-        """Measure the open path in the pose `qpos0` and make its mesh."""
-        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
-        nq = mj_struct.positions(model)
-        present, rest = (
-            load_word(data + mj_struct.QPOS),
-            load_word(model + mj_struct.QPOS0),
-        )
-        kept = np.empty(nq)
-        assign(kept, floats(present, nq))
-        assign(floats(present, nq), floats(rest, nq))
-        held = np.empty((mj_struct.bodies(model), 7))
-        _rest_mocap(model, held)
-        _exchange_mocap(model, data, held)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, 2))
+    attributes = mj_struct.attributes(model, load_word(block + INSTANCE))
+    _, count = config.read(attributes, values, sections)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    if guided > 0:
+        inside = np.empty(kernel.parameter_size(guided))
+        kernel.pack(values, sections[:count], guided, inside)
+        open_path.store_conduit(inside, reference, n, guided)
+    open_path.pack_reference(values, n, guided, reference, prm)
+    invalidate(block)
+    store_word(block + REFERENCE_KNOWN, 1)
+
+
+@callback
+def lay(block: int, shape: int, state: int) -> None:
+    """Give the packed segments the path at an address, as seen from a state."""
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    if is_open(block):
         size = open_path.shape_size(n)
+        path_now = floats(shape, size)
         reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
-        fill(reference, 0.0)
-        _survey(block, model, data, 0, shape_at(block, n, REFERENCE_STAGE))
-        assign(floats(present, nq), kept)
-        _exchange_mocap(model, data, held)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
-
-        values = np.empty(config.SCALARS)
-        sections = np.empty((MAX_SECTIONS, 2))
-        attributes = mj_struct.attributes(model, load_word(block + INSTANCE))
-        _, count = config.read(attributes, values, sections)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        if guided > 0:
-            inside = np.empty(kernel.parameter_size(guided))
-            kernel.pack(values, sections[:count], guided, inside)
-            open_path.store_conduit(inside, reference, n, guided)
-        open_path.pack_reference(values, n, guided, reference, prm)
+        gained = floats(scratch_at(block, n), n + 1)
+        tension = layout.tensions(floats(state, kernel.state_size(n)), n)
+        memory = path_memory(state, n)
+        changed = open_path.lay(prm, n, tension, path_now, reference, memory, gained)
+    else:
+        contacts = layout.contact_length(prm, n)
+        changed = prepare.set_path(prm, n, floats(shape, n), contacts)
+    if changed:
         invalidate(block)
-        store_word(block + REFERENCE_KNOWN, 1)
 
-    export_callback("cc_mujoco_refer", refer_path)
 
-    @cfunc(_LAY_SIGNATURE, **options)
-    def lay_path(block: int, shape: int, state: int) -> None:
-        """Give the packed segments the path at an address, as seen from a state."""
-        n = load_word(block + SEGMENTS)
+@callback
+def follow(block: int, model: int, data: int, state: int) -> None:
+    """Lead the cable along its path at the last position, from a state."""
+    tendon = load_word(block + ROUTE)
+    if tendon < 0:
+        return
+    n = load_word(block + SEGMENTS)
+    now = shape_at(block, n, 0)
+    if is_open(block):
+        if load_word(block + REFERENCE_KNOWN) == 0:
+            set_reference(block, model, data)
+        _survey(block, model, data, state, now)
+    else:
+        length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        if is_open(block):
-            size = open_path.shape_size(n)
-            path_now = floats(shape, size)
-            reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
-            gained = floats(scratch_at(block, n), n + 1)
-            tension = layout.tensions(floats(state, kernel.state_size(n)), n)
-            memory = path_memory(state, n)
-            changed = open_path.lay(
-                prm, n, tension, path_now, reference, memory, gained
-            )
-        else:
-            contacts = layout.contact_length(prm, n)
-            changed = prepare.set_path(prm, n, floats(shape, n), contacts)
-        if changed:
-            invalidate(block)
+        inside = layout.contact_length(prm, n)
+        path.bend(model, data, tendon, 0, length, inside, floats(now, n))
+    lay(block, now, state)
 
-    export_callback("cc_mujoco_lay", lay_path)
 
-    @cfunc(_FOLLOW_SIGNATURE, **options)
-    def follow_path(block: int, model: int, data: int, state: int) -> None:
-        """Lead the cable along its path at the last position, from a state."""
-        tendon = load_word(block + ROUTE)
-        if tendon < 0:
-            return
-        n = load_word(block + SEGMENTS)
-        now = shape_at(block, n, 0)
-        if is_open(block):
-            if load_word(block + REFERENCE_KNOWN) == 0:
-                set_reference(block, model, data)
-            _survey(block, model, data, state, now)
-        else:
-            length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-            prm = floats(parameters_at(block), kernel.parameter_size(n))
-            inside = layout.contact_length(prm, n)
-            path.bend(model, data, tendon, 0, length, inside, floats(now, n))
-        lay(block, now, state)
-
-    export_callback("cc_mujoco_follow", follow_path)
-
-    @cfunc(_PULL_SIGNATURE, **options)
-    def pull_path(block: int, model: int, data: int) -> None:
-        """Pull with the pieces of an open cable, as last evaluated."""
-        n, nv = load_word(block + SEGMENTS), mj_struct.dofs(model)
-        target = load_word(data + mj_struct.QFRC_PASSIVE)
-        last = floats(pulls_at(block, n), nv)
-        forces = floats(scratch_at(block, n), nv)
-        fill(forces, 0.0)
-        tied = 0.0
-        node = new_at(block, n) + 8 * kernel.STATE_HEADER
-        for end in (PROXIMAL, DISTAL):
-            if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
-                gear = attachments.pulley_radius(model, load_word(block + end))
-                sense = gear if end == PROXIMAL else -gear
-                at = node if end == PROXIMAL else node + 8 * n
-                tied += max(load_real(at), 0.0) * sense
-        open_path.apply_pulls(
-            model, data, load_word(block + ROUTE), load_word(block + MOUTH),
-            floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
-            load_word(block + GUIDED), floats(node, n + 1), tied, -1, block + SCRATCH,
-            forces.ctypes.data,
-        )  # fmt: skip
-        passive = floats(target, nv)
-        assign(floats(before_at(block, n), nv), passive)
-        if load_word(block + PASSIVE_FRESH) == 0:
-            # MuJoCo evaluates the actuators again, alone.
-            add(passive, last, -1.0)
-        add(passive, forces, 1.0)
-        assign(last, forces)
-        store_word(block + PASSIVE_FRESH, 0)
-
-    export_callback("cc_mujoco_pull", pull_path)
+@callback
+def pull(block: int, model: int, data: int) -> None:
+    """Pull with the pieces of an open cable, as last evaluated."""
+    n, nv = load_word(block + SEGMENTS), mj_struct.dofs(model)
+    target = load_word(data + mj_struct.QFRC_PASSIVE)
+    last = floats(pulls_at(block, n), nv)
+    forces = floats(scratch_at(block, n), nv)
+    fill(forces, 0.0)
+    tied = 0.0
+    node = new_at(block, n) + 8 * kernel.STATE_HEADER
+    for end in (PROXIMAL, DISTAL):
+        if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
+            gear = attachments.pulley_radius(model, load_word(block + end))
+            sense = gear if end == PROXIMAL else -gear
+            at = node if end == PROXIMAL else node + 8 * n
+            tied += max(load_real(at), 0.0) * sense
+    open_path.apply_pulls(
+        model, data, load_word(block + ROUTE), load_word(block + MOUTH),
+        floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
+        load_word(block + GUIDED), floats(node, n + 1), tied, -1, block + SCRATCH,
+        forces.ctypes.data,
+    )  # fmt: skip
+    passive = floats(target, nv)
+    assign(floats(before_at(block, n), nv), passive)
+    if load_word(block + PASSIVE_FRESH) == 0:
+        # MuJoCo evaluates the actuators again, alone.
+        add(passive, last, -1.0)
+    add(passive, forces, 1.0)
+    assign(last, forces)
+    store_word(block + PASSIVE_FRESH, 0)

@@ -32,6 +32,7 @@ from cc_mujoco.plugin._config import constant
 from cc_mujoco.plugin._evaluate import packed_block
 from cc_mujoco.plugin._ffi import (
     Bytes,
+    FloatMatrix,
     append,
     append_milliseconds,
     assign,
@@ -111,7 +112,7 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
 
 @internal
 def spring_timesteps(
-    model: int, data: int, moment: Floats, begin: int, out: Floats
+    model: int, data: int, moment: FloatMatrix, begin: int, out: Floats
 ) -> None:
     """Compute the longest stable time steps [s] of springs that act together.
 
@@ -142,7 +143,7 @@ def _spring_count(block: int) -> int:
 
 
 @internal
-def _end_moments(model: int, data: int, block: int, out: Floats) -> None:
+def _end_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
     """Compute the moments of both ends on the joints, times sqrt(k) (2, nv)."""
     n = load_word(block + SEGMENTS)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
@@ -165,7 +166,7 @@ def _end_moments(model: int, data: int, block: int, out: Floats) -> None:
 
 
 @internal
-def _piece_moments(model: int, data: int, block: int, out: Floats) -> None:
+def _piece_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
     """Compute the moments of an open path's nodes, times sqrt(k) (n + 1, nv)."""
     if not is_open(block):
         return
@@ -190,7 +191,7 @@ def node_moments(
     guided: int,
     stiffness: Floats,
     scratch: int,
-    out: Floats,
+    out: FloatMatrix,
 ) -> None:
     """Compute the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv).
 

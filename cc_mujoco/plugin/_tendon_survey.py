@@ -13,7 +13,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
@@ -74,10 +74,10 @@ def _measure(
     model: int,
     data: int,
     tendon: int,
-    poses: FloatArray,
-    turn: FloatArray,
-    contact: FloatArray,
-    length: FloatArray,
+    poses: FloatMatrix,
+    turn: FloatMatrix,
+    contact: FloatMatrix,
+    length: FloatMatrix,
 ) -> None:
     n = open_path.min_segments(model, tendon, 0)
     shape, guides = np.zeros(open_path.shape_size(n)), np.zeros(n)
@@ -130,12 +130,17 @@ def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> flo
     open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
     moment = np.zeros((n + 1, mj_struct.dofs(model)))
     scratch, limit = np.zeros(6), np.empty(n + 1)
+    stiffness, length = np.empty(n + 1), open_path.lengths(shape, n)
+    for i in range(n + 1):
+        stiffness[i] = axial_stiffness / length[i]
     stability_limits.node_moments(
-        model, data, tendon, 0, shape, n, 0,
-        axial_stiffness / open_path.lengths(shape, n), scratch.ctypes.data, moment,
-    )  # fmt: skip
+        model, data, tendon, 0, shape, n, 0, stiffness, scratch.ctypes.data, moment
+    )
     stability_limits.spring_timesteps(model, data, moment, 0, limit)
-    return float(limit.min())
+    shortest = float(limit[0])
+    for i in range(1, n + 1):
+        shortest = min(shortest, float(limit[i]))
+    return shortest
 
 
 def path_guides(

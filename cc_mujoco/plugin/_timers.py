@@ -6,6 +6,7 @@ for `MjData.timer`. In a scene as small as a device that is a third of the step.
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +14,8 @@ from functools import cache
 from typing import Any
 
 import mujoco
-from numba import cfunc, types
+
+from cc_mujoco.native import _library as native_library
 
 _lock = threading.Lock()
 _untimed_callers = 0
@@ -47,5 +49,5 @@ def untimed() -> Iterator[None]:
 @cache
 def _stopped_clock() -> Any:
     """Return a stopped clock that MuJoCo can call without Python."""
-    code: Any = cfunc(types.float64())
-    return code(lambda: 0.0).ctypes
+    kind = ctypes.CFUNCTYPE(ctypes.c_double)
+    return kind(("cc_mujoco_stopped_clock", native_library.library()))

@@ -536,7 +536,9 @@ def warn_cannot_pull(model: int, instance: int) -> None:
         if why >= 0:
             message = np.zeros(MESSAGE_CAPACITY, np.uint8)
             used = begin_message(message, model, instance)
-            used = attachments.name_actuator(message, used, model, actuator)
+            used = attachments.name_actuator(
+                message, used, model, actuator, attachments.ITS_ACTUATOR
+            )
             used = append(message, used, _CANNOT_PULL[why])
             if not warned_once(message, used, mj_struct.signature(model)):
                 warn(message, used)

@@ -15,26 +15,29 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
-from numba import cfunc, from_dtype
-from numba.extending import intrinsic, overload
 
-from cc_mujoco._utils.compilation import FloatArray, internal, types
+from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._cable_model import follow
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 from cc_mujoco.control._guard import SPRING_SIZE
 from cc_mujoco.human._tasks import clamp, spring_torque, tunnel_torque
+from cc_mujoco.native import _library as native_library
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._ffi import (
+    CInt,
+    callback,
+    float_rows,
     floats,
     load_real,
     load_word,
+    reinterpret,
     store_real,
     words,
 )
@@ -141,32 +144,19 @@ _PERIOD = compiled_laws.PERIOD
 _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
 
-@overload(clamp)
-def _clamp(value: Any, low: Any, high: Any) -> Any:
-    """Have compiled code call `clamp` with numbers."""
-
-    def clamped(value: Any, low: Any, high: Any) -> Any:
-        return min(max(value, low), high)
-
-    return clamped
+EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
+"""A simulation's `RECORD`."""
 
 
-@intrinsic
-def _record_at(context: Any, address: Any) -> Any:
-    """View on the record at an address."""
-    record = from_dtype(RECORD)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], context.get_value_type(record))
-
-    return record(types.intp), codegen
-
-
-_record: Any = _record_at
+@reinterpret
+def _record(address: int) -> EpisodeRecord:
+    """Return the record at an address."""
+    memory = (ctypes.c_byte * RECORD.itemsize).from_address(address)
+    return np.frombuffer(memoryview(memory), RECORD).view(np.recarray)[0]
 
 
 @internal
-def _desired(record: Any, step: int, angle: float) -> float:
+def _desired(record: EpisodeRecord, step: int, angle: float) -> float:
     """Return the task's desired torque at a control step [N m]."""
     if record.task == OF_PHASE:
         return load_real(record.desired + 8 * step)
@@ -178,7 +168,7 @@ def _desired(record: Any, step: int, angle: float) -> float:
 
 @internal
 def _winding(
-    record: Any, data: int, angle: float, velocity: float
+    record: EpisodeRecord, data: int, angle: float, velocity: float
 ) -> tuple[float, float, float]:
     """Return angle, velocity and leverage of the joint; see `Winding.read`."""
     count = record.wound
@@ -196,7 +186,7 @@ def _winding(
 
 
 @internal
-def _torque(record: Any, seen: FloatArray) -> float:
+def _torque(record: EpisodeRecord, seen: FloatArray) -> float:
     """Return the torque of the motor [N m]."""
     law = record.law
     if law == UNPOWERED:
@@ -212,15 +202,15 @@ def _torque(record: Any, seen: FloatArray) -> float:
         ahead = compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED])
         return float(compiled_laws.damped_feedback(gains, spring, memory, seen, ahead))
     count, width, size = record.model_cables, record.packed_size, record.state_size
-    prm = floats(record.packed, count * width).reshape(count, width)
-    state = floats(record.state, count * size).reshape(count, size)
-    new = floats(record.new, count * size).reshape(count, size)
+    prm = float_rows(record.packed, count, width)
+    state = float_rows(record.state, count, size)
+    new = float_rows(record.new, count, size)
     n = words(record.segments, count)
     proximal, distal = floats(record.proximal, count), floats(record.distal, count)
     slip_direction = floats(record.slip_direction, count)
     gain, arm = floats(record.gain, count), floats(record.arm, count)
     joint, work = floats(record.joint, 1), floats(record.work, record.work_size)
-    scratch = floats(record.scratch, SCRATCH_ROWS * count).reshape(SCRATCH_ROWS, count)
+    scratch = float_rows(record.scratch, SCRATCH_ROWS, count)
     cables = stepper.Cables(prm, n, proximal, proximal, distal)
     joint[0] = follow(
         cables,
@@ -248,7 +238,7 @@ def _torque(record: Any, seen: FloatArray) -> float:
 
 
 @internal
-def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
+def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> None:
     """Read and keep what is measured at a control step; see `Device.read_motion`."""
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
@@ -300,7 +290,7 @@ def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
 
 
 @internal
-def _play(data: int, record: Any) -> None:
+def _play(data: int, record: EpisodeRecord) -> None:
     """Do what is due after `count` physics steps."""
     count, skip = record.count, record.skip
     control = load_word(data + mj_struct.CTRL)
@@ -330,7 +320,8 @@ def _play(data: int, record: Any) -> None:
 @cache
 def begin_episode() -> Any:
     """Return what begins an episode from addresses of a simulation and its record."""
-    return ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))(_compiled()[1].address)
+    kind = ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))
+    return kind(("cc_mujoco_episode_begin", native_library.library()))
 
 
 def attend(spec: mujoco.MjSpec) -> None:
@@ -339,41 +330,39 @@ def attend(spec: mujoco.MjSpec) -> None:
     Its instance has neither state nor force, so that nothing else becomes of them.
     """
     if not LIBRARY.mjp_getPlugin(PLUGIN.encode(), None):
-        add_plugin(PLUGIN, _compiled()[0])
+        add_plugin(
+            PLUGIN,
+            {
+                "nstate": "cc_mujoco_episode_nstate",
+                "advance": "cc_mujoco_episode_advance",
+            },
+        )
     spec.nuserdata = 1
     spec.activate_plugin(PLUGIN)
     spec.add_plugin(name="episode", plugin_name=PLUGIN)
 
 
-@cache
-def _compiled() -> tuple[dict[str, Any], Any]:
-    try:
-        return _compile({"cache": True, "error_model": "numpy"})
-    except RuntimeError:  # Numba finds no folder for its cache
-        return _compile({"error_model": "numpy"})
+@callback
+def episode_begin(data: int, record: int) -> None:
+    """Begin an episode of a simulation with a record."""
+    store_real(load_word(data + mj_struct.USERDATA), float(record))
+    _play(data, _record(record))
 
 
-def _compile(options: Any) -> tuple[dict[str, Any], Any]:
-    address, integer = types.intp, types.int32
+@callback
+def episode_nstate(model: int, instance: CInt) -> CInt:
+    """Return the numbers in the plugin's state."""
+    return 0
 
-    @cfunc(types.void(address, address), **options)
-    def begin(data: int, record: int) -> None:
-        store_real(load_word(data + mj_struct.USERDATA), float(record))
-        _play(data, _record(record))
 
-    @cfunc(integer(address, integer), **options)
-    def nstate(model: int, instance: int) -> int:
-        return 0
-
-    @cfunc(types.void(address, address, integer), **options)
-    def advance(model: int, data: int, instance: int) -> None:
-        if not mj_struct.has_userdata(model):
-            return
-        # An address is below 2^53, so a number holds it.
-        address = int(load_real(load_word(data + mj_struct.USERDATA)))
-        if address != 0:
-            record = _record(address)
-            record.count = record.count + 1
-            _play(data, record)
-
-    return {"nstate": nstate, "advance": advance}, begin
+@callback
+def episode_advance(model: int, data: int, instance: CInt) -> None:
+    """Go on with an episode when a step ends."""
+    if not mj_struct.has_userdata(model):
+        return
+    # An address is below 2^53, so a number holds it.
+    address = int(load_real(load_word(data + mj_struct.USERDATA)))
+    if address != 0:
+        record = _record(address)
+        record.count = record.count + 1
+        _play(data, record)

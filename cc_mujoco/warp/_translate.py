@@ -22,9 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import borrow
 from cc_mujoco.errors import CableError
-from cc_mujoco.warp._fold import Known, Scope, fold, is_number
+from cc_mujoco.native._fold import Known, Scope, fold, is_number
 
 _BUILTINS: dict[Any, str] = {
     abs: "wp.abs", min: "wp.min", max: "wp.max", float: "Real", int: "wp.int32",
@@ -163,7 +162,7 @@ class _Translator:
     def _constant_result(self, found: Any) -> ast.Constant | None:
         """Return what a compiled function always returns, else None."""
         function = python_function(found)
-        if function is None or function is borrow:
+        if function is None:
             return None
         body = self._fold(function)[0].body
         only = body[0] if len(body) == 1 else None
@@ -295,8 +294,7 @@ class _Writer:
             return
         target = node.targets[0]
         if not isinstance(target, ast.Tuple):
-            if not self._is_borrowed(target, value):
-                self._store(target, self._initial(value), depth)
+            self._store(target, self._initial(value), depth)
             return
         if not isinstance(value, ast.Tuple):
             names = [
@@ -313,14 +311,6 @@ class _Writer:
             self._emit(depth, f"{name} = {self._initial(given)}")
         for name, part in zip(names, target.elts, strict=True):
             self._store(part, name, depth)
-
-    def _is_borrowed(self, target: ast.expr, value: ast.expr) -> bool:
-        """Return whether this is `x = borrow(x)`, which only Numba needs."""
-        return (
-            isinstance(value, ast.Call)
-            and self._scope.lookup(value.func) is borrow
-            and ast.unparse(value.args[0]) == ast.unparse(target)
-        )
 
     def _store(self, target: ast.expr, value: str, depth: int) -> None:
         if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
@@ -410,8 +400,6 @@ class _Writer:
             raise self._refuse(node, "an argument given by name")
         found = self._scope.lookup(node.func)
         arguments = [self._expression(given) for given in node.args]
-        if found is borrow:
-            return arguments[0]
         if found in (min, max):
             return _nested(_BUILTINS[found], arguments)
         try:

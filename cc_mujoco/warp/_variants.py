@@ -15,7 +15,7 @@ from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.cable._parameters import PARAMETERS, TERMS
 from cc_mujoco.cable._route import Route
-from cc_mujoco.warp._fold import Known
+from cc_mujoco.native._fold import Known
 
 FUNCTIONS: tuple[Any, ...] = (
     kernel.step, kernel.begin_step, kernel.solve_step, kernel.finish_step,

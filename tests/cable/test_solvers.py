@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._fronts import march
@@ -105,7 +104,6 @@ def test_the_sweep_solves_any_state(seed, n):
     require_laws(tension, stiffness, growth, drag, ends, shift, node)
 
 
-@njit
 def solve_both(
     n: int,
     tension: FloatArray,

@@ -84,8 +84,9 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     fast = np.nanargmax(speed.centre)
     assert speed.before[fast] == pytest.approx(side * MORE)
     statement = describe_map(speed)
-    assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} N m" in statement
-    assert f"and {max(0.0, side) * MORE:+.3g} N m" in statement
+    low, high = ("\u22120.1000", "0.00") if side < 0.0 else ("0.00", "+0.1000")
+    assert f"measured minus simulated is {low} N m" in statement
+    assert f"and {high} N m" in statement
     turning = next(m for m in drawn if m.axis == "direction of motion")
     assert "(1 is forwards, \u22121 backwards)" in describe_map(turning)
     nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))

@@ -17,7 +17,7 @@ from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import EXPORT_FILES, TARGETS, ExportPlan, write
+from cc_mujoco.export import EXPORT_FILES, ExportPlan, write
 from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 from hardware.devices import ARM, written
 from shared_folder import SHARED
@@ -98,7 +98,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     @functools.cache
     def written_once(scene: str, name: str) -> tuple[Path, ExportPlan]:
         folder, plan = tmp_path_factory.mktemp("export") / "c", plan_of(scene, name)
-        write(folder, plan, TARGETS["host"], "a test")
+        write(folder, plan, "a test")
         return folder, plan
 
     return written_once
@@ -196,13 +196,6 @@ def test_one_reading_that_cannot_be_gives_no_torque_and_changes_nothing(
     assert np.array_equal(exported.step(readings[20]), torques[20])
 
 
-@pytest.mark.parametrize("target", ["aarch64", "armv7"])
-def test_decoupling_is_compiled_for_other_machines(target: str, tmp_path: Path) -> None:
-    """It keeps no pointers, of 64 or 32 bits, in the memory."""
-    write(tmp_path, plan_of("hand", "decoupled_pi"), TARGETS[target], "a test")
-    assert (tmp_path / "cc_controller.o").read_bytes()[:4] == b"\x7fELF"
-
-
 @needs_compiler
 def test_a_wrong_parameter_of_the_last_axis_is_named_and_none_is_taken(
     made: Made,
@@ -256,7 +249,7 @@ def test_what_the_motors_got_and_what_observers_find_are_those_of_their_axes(
     )
     run(
         COMPILER, *STRICT, "-I", folder, "-o", tmp_path / "main", tmp_path / "main.c",
-        folder / "cc_parameters.c", folder / "cc_controller.o", "-lm",
+        folder / "cc_parameters.c", folder / "cc_controller.c", "-lm",
     )  # fmt: skip
     found = list(map(float, run(tmp_path / "main").split()))
     law, columns = law_of(scene, name), columns_of(scene, name)
@@ -318,4 +311,4 @@ def test_devices_of_others_are_exported(name: str, tmp_path: Path) -> None:
     scene = str(CASES / f"{name}.xml")
     Export(scene, "stiction", tmp_path / "out", allow_active=True).run()
     header = (tmp_path / "out" / "cc_controller.h").read_text()
-    assert f"stiction for the scene {scene}, on host" in header
+    assert f"stiction for the scene {scene}" in header

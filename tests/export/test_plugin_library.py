@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import ctypes
 import shutil
 import subprocess
 import sys
@@ -15,11 +13,10 @@ import pytest
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import _plugin_library, write_plugin
-from cc_mujoco.plugin import _prebuilt as prebuilt
+from cc_mujoco.export import _plugin_library, write_plugin, write_plugin_source
+from cc_mujoco.native._library import digest
 from cc_mujoco.plugin import _registration as registration
-from cc_mujoco.plugin._ffi import ENGINE_FUNCTIONS, call_by_name
-from cc_mujoco.plugin._registration import PLUGIN_LIBRARY, code_digest
+from cc_mujoco.plugin._registration import PLUGIN_LIBRARY
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted(scene_path("wrist").parent.glob("*.xml"))
@@ -81,12 +78,6 @@ for file in sys.argv[2:]:
             print(plugin.route_wrap(model, data, name))
         except ValueError as error:
             print(error)
-"""
-
-SETTLED = """
-import cc_mujoco
-cc_mujoco.plugin.settle(model, data)
-assert not {"numba", "llvmlite"} & set(sys.modules)
 """
 
 CALLED = """
@@ -169,9 +160,7 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 
 @pytest.fixture
-def library(plugin_library: Path | None) -> Path:
-    if plugin_library is None:
-        pytest.skip("the library is for Linux on x86-64 and linked by `ld`")
+def library(plugin_library: Path) -> Path:
     return plugin_library
 
 
@@ -200,79 +189,19 @@ def test_library_of_other_code_is_no_plugin_for_python(
 ) -> None:
     other = tmp_path / "other.so"
     content = library.read_bytes()
-    digest = code_digest().encode()
-    assert content.count(digest) == 1
-    other.write_bytes(content.replace(digest, b"0" * len(digest)))
+    made_of = digest().encode()
+    assert content.count(made_of) == 1
+    other.write_bytes(content.replace(made_of, b"0" * len(made_of)))
     said = run(sys.executable, "-P", "-c", STALE, other, cwd=tmp_path)
     assert f"that of {other}, written by another version of cc_mujoco" in said
 
 
-def test_library_in_the_package_takes_the_place_of_numba(
+def test_library_has_every_function_that_python_calls(
     library: Path, tmp_path: Path
 ) -> None:
-    for folder, place in (("cc_mujoco", ""), ("envs", "envs"), ("assets", "assets")):
-        ignore = shutil.ignore_patterns("__pycache__", PLUGIN_LIBRARY)
-        shutil.copytree(
-            ROOT / folder,
-            tmp_path / "cc_mujoco" / place,
-            ignore=ignore,
-            dirs_exist_ok=True,
-        )
-    shutil.copy(library, tmp_path / "cc_mujoco" / "plugin")
-    scene = scene_path("wrist")
-    carried = run(sys.executable, "-c", STEPS + SETTLED, "", scene, cwd=tmp_path)
-    loaded = run(sys.executable, "-P", "-c", STEPS, library, scene, cwd=tmp_path)
-    assert carried == loaded
-
-
-def test_library_in_the_package_that_does_not_fit_is_left_alone(
-    library: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    digest = code_digest().encode()
-    stale = library.read_bytes().replace(digest, b"0" * len(digest))
-    for content, reason in ((stale, ""), (b"no library: " + digest, "ELF header")):
-        file = tmp_path / PLUGIN_LIBRARY
-        file.write_bytes(content)
-        monkeypatch.setattr(registration, "_CARRIED", file)
-        assert registration._load_carried() is None
-        lines = capsys.readouterr().err.splitlines()
-        assert len(lines) == bool(reason)
-        assert all(str(file) in line and reason in line for line in lines)
-
-
-def called_functions() -> set[str]:
-    """Return the names by which compiled code of the package calls functions."""
-    names = set()
-    for file in (ROOT / "cc_mujoco").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Call):
-                continue
-            called = ast.unparse(node.func).rpartition(".")[2]
-            if called in ("ExternalFunction", "call_by_name"):
-                names.add(ast.unparse(node.args[0]))
-    return {ast.literal_eval(name) for name in names - {"name"}}
-
-
-def test_library_has_every_function_that_compiled_code_calls(
-    library: Path, tmp_path: Path
-) -> None:
-    names = called_functions()
-    assert {"cc_mujoco_follow", "mj_kinematics"} < names
-    own = {name for name in names if name.startswith("cc_mujoco_")}
-    assert names - own == set(ENGINE_FUNCTIONS)
+    own = [f"cc_mujoco_{name}" for name in registration.PYTHON_FUNCTIONS]
     scene = scene_path("wrist")
     run(sys.executable, "-P", "-c", CALLED, library, scene, *own, cwd=tmp_path)
-
-
-def test_library_without_a_function_is_an_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(prebuilt, "_library", ctypes.CDLL(None))
-    with pytest.raises(ImportError, match="lacks the function `cc_mujoco_absent`"):
-        call_by_name("cc_mujoco_absent", None)
 
 
 def test_library_refuses_a_configuration_as_python_does(
@@ -299,24 +228,20 @@ def test_library_warns_as_python_does(library: Path, tmp_path: Path) -> None:
     assert said[0] == said[1]
 
 
-@pytest.mark.parametrize("found", [True, False])
-def test_machine_without_ld_needs_ziglang(
-    found: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PATH", "")
-    if found:
-        pytest.importorskip("ziglang")
-        linked = write_plugin(tmp_path / "plugin")
-        scene = scene_path("wrist")
-        said = run(sys.executable, "-P", "-c", STEPS, linked, scene, cwd=tmp_path)
-        assert len(said.splitlines()) == 4
-    else:
-        monkeypatch.setattr(
-            "cc_mujoco.export._plugin_library.find_spec", lambda _: None
-        )
-        with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[native\]'"):
-            write_plugin(tmp_path / "plugin")
-        assert not (tmp_path / "plugin").exists()
+def test_source_builds_with_cmake(library: Path, tmp_path: Path) -> None:
+    cmake = shutil.which("cmake")
+    if cmake is None:
+        pytest.skip("there is no cmake")
+    written = write_plugin_source(tmp_path / "source").parent
+    run(cmake, "-S", written, "-B", tmp_path / "built", cwd=tmp_path)
+    run(cmake, "--build", tmp_path / "built", cwd=tmp_path)
+    (built,) = (tmp_path / "built").glob("libcc_mujoco_cable.*")
+    scene = scene_path("wrist")
+    one, other = (
+        run(sys.executable, "-P", "-c", STEPS, loaded, scene, cwd=tmp_path)
+        for loaded in (library, built)
+    )
+    assert one == other
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="there is no C compiler `cc`")
@@ -345,7 +270,7 @@ def test_library_that_exists_is_kept(library: Path) -> None:
 def test_file_in_place_of_the_folder_is_refused_before_compiling(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_plugin_library, "compiled_callbacks", pytest.fail)
+    monkeypatch.setattr(_plugin_library, "_source", pytest.fail)
     taken = tmp_path / "taken"
     taken.write_text("mine")
     with pytest.raises(CableError, match="taken is a file; it must be a folder"):

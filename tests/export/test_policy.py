@@ -122,8 +122,9 @@ def motion(drive: Drive, count: int) -> list[list[float]]:
 def shared(folder: Path) -> ctypes.CDLL:
     path = folder / "shared.so"
     done = subprocess.run(
-        [str(COMPILER), "-std=c99", "-Wall", "-Werror", "-shared", "-fPIC", "-o", path,
-         folder / "cc_parameters.c", folder / "cc_controller.o", "-lm"],
+        [str(COMPILER), "-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC",
+         "-o", path,
+         folder / "cc_parameters.c", folder / "cc_controller.c", "-lm"],
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

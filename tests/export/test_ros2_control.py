@@ -113,11 +113,13 @@ def test_the_plugin_gives_the_torques_of_the_library(
         path.write_text(f'#include "{STUBS}"\n')
     (tmp_path / "program.cpp").write_text(PROGRAM)
     program, numbers = tmp_path / "program", tmp_path / "numbers.o"
+    law = tmp_path / "law.o"
     run(C_COMPILER, "-std=c99", "-c", package / "cc_parameters.c", "-o", numbers)
+    run(C_COMPILER, "-std=c99", "-O2", "-c", package / "cc_controller.c", "-o", law)
     run(
         COMPILER, "-std=c++17", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}",
         f"-I{package}", "-o", program, tmp_path / "program.cpp",
-        package / "cc_controller.o", numbers, "-lm",
+        law, numbers, "-lm",
     )  # fmt: skip
     device = find_device(package.parent / "device.xml")
     made = DeviceModel(device.description, bare_model(device).compile())

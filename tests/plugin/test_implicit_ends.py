@@ -273,7 +273,7 @@ def at_joint(
     [
         ("half_cheetah", "bfoot", 2e-3, 0.0, 0.03),
         ("ant", "ankle_1", 2e-4, 0.0, 0.06),
-        ("ant", "ankle_1", 2e-3, 0.0, 0.12),
+        ("ant", "ankle_1", 2e-3, 0.0, 0.08),
         ("ant", "ankle_1", 2e-2, 0.0, 0.1),
         ("ant", "ankle_1", 5e-3, 0.87, 0.03),
     ],
@@ -295,16 +295,15 @@ def test_a_model_of_other_makers_at_its_own_step(
 
 @pytest.mark.study
 @pytest.mark.filterwarnings("ignore:compiler attribute:UserWarning")
-@pytest.mark.parametrize("armature", [2e-4, 2e-3, 2e-2])
+@pytest.mark.parametrize("armature", [2e-4, 2e-3, 5e-3, 2e-2])
 @pytest.mark.parametrize("joint", ["ankle_1", "hip_1", "ankle_2", "hip_4"])
 def test_under_rk4_ends_converge_where_explicit_ones_are_stable_and_beyond(
     joint: str, armature: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At 10, 5, 2.5 and 1.25 ms, beyond the limit of ends that friction holds.
 
-    The ankles are thrown into slack. Explicit ends that stay bounded then err by less
-    at 10 and 5 ms, where those by default err by up to 15 and 4 %, but may give out
-    energy there.
+    The ankles are thrown into slack. Explicit ends that stay bounded then err by up to
+    2.4 % less at 10 ms, but give out more energy there.
     """
     monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
     fine, _ = at_joint("ant", joint, armature, 0.0, "explicit", 1.0 / 256.0)
@@ -316,11 +315,11 @@ def test_under_rk4_ends_converge_where_explicit_ones_are_stable_and_beyond(
             error = np.sqrt(((found - right) ** 2).mean(axis=0)) / fine.max(axis=0)
             errors[ends, share] = float(error.max())
     print(joint, armature, errors)
-    assert errors["auto", 1] < 0.16
+    assert errors["auto", 1] < 0.1
     assert errors["auto", 2] < 0.07
-    for share in (4, 8):
+    for share in (1, 2, 4, 8):
         own, explicit = errors["auto", share], errors["explicit", share]
-        assert own <= 1.2 * explicit + 0.02
+        assert own <= 1.2 * explicit + 0.025
     assert errors["auto", 8] < 0.5 * errors["auto", 1] + 0.01
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from plugin.processes import ROOT, Ended, processes
+from plugin.processes import Ended, processes
 from plugin.scenes import pull_pull
 
 STEP = f"""
@@ -107,43 +107,49 @@ def test_process(name: str, ended: dict[str, Ended]) -> None:
     assert not (folder / "MUJOCO_LOG.TXT").exists()
 
 
-READ_ONLY = """
-import numba
-from numba.core.caching import InTreeCacheLocator
-class Locator(InTreeCacheLocator):
-    refused = ("callbacks.py", "script.py")
-    @classmethod
-    def from_function(cls, function, file):
-        return None if file.endswith(cls.refused) else super().from_function(
-            function, file)
-real = numba.cfunc
-def cfunc(*given, cache, **options):
-    if not cache:  # half a minute's work, taken from what is kept
-        Locator.refused = ("script.py",)
-    return real(*given, cache=True, **options)
-numba.cfunc = cfunc
-"""
-
-
-def test_what_numba_may_not_keep_is_compiled_without_a_cache(tmp_path: Path) -> None:
-    """As of a read-only install."""
-    (tmp_path / "read_only.py").write_text(READ_ONLY)
-    script = tmp_path / "script.py"
-    script.write_text(
-        f"import read_only{STEP}assert step()\n"
-        "assert read_only.Locator.refused == ('script.py',)\n"
-        "from cc_mujoco._utils.compilation import compiled\n"
-        "assert compiled(lambda x: 2 * x)(3) == 6\n"
-    )
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        env=os.environ
-        | {
-            "PYTHONPATH": str(ROOT),
-            "NUMBA_CACHE_LOCATOR_CLASSES": "read_only.Locator",
-        },
+def load(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process whose native library is not compiled yet."""
+    return subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        env=os.environ | environment,
         capture_output=True,
         text=True,
         timeout=300,
     )
-    assert done.returncode == 0, done.stderr
+
+
+def test_library_that_cannot_be_kept_is_one_sentence(tmp_path: Path) -> None:
+    """As of a read-only home, or of a file where the folder would be."""
+    taken = tmp_path / "taken"
+    taken.write_text("mine")
+    done = load("import cc_mujoco.plugin", CC_MUJOCO_CACHE_DIR=str(taken))
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert f"in {taken}, which cannot be written" in last
+    assert "CC_MUJOCO_CACHE_DIR" in last
+    assert taken.read_text() == "mine"
+
+
+def test_machine_without_a_compiler_is_told_what_to_install(tmp_path: Path) -> None:
+    code = "import sys; sys.modules['ziglang'] = None; import cc_mujoco.plugin"
+    done = load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path), PATH="", CC="")
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert "needs a C compiler once and finds none; install `gcc`" in last
+    assert not list(tmp_path.glob("libcc_mujoco*"))
+
+
+def test_two_processes_compile_one_library(tmp_path: Path) -> None:
+    """Neither sees half a file of the other, and nothing else is left."""
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-P", "-c", "import cc_mujoco.plugin"],
+            env=os.environ | {"CC_MUJOCO_CACHE_DIR": str(tmp_path)},
+        )
+        for _ in range(2)
+    ]
+    assert [one.wait(timeout=300) for one in both] == [0, 0]
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert len(left) == 2
+    assert left[0].startswith("libcc_mujoco-")
+    assert left[1] == "trees.json"

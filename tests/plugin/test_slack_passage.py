@@ -119,7 +119,7 @@ def test_a_cable_that_snaps_taut_gives_out_no_energy(
     """Bodies that a force pulls apart bounce on it.
 
     With implicit ends they gain nothing. Explicit ends, and RK4, err by up to 20 % of
-    the kinetic energy either way where a cable becomes taut. `square` is the power of
+    the kinetic energy where a cable becomes taut. `square` is the power of
     ten of the square of step times frequency, `slack` how far they come near [m].
     """
     stiffness = 10.0**square * min(inertia, mass) / step**2 / (2.0 * segments)

@@ -143,7 +143,9 @@ def _parts(
     turn = np.sign(np.diff(speed, prepend=0.0).round(12))
     fast = np.exp(2.0 * speed)
     position = x * (fast + np.sign(x) * turn) / (fast + 1.0)
-    return position, _hysteresis(speed, turn, dt, rho, sigma, lead, exponent), speed
+    zeta = np.empty(speed.size)
+    _hysteresis(speed, turn, dt, rho, sigma, lead, exponent, zeta)
+    return position, zeta, speed
 
 
 @compiled
@@ -155,10 +157,10 @@ def _hysteresis(
     sigma: float,
     lead: float,
     exponent: float,
-) -> FloatArray:
-    """State zeta of (1.4) over time (samples,), by explicit steps fine enough."""
+    out: FloatArray,
+) -> None:
+    """Compute the state zeta of (1.4) over time (samples,), by fine explicit steps."""
     zeta = 0.0
-    out = np.empty(speed.size)
     for row in range(speed.size):
         w = speed[row] + lead * turn[row]
         travel = rho * w * dt
@@ -172,4 +174,3 @@ def _hysteresis(
                 + (sigma - 1.0) * part * size * abs(zeta)
             )
         out[row] = zeta
-    return out

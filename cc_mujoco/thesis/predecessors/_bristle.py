@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
@@ -71,27 +71,28 @@ class BristleChain(PublishedModel):
         n = cable.segments
         segment = segment_angles(packed_parameters(cable), n)
         shape = self.bristle
-        return Answer(
-            *_play(
-                motion.proximal,
-                motion.moved,
-                motion.stiffness,
-                cable.friction * segment,
-                cable.axial_stiffness / node_lengths(cable),
-                motion.start,
-                np.array(
-                    [
-                        shape.length,
-                        shape.exponent,
-                        shape.excess,
-                        shape.stribeck_speed,
-                        shape.damping,
-                    ]
-                ),
-                motion.factor,
-                motion.dt,
-            )
+        out = np.empty((3, motion.proximal.size))
+        _play(
+            motion.proximal,
+            motion.moved,
+            motion.stiffness,
+            cable.friction * segment,
+            cable.axial_stiffness / node_lengths(cable),
+            motion.start,
+            np.array(
+                [
+                    shape.length,
+                    shape.exponent,
+                    shape.excess,
+                    shape.stribeck_speed,
+                    shape.damping,
+                ]
+            ),
+            motion.factor,
+            motion.dt,
+            out,
         )
+        return Answer(*out)
 
 
 class LuGreChain(BristleChain):
@@ -115,8 +116,9 @@ def _play(
     shape: FloatArray,
     factor: FloatArray,
     dt: float,
-) -> FloatArray:
-    """Return the tension of both ends and place of the distal one, (3, samples).
+    out: FloatMatrix,
+) -> None:
+    """Compute the tension of both ends and place of the distal one, (3, samples).
 
     Friction acts at the middle of every segment (displacement x_j); springs of the
     cable lie between, of `stiffness` (n + 1,). `load` is infinite where the distal
@@ -130,8 +132,9 @@ def _play(
         spring[n] = spring[n] * load / (spring[n] + load)
     start = tension.copy()
     x, slip, limit = np.zeros(n), np.zeros(n), np.empty(n)
-    friction, speed = tension[1:] - tension[:-1], np.zeros(n)
-    out = np.empty((3, proximal.size))
+    friction, speed = np.empty(n), np.zeros(n)
+    for j in range(n):
+        friction[j] = tension[j + 1] - tension[j]
     for row in range(proximal.size):
         distal = moved[row] if held else 0.0
         for j in range(n):
@@ -148,7 +151,6 @@ def _play(
             speed[j] = slip[j] / dt
         out[0, row], out[1, row] = tension[0], tension[n]
         out[2, row] = distal if held else (rest - tension[n]) / load
-    return out
 
 
 @compiled

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable import rest_state
@@ -22,46 +22,49 @@ class Distributed(PublishedModel):
     def answer(self, motion: ReplayedMotion) -> Answer:
         """See `PublishedModel.answer`."""
         cable = self.cable
-        return Answer(
-            *_play(
-                # Arms of one, so that an angle is a displacement, a torque a tension.
-                stepper.make_cables((cable,), (1.0,), (-1.0,)),
-                np.array(cable.scalars),
-                np.array(cable.conduit, dtype=np.float64),
-                rest_state(cable, motion.start)[None],
-                motion.proximal,
-                motion.moved,
-                motion.stiffness,
-                motion.factor,
-                motion.dt,
-            )
+        out = np.empty((3, motion.proximal.size))
+        _play(
+            # Arms of one, so that an angle is a displacement, a torque a tension.
+            stepper.make_cables((cable,), (1.0,), (-1.0,)),
+            np.array(cable.scalars),
+            np.array(cable.conduit, dtype=np.float64),
+            rest_state(cable, motion.start)[None],
+            motion.proximal,
+            motion.moved,
+            motion.stiffness,
+            motion.factor,
+            motion.dt,
+            out,
         )
+        return Answer(*out)
 
 
 @compiled
 def _play(
     cables: stepper.Cables,
     values: FloatArray,
-    sections: FloatArray,
-    state: FloatArray,
+    sections: FloatMatrix,
+    state: FloatMatrix,
     proximal: FloatArray,
     moved: FloatArray,
     stiffness: float,
     factor: FloatArray,
     dt: float,
-) -> FloatArray:
-    """Return the tension of both ends and place of the distal one, (3, samples)."""
+    out: FloatMatrix,
+) -> None:
+    """Compute the tension of both ends and place of the distal one, (3, samples)."""
     n, prm = cables.n[0], cables.prm[0]
     new, work = state.copy(), np.empty(kernel.work_size(n))
-    changing = factor.max() != factor.min() or factor[0] != 1.0
+    changing = False
+    for row in range(factor.size):
+        changing = changing or factor[row] != 1.0
     bent = sections.copy()
     tension = tensions(state[0], n)
     rest = max(tension[n], 0.0)
-    out = np.empty((3, proximal.size))
     distal = 0.0
     for row in range(proximal.size):
         if changing:
-            for k in range(len(bent)):
+            for k in range(bent.shape[0]):
                 bent[k, 1] = sections[k, 1] / factor[row]
             kernel.pack(values, bent, n, prm)
             kernel.expect_change(prm)
@@ -78,4 +81,3 @@ def _play(
         out[0, row] = max(tension[0], 0.0)
         out[1, row] = max(tension[n], 0.0)
         out[2, row] = distal
-    return out

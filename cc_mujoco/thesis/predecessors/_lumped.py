@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.cable import Cable
 from cc_mujoco.thesis.predecessors._model import (
     Answer,
@@ -56,7 +56,8 @@ class LumpedMasses(PublishedModel):
             *(self._system(motion.dt, sign, stiffness) for sign in (-1.0, 1.0)),
             strict=True,
         )
-        stretch = _step_through(proximal, np.array(steps), np.array(gains))
+        stretch = np.empty((proximal.size, 2))
+        _step_through(proximal, np.array(steps), np.array(gains), stretch)
         angle = self.cable.friction * self.cable.wrap
         direction = np.sign(np.diff(proximal, prepend=0.0))
         last = np.maximum.accumulate(
@@ -110,18 +111,20 @@ class LumpedMasses(PublishedModel):
 
 @compiled
 def _step_through(
-    proximal: FloatArray, steps: FloatArray, gains: FloatArray
-) -> FloatArray:
-    """Stretch of the last element and place of the last mass, (samples, 2) [m]."""
+    proximal: FloatArray, steps: FloatCube, gains: FloatMatrix, out: FloatMatrix
+) -> None:
+    """Compute stretch of the last element and place of the last mass (samples, 2)."""
     n = steps.shape[1] // 2
-    state = np.zeros(2 * n)
-    out = np.empty((proximal.size, 2))
+    state, before_it = np.zeros(2 * n), np.zeros(2 * n)
     which = 0
     for row in range(proximal.size):
         if row > 0 and proximal[row] != proximal[row - 1]:
             which = 1 if proximal[row] > proximal[row - 1] else 0
-        state = steps[which] @ state + gains[which] * proximal[row]
+        state, before_it = before_it, state
+        for i in range(2 * n):
+            state[i] = gains[which, i] * proximal[row]
+            for k in range(2 * n):
+                state[i] += steps[which, i, k] * before_it[k]
         before = state[n - 2] if n > 1 else proximal[row]
         out[row, 0] = state[n - 1] - before
         out[row, 1] = state[n - 1]
-    return out

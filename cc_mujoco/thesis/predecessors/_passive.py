@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.thesis.predecessors._model import (
@@ -43,16 +43,17 @@ class PassiveDistributed(PublishedModel):
         share = node_lengths(cable) / cable.axial_stiffness
         compliance = 1.0 / motion.stiffness
         share[n] += compliance  # the spring follows the last node
-        return Answer(
-            *_play(
-                motion.proximal,
-                cable.friction * angle,
-                share,
-                motion.start,
-                compliance,
-                motion.factor,
-            )
+        out = np.empty((3, motion.proximal.size))
+        _play(
+            motion.proximal,
+            cable.friction * angle,
+            share,
+            motion.start,
+            compliance,
+            motion.factor,
+            out,
         )
+        return Answer(*out)
 
 
 @compiled
@@ -63,13 +64,13 @@ def _play(
     tension: FloatArray,
     compliance: float,
     factor: FloatArray,
-) -> FloatArray:
-    """Return the tension of both ends and place of the distal one, (3, samples)."""
+    out: FloatMatrix,
+) -> None:
+    """Compute the tension of both ends and place of the distal one, (3, samples)."""
     n = angle.size - 1
     rest = tension[n]
-    out = np.empty((3, proximal.size))
     trial = tension.copy()
-    stretch, before = float(share @ tension), 0.0
+    stretch, before = _dot(share, tension), 0.0
     for row in range(proximal.size):
         moved = proximal[row] - before
         before = proximal[row]
@@ -90,7 +91,7 @@ def _play(
                 _front(tension, angle, factor[row], slip_direction, middle, trial)
                 if middle <= low or middle >= high:
                     break
-                if share @ trial < stretch:
+                if _dot(share, trial) < stretch:
                     low = middle
                 else:
                     high = middle
@@ -98,7 +99,15 @@ def _play(
         out[0, row] = tension[0]
         out[1, row] = tension[n]
         out[2, row] = compliance * (rest - tension[n])
-    return out
+
+
+@compiled
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """Return the scalar product."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
 
 
 @compiled

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba import njit
 
-from cc_mujoco._utils.code_stamp import stamp_compiled_code
+from rig.code_stamp import stamp_compiled_code
 
 types: Any = numba.types
 Function = TypeVar("Function", bound=Callable[..., Any])

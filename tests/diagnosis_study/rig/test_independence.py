@@ -7,8 +7,6 @@ import sys
 from pathlib import Path
 
 ALLOWED = {"rig", "numba", "numpy", "scipy", *sys.stdlib_module_names}
-STAMP = "cc_mujoco._utils.code_stamp"
-"""Module that says when compiled code is out of date; it has nothing of the model."""
 
 
 def imported(file: Path) -> set[str]:
@@ -19,15 +17,11 @@ def imported(file: Path) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names.add(node.module or "")
-    return {name if name == STAMP else name.split(".")[0] for name in names}
+    return {name.split(".")[0] for name in names}
 
 
 def test_only_general_libraries_are_imported(scripts: Path) -> None:
     files = sorted((scripts / "rig").rglob("*.py"))
     assert len(files) > 5
     for file in files:
-        stamp = {STAMP} if file.name == "compiled.py" else set()
-        assert imported(file) <= ALLOWED | stamp, file
-    from cc_mujoco._utils import code_stamp
-
-    assert imported(Path(code_stamp.__file__)) <= ALLOWED
+        assert imported(file) <= ALLOWED, file

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 
 MAX_BAND = 25.0
 """Highest frequency compared [Hz]."""
@@ -63,7 +63,7 @@ def _coefficients(band: float) -> tuple[float, float, float]:
 
 
 @compiled
-def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatArray) -> None:
+def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> None:
     """Filter rows (rows, samples) in place, forwards and then backwards in time.
 
     Each way it begins at rest in the first value.

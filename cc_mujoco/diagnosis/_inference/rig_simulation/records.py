@@ -307,15 +307,19 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     return np.where(count > 0.0, turned / np.maximum(count, 1.0), found)
 
 
-@compiled
 def follow_with_play(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle followed with play of this half width (samples,) [rad]."""
-    out = np.empty(angle.size)
+    followed = np.empty(angle.size)
+    _follow_with_play(angle, width, followed)
+    return followed
+
+
+@compiled
+def _follow_with_play(angle: FloatArray, width: float, out: FloatArray) -> None:
     x = angle[0]
     for i in range(angle.size):
         x = min(max(x, angle[i] - width), angle[i] + width)
         out[i] = x
-    return out
 
 
 def _passed_share(trial: Trial, band: float) -> float:

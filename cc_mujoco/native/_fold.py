@@ -242,7 +242,9 @@ class _Folder(ast.NodeTransformer):
         if not is_number(found):
             return node
         name = node.attr if isinstance(node, ast.Attribute) else ast.unparse(node)
-        return ast.Constant(self._known.constants.get(name, found))
+        constant = ast.Constant(self._known.constants.get(name, found))
+        constant.named = name.lstrip("_")  # type: ignore[attr-defined]
+        return ast.copy_location(constant, node)
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         item = self._scope.lookup(node)
@@ -316,6 +318,8 @@ class _Folder(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         self.generic_visit(node)
         function = self._scope.lookup(node.func)
+        if function is isinstance:  # numbers, in compiled code
+            return ast.Constant(False)
         if function in (float, int) and isinstance(node.args[0], ast.Constant):
             return ast.Constant(function(node.args[0].value))
         return self._constant_result(function) or node

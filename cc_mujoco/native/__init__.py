@@ -1,0 +1,1 @@
+"""The native core: compiled functions as C99."""

@@ -1,0 +1,151 @@
+"""Decorators of functions that become C.
+
+    @compiled
+    def advance(prm: FloatArray, n: int, ...) -> bool: ...
+
+Python calls such a function in the native library. `function.py_func` is the same
+function run by Python, the reference: it gives the same bits.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from cc_mujoco.native import _library as native_library
+from cc_mujoco.native._kinds import (
+    Array,
+    Kind,
+    Structure,
+    signature_of,
+)  # fmt: skip
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+FUNCTIONS: list[NativeFunction] = []
+"""All functions that have been declared, in order."""
+
+
+class NativeFunction:
+    """A function that becomes C.
+
+    Attributes:
+        py_func: the function as Python runs it.
+        key: what the library calls it.
+        symbol: name of a callback in the library, empty for other functions.
+        is_entry: whether Python calls it in the library.
+    """
+
+    def __init__(
+        self, function: types.FunctionType, is_entry: bool, symbol: str = ""
+    ) -> None:
+        """Declare a function; nothing is compiled before the first call."""
+        self.py_func, self.symbol, self.is_entry = function, symbol, is_entry
+        self.key = f"{function.__module__}.{function.__name__}"
+        self._entry: Callable[..., Any] = self._load if is_entry else function
+        update_wrapper(cast("Callable[..., Any]", self), function)
+        FUNCTIONS.append(self)
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        """Call the function in the library.
+
+        Arrays of another type, or that are not contiguous, are copied; what the
+        function writes to them is copied back.
+        """
+        if named:
+            bound = inspect.signature(self.py_func).bind(*given, **named)
+            bound.apply_defaults()
+            given = bound.args
+        try:
+            return self._entry(*given)
+        except TypeError:
+            if self._entry is self.py_func:
+                raise
+        return self._call_with_copies(given)
+
+    def __get__(self, owner: Any, kind: Any = None) -> Any:
+        """Return the function itself or, of an instance, a method."""
+        return self if owner is None else types.MethodType(self, owner)
+
+    def _load(self, *given: Any) -> Any:
+        self._entry = native_library.entry(self.key) or self.py_func
+        hint = typing.get_type_hints(self.py_func).get("return")
+        if isinstance(hint, type) and hasattr(hint, "_fields"):
+            inner, make = self._entry, hint
+            if inner is not self.py_func:
+                self._entry = lambda *each: make(*inner(*each))
+        return self._entry(*given)
+
+    def _call_with_copies(self, given: tuple[Any, ...]) -> Any:
+        kinds = signature_of(self.py_func).arguments.values()
+        if len(kinds) != len(given):
+            return self._entry(*given)
+        copies: list[tuple[Any, Any]] = []
+        fit = [
+            _fit(each, kind, copies) for each, kind in zip(given, kinds, strict=True)
+        ]
+        result = self._entry(*fit)
+        for original, copy in copies:
+            if original.flags.writeable:
+                original[...] = copy
+        return result
+
+
+def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
+    """Return an argument as the library takes it; note copies of arrays."""
+    if isinstance(kind, Structure):
+        return tuple(
+            _fit(each, wanted, copies)
+            for each, (_, wanted) in zip(given, kind.fields, strict=True)
+        )
+    if not isinstance(kind, Array):
+        return given
+    dtype = {
+        "double": "f8", "int64_t": "i8", "uint8_t": "u1", "int8_t": "i1", "bool": "?",
+        "uint64_t": "u8", "int32_t": "i4",
+    }[kind.element.c]  # fmt: skip
+    copy = np.ascontiguousarray(given, dtype=dtype)
+    if copy is not given and isinstance(given, np.ndarray):
+        copies.append((given, copy))
+    return copy
+
+
+def compiled(function: Function) -> Function:
+    """Declare a function that Python and other compiled functions call."""
+    return cast("Function", NativeFunction(cast("types.FunctionType", function), True))
+
+
+def internal(function: Function) -> Function:
+    """Declare a function that other compiled functions call."""
+    return cast("Function", NativeFunction(cast("types.FunctionType", function), False))
+
+
+def callback(function: Function) -> Function:
+    """Declare a function that C calls by the symbol `cc_mujoco_` and its name."""
+    plain = cast("types.FunctionType", function)
+    symbol = f"cc_mujoco_{plain.__name__.lstrip('_')}"
+    return cast("Function", NativeFunction(plain, False, symbol))
+
+
+def reinterpret(function: Function) -> Function:
+    """Mark a function that returns what lies at an address as a type, without a copy.
+
+    Its arguments are the address and, of an array, its size in each dimension.
+    """
+    function.reinterprets = True  # type: ignore[attr-defined]
+    return function
+
+
+def reinterpret_part(function: Function) -> Function:
+    """Mark a function that returns a part of an array in a shape, without a copy.
+
+    Its arguments are the array, the place of its first number and its dimensions.
+    """
+    function.reinterprets_part = True  # type: ignore[attr-defined]
+    return function

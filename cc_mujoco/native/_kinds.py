@@ -1,0 +1,195 @@
+"""Types of values in compiled functions, read from annotations.
+
+A type is the same for every call: `float`, `int`, `bool`, an array of one or two
+dimensions, or a named tuple or tuple of these.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+import types
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatMatrix = Annotated[npt.NDArray[np.float64], 2]
+"""Contiguous matrix of floats; an array without this mark has one dimension."""
+FloatCube = Annotated[npt.NDArray[np.float64], 3]
+"""Contiguous array of floats of three dimensions."""
+IntMatrix = Annotated[npt.NDArray[np.int64], 2]
+ByteMatrix = Annotated[npt.NDArray[np.int8], 2]
+"""Contiguous matrices of integers."""
+CInt = Annotated[int, "int32_t"]
+"""Argument or result of a function for C that is an `int` there."""
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number, as C names it."""
+
+    c: str
+
+
+@dataclass(frozen=True)
+class Array:
+    """A contiguous array of numbers in C's order."""
+
+    element: Scalar
+    dims: int = 1
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A named tuple, or a tuple, whose fields are `f0`, `f1` and so on.
+
+    A structured type of NumPy is one that is reached by a pointer.
+    """
+
+    name: str
+    fields: tuple[tuple[str, Kind], ...]
+    is_pointer: bool = False
+
+    def kind_of(self, field: str) -> Kind:
+        """Return the type of a field."""
+        return dict(self.fields)[field]
+
+
+Kind = Scalar | Array | Structure
+REAL, INT, BOOL, NOTHING = (
+    Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void"),
+)  # fmt: skip
+BYTE, INT32, WORD, INT8 = (
+    Scalar("uint8_t"), Scalar("int32_t"), Scalar("uint64_t"), Scalar("int8_t"),
+)  # fmt: skip
+NUMBERS: dict[Any, Scalar] = {
+    float: REAL, np.float64: REAL, int: INT, np.int64: INT, np.intp: INT, bool: BOOL,
+    np.bool_: BOOL, np.uint8: BYTE, np.int32: INT32, np.uint64: WORD, np.int8: INT8,
+    None: NOTHING, type(None): NOTHING,
+}  # fmt: skip
+_SHORT = {
+    REAL: "Real", INT: "Int", BOOL: "Bool", BYTE: "Byte", INT32: "Int32", WORD: "Word",
+    INT8: "Int8",
+}  # fmt: skip
+
+
+class UnknownTypeError(Exception):
+    """An annotation that names no type of compiled functions."""
+
+
+def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
+    """Return the type of a tuple."""
+    name = "Tuple_" + "_".join(short_name(kind) for kind in kinds)
+    return Structure(name, tuple((f"f{i}", kind) for i, kind in enumerate(kinds)))
+
+
+def short_name(kind: Kind) -> str:
+    """Return the name of a type in C, without a star."""
+    if isinstance(kind, Scalar):
+        return _SHORT[kind]
+    if isinstance(kind, Structure):
+        return kind.name
+    return _SHORT[kind.element] + {1: "s", 2: "Matrix", 3: "Cube"}[kind.dims]
+
+
+def kind_of(annotation: Any) -> Kind:
+    """Return the type that an annotation names.
+
+    Raises:
+        UnknownTypeError: it names none.
+    """
+    if isinstance(annotation, typing.TypeVar):
+        annotation = (annotation.__constraints__ or (annotation.__bound__,))[0]
+    dims, name = 1, None
+    if typing.get_origin(annotation) is Annotated:
+        annotation, mark = typing.get_args(annotation)
+        if isinstance(mark, tuple):
+            return _structure(*mark)
+        dims, name = (mark, None) if isinstance(mark, int) else (1, mark)
+    if name is not None:
+        return Scalar(name)
+    if isinstance(annotation, typing.Hashable) and annotation in NUMBERS:
+        return NUMBERS[annotation]
+    origin, given = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is np.ndarray:
+        element = typing.get_args(given[1])[0]
+        if element in NUMBERS:
+            return Array(NUMBERS[element], dims)
+    if origin is tuple:
+        return tuple_of(tuple(kind_of(each) for each in given))
+    if isinstance(annotation, type) and hasattr(annotation, "_fields"):
+        return record_of(annotation)
+    raise UnknownTypeError(str(annotation))
+
+
+def _structure(name: str, layout: np.dtype[Any]) -> Structure:
+    """Return the type of a structured array's row: `Annotated[Any, (name, dtype)]`."""
+    assert layout.names is not None
+    fields = tuple((each, NUMBERS[layout[each].type]) for each in layout.names)
+    return Structure(name, fields, is_pointer=True)
+
+
+_records: dict[str, type] = {}
+"""Named tuples by the names of their types in C."""
+
+
+def record_of(found: type) -> Structure:
+    """Return the type of a named tuple."""
+    try:
+        hints = typing.get_type_hints(found, include_extras=True)
+    except NameError as error:
+        raise UnknownTypeError(f"{error} in {found.__name__}") from None
+    fields = tuple((name, kind_of(hints[name])) for name in found._fields)  # type: ignore[attr-defined]
+    name = found.__name__.lstrip("_")
+    if _records.setdefault(name, found) is not found:
+        module = found.__module__.rpartition(".")[2].title().replace("_", "")
+        name = module + name
+    return Structure(name, fields)
+
+
+@dataclass(frozen=True)
+class FunctionTypes:
+    """Types of the arguments, by name, and of the result."""
+
+    arguments: dict[str, Kind]
+    result: Kind
+
+
+def signature_of(function: types.FunctionType) -> FunctionTypes:
+    """Return the types of a function from its annotations.
+
+    Raises:
+        UnknownTypeError: one is missing or none of a compiled function.
+    """
+    try:
+        hints = typing.get_type_hints(function, include_extras=True)
+    except NameError as error:
+        raise UnknownTypeError(str(error)) from None
+    kinds = {}
+    for name in [*inspect.signature(function).parameters, "return"]:
+        if name not in hints:
+            raise UnknownTypeError(f"of `{name}`, which has no annotation")
+        kinds[name] = kind_of(hints[name])
+    result = kinds.pop("return")
+    return FunctionTypes(kinds, result)
+
+
+def python_function(found: Any) -> types.FunctionType | None:
+    """Return the Python function of a compiled one, or the function itself."""
+    inner = getattr(found, "py_func", None)
+    if inner is not None:
+        found = getattr(found, "__wrapped__", inner)
+    return found if isinstance(found, types.FunctionType) else None
+
+
+def tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
+    """Return the syntax tree of a function, with the lines of its file."""
+    lines, first = inspect.getsourcelines(function)
+    node = ast.parse(textwrap.dedent("".join(lines))).body[0]
+    assert isinstance(node, ast.FunctionDef)
+    return ast.increment_lineno(node, first - 1)

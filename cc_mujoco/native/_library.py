@@ -1,0 +1,294 @@
+"""The native library: found, or compiled once and kept.
+
+It lies in this package, as in a wheel, or in a folder of this user, by the digest of
+the syntax trees that it was made of; a changed comment compiles nothing.
+"""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco.native._api import API
+
+PACKAGE = Path(__file__).parents[1]
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+CARRIED = Path(__file__).with_name(f"libcc_mujoco{SUFFIX}")
+"""The library of a wheel."""
+DIGEST_NAME = "cc_mujoco_digest"
+"""Name of the text in the library that identifies the code that it was made of."""
+FLAGS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv",
+    "-fno-math-errno", "-fvisibility=hidden",
+)  # fmt: skip
+"""Flags of the compiler. Nothing is contracted: every machine gives the same bits."""
+BUILDING = "CC_MUJOCO_BUILDING"
+"""Variable of the process that writes the library, which must not need it."""
+
+
+def entry(key: str) -> Callable[..., Any] | None:
+    """Return a function of the library that Python calls, None where there is none."""
+    return _entries().get(key)
+
+
+@cache
+def _entries() -> dict[str, Callable[..., Any]]:
+    found = library()
+    values = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
+              for name in API]  # fmt: skip
+    values += [id(None), id(TypeError)]
+    found.cc_use_python((ctypes.c_void_p * len(values))(*values))
+    make = ctypes.pythonapi.PyCFunction_NewEx
+    make.restype = ctypes.py_object
+    make.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+    methods: dict[str, Callable[..., Any]] = {}
+    at = ctypes.addressof(ctypes.c_char.in_dll(found, "cc_methods"))
+    while True:
+        method = _Method.from_address(at)
+        if not method.name:
+            return methods
+        methods[method.name.decode()] = make(at, None, None)
+        at += ctypes.sizeof(_Method)
+
+
+class _Method(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("call", ctypes.c_void_p),
+        ("flags", ctypes.c_int),
+        ("doc", ctypes.c_char_p),
+    )
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """Return the native library of this code, compiled if need be.
+
+    Raises:
+        ImportError: there is none and no compiler, or it does not load.
+    """
+    if is_being_written():
+        raise ImportError("the native library is being written.")
+    path, carried = CARRIED, b""
+    if path.is_file():
+        carried = path.read_bytes()
+    # What a wheel carries is found without parsing a file.
+    if sources_digest().encode() not in carried and digest().encode() not in carried:
+        path = folder() / f"libcc_mujoco-{digest()[:20]}{SUFFIX}"
+        if not path.is_file():
+            build(path)
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise ImportError(f"the native library {path} does not load: {error}") from None
+
+
+def is_being_written() -> bool:
+    """Return whether this process writes the library, and must not need it."""
+    return bool(os.environ.get(BUILDING))
+
+
+def folder() -> Path:
+    """Return the folder of this user in which compiled libraries are kept."""
+    chosen = os.environ.get("CC_MUJOCO_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "cc_mujoco"
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "cc_mujoco"
+
+
+@cache
+def digest() -> str:
+    """Return what identifies the code of the library: sources, MuJoCo, machine."""
+    known = _Index()
+    whole = _machine()
+    for name, content in _sources():
+        meaning = known.meaning(content) if name.endswith(".py") else content.hex()
+        whole.update(f"{name} {meaning}\n".encode())
+    known.keep()
+    return str(whole.hexdigest())
+
+
+@cache
+def sources_digest() -> str:
+    """Return the digest of the same files byte by byte, comments included."""
+    whole = _machine()
+    for name, content in _sources():
+        whole.update(name.encode() + hashlib.sha256(content).digest())
+    return str(whole.hexdigest())
+
+
+def _machine() -> Any:
+    whole = " ".join([version("mujoco"), platform.machine(), *FLAGS])
+    return hashlib.sha256(whole.encode())
+
+
+@cache
+def _sources() -> tuple[tuple[str, bytes], ...]:
+    """Return the files of the package that the library may be made of."""
+    found = []
+    for path in sorted(PACKAGE.rglob("*")):
+        place = path.relative_to(PACKAGE)
+        # These lie elsewhere in a checkout.
+        if place.parts[0] not in ("assets", "envs") and path.suffix in (
+            ".py",
+            ".h",
+            ".c",
+        ):
+            found.append((place.as_posix(), path.read_bytes()))
+    return tuple(found)
+
+
+class _Index:
+    """Digests of syntax trees by those of files, kept to parse no file twice."""
+
+    def __init__(self) -> None:
+        self._path = folder() / "trees.json"
+        try:
+            self._known: dict[str, str] = json.loads(self._path.read_text())
+        except (OSError, ValueError):
+            self._known = {}
+        self._used: dict[str, str] = {}
+
+    def meaning(self, content: bytes) -> str:
+        """Return the digest of a file's syntax tree, without docstrings."""
+        of_bytes = hashlib.sha256(content).hexdigest()[:32]
+        if of_bytes not in self._used:
+            self._used[of_bytes] = self._known.get(of_bytes) or _tree_digest(content)
+        return self._used[of_bytes]
+
+    def keep(self) -> None:
+        """Write what is new, where that can be."""
+        if self._used.keys() <= self._known.keys():
+            return
+        with _quietly():
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            text = json.dumps({**self._known, **self._used})
+            _write_whole(self._path, text.encode())
+
+
+class _quietly:
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
+        return isinstance(error, OSError)
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+    with os.fdopen(handle, "wb") as file:
+        file.write(content)
+    Path(partial).replace(path)
+
+
+def _tree_digest(content: bytes) -> str:
+    tree = ast.parse(content)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and _is_text(body[0]):
+            del body[0]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:32]
+
+
+def _is_text(node: Any) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def compiler() -> list[str]:
+    """Return the command of a C compiler.
+
+    Raises:
+        ImportError: there is none.
+    """
+    for name in (os.environ.get("CC", ""), "cc", "clang", "gcc"):
+        found = shutil.which(name) if name else None
+        if found:
+            return [found]
+    if find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise ImportError(
+        "cc_mujoco needs a C compiler once and finds none; install `gcc` or `clang`, "
+        "or `pip install ziglang`."
+    )
+
+
+def build(path: Path) -> None:
+    """Compile the library into a file, which appears whole or not at all.
+
+    Raises:
+        ImportError: there is no compiler, it fails, or the folder cannot be written.
+    """
+    compiler()
+    if sys.stderr is not None:
+        sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent) as place:
+            source, made = Path(place) / "cc_mujoco.c", Path(place) / path.name
+            write_source(source)
+            compile_library(source, made)
+            made.replace(path)
+    except OSError as error:
+        raise ImportError(
+            f"cc_mujoco keeps its native library in {path.parent}, which cannot be "
+            f"written ({error.strerror}); set CC_MUJOCO_CACHE_DIR to another folder."
+        ) from None
+
+
+def compile_library(source: Path, path: Path) -> None:
+    """Compile a source in C to a shared library.
+
+    Raises:
+        ImportError: there is no compiler, or it fails.
+    """
+    libraries = [] if sys.platform == "win32" else ["-lm"]
+    built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
+    run([*compiler(), *FLAGS, *built])
+
+
+def write_source(path: Path) -> None:
+    """Write the library's source in C, in a process of its own."""
+    code = (
+        "import sys; from cc_mujoco.plugin import _native; _native.write(sys.argv[1])"
+    )
+    environment = {**os.environ, BUILDING: "1"}
+    root = str(PACKAGE.parent)
+    environment["PYTHONPATH"] = os.pathsep.join(
+        [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
+    run([sys.executable, "-c", code, str(path)], environment)
+
+
+def run(command: list[str], environment: dict[str, str] | None = None) -> None:
+    """Run a command to its end.
+
+    Raises:
+        ImportError: it fails; with its last lines.
+    """
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise ImportError(
+            f"the native library cannot be compiled; `{command[0]}` says:\n"
+            + "\n".join(done.stderr.splitlines()[-30:])
+        )

@@ -1,0 +1,111 @@
+/* What functions translated from Python use. Arrays are views: their memory belongs to
+   the caller. */
+#ifndef CC_MUJOCO_NATIVE_H
+#define CC_MUJOCO_NATIVE_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define CC_EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define CC_EXPORT __attribute__((visibility("default")))
+#else
+#define CC_EXPORT
+#endif
+
+typedef struct { double *p; int64_t n; } Reals;
+typedef struct { double *p; int64_t n; int64_t columns; } RealMatrix;
+typedef struct { double *p; int64_t n; int64_t columns; int64_t layers; } RealCube;
+typedef struct { int64_t *p; int64_t n; } Ints;
+typedef struct { int64_t *p; int64_t n; int64_t columns; } IntMatrix;
+typedef struct { uint8_t *p; int64_t n; } Bytes;
+typedef struct { uint64_t *p; int64_t n; } Words;
+typedef struct { int8_t *p; int64_t n; } Int8s;
+typedef struct { int8_t *p; int64_t n; int64_t columns; } Int8Matrix;
+typedef struct { bool *p; int64_t n; } Bools;
+
+static inline double min_real(double a, double b) { return b < a ? b : a; }
+static inline double max_real(double a, double b) { return b > a ? b : a; }
+static inline int64_t min_int(int64_t a, int64_t b) { return b < a ? b : a; }
+static inline int64_t max_int(int64_t a, int64_t b) { return b > a ? b : a; }
+static inline int64_t abs_int(int64_t a) { return a < 0 ? -a : a; }
+static inline double cc_sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
+static inline double cc_square(double x) { return x * x; }
+static inline int64_t cc_square_int(int64_t x) { return x * x; }
+
+/* Quotient rounded down and remainder of the divisor's sign, as in Python. */
+static inline int64_t floor_div(int64_t a, int64_t b)
+{
+    const int64_t q = a / b;
+    return q - ((a % b != 0 && (a < 0) != (b < 0)) ? 1 : 0);
+}
+
+static inline int64_t floor_mod(int64_t a, int64_t b)
+{
+    const int64_t r = a % b;
+    return r + ((r != 0 && (r < 0) != (b < 0)) ? b : 0);
+}
+
+static inline double floor_mod_real(double a, double b)
+{
+    const double r = fmod(a, b);
+    return (r < 0.0) != (b < 0.0) && (r < 0.0 || r > 0.0) ? r + b : r;
+}
+
+#define CC_ARRAY(Name, Element)                                           \
+    static inline void fill_##Name(Name a, Element value)                 \
+    {                                                                     \
+        for (int64_t i = 0; i < a.n; i++) {                               \
+            a.p[i] = value;                                               \
+        }                                                                 \
+    }                                                                     \
+    static inline void copy_##Name(Name a, Name from)                     \
+    {                                                                     \
+        memmove(a.p, from.p, sizeof(Element) * (size_t)a.n);              \
+    }
+CC_ARRAY(Reals, double)
+CC_ARRAY(Ints, int64_t)
+CC_ARRAY(Bytes, uint8_t)
+CC_ARRAY(Words, uint64_t)
+CC_ARRAY(Int8s, int8_t)
+#undef CC_ARRAY
+
+static inline void fill_RealMatrix(RealMatrix a, double value)
+{
+    for (int64_t i = 0; i < a.n * a.columns; i++) {
+        a.p[i] = value;
+    }
+}
+
+static inline int64_t cc_argmin(Reals a)
+{
+    int64_t best = 0;
+    for (int64_t i = 1; i < a.n; i++) {
+        best = a.p[i] < a.p[best] ? i : best;
+    }
+    return best;
+}
+
+/* Values at an address that need not be aligned. */
+#define CC_MEMORY(name, Type)                                             \
+    static inline Type load_##name(int64_t address)                       \
+    {                                                                     \
+        Type value;                                                       \
+        memcpy(&value, (const void *)(intptr_t)address, sizeof value);    \
+        return value;                                                     \
+    }                                                                     \
+    static inline void store_##name(int64_t address, Type value)          \
+    {                                                                     \
+        memcpy((void *)(intptr_t)address, &value, sizeof value);          \
+    }
+CC_MEMORY(byte, uint8_t)
+CC_MEMORY(integer, int32_t)
+CC_MEMORY(word, int64_t)
+CC_MEMORY(real, double)
+#undef CC_MEMORY
+
+#endif

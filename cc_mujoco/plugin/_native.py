@@ -1,0 +1,149 @@
+"""The native library in C99, written from the functions of the whole package."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import re
+from collections.abc import Iterable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.native import _library as native_library
+from cc_mujoco.native._c99 import CLibrary, Function, Intrinsic, Intrinsics, Value
+from cc_mujoco.native._entries import entries_text, has_entry
+from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
+from cc_mujoco.native._kinds import BYTE, INT, INT32, NOTHING, REAL, Scalar
+from cc_mujoco.plugin import _ffi as ffi
+from cc_mujoco.plugin import _registration as registration
+from cc_mujoco.plugin._engine import PLUGIN
+
+_DECLARES = re.compile(
+    rb"^\s*@(compiled|internal|callback)\b|= (compiled|internal)\(", re.MULTILINE
+)
+_NATIVE = native_library.PACKAGE / "native"
+
+
+def write(path: str) -> None:
+    """Write the source of the native library, all functions of this package."""
+    for file in sorted(native_library.PACKAGE.rglob("*.py")):
+        if file.parent != _NATIVE and _DECLARES.search(file.read_bytes()):
+            place = file.relative_to(native_library.PACKAGE.parent)
+            import_module(".".join(place.with_suffix("").parts))
+    Path(path).write_text(source(FUNCTIONS, with_python=True))
+
+
+def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
+    """Return a library in C99 with the plugin, for the installed MuJoCo.
+
+    Args:
+        functions: those that it holds, beside what they call.
+        with_python: whether Python calls them.
+    """
+    made = CLibrary(_intrinsics(), native_library.PACKAGE.parent)
+    entries: list[tuple[str, Function]] = []
+    for function in functions:
+        if function.symbol:
+            made.export(function.symbol, function.py_func)
+        elif with_python and function.is_entry:
+            found = made.require(function.py_func)
+            if has_entry(found):
+                entries.append((function.key, found))
+    text = made.text()
+    calls = (
+        [_read("python_calls.h"), entries_text(made, entries)] if with_python else []
+    )
+    here = Path(__file__).parent
+    return "\n".join(
+        [
+            "#define _GNU_SOURCE",
+            f"#define CC_LOADS_ITSELF {int(not with_python)}",
+            *(f"#define {name} {value}" for name, value in _constants().items()),
+            _read("native.h"),
+            (here / "native_plugin.h").read_text().replace('#include "native.h"\n', ""),
+            text,
+            (here / "native_plugin.c").read_text(),
+            *calls,
+        ]
+    )
+
+
+def _read(name: str) -> str:
+    return (_NATIVE / name).read_text()
+
+
+def _constants() -> dict[str, Any]:
+    other = (
+        f"{registration.PLUGIN_LIBRARY} is for MuJoCo {mujoco.__version__}, not for "
+        "this version; it registers no cables."
+    )
+    return {
+        "CC_DIGEST_SLOTS": ffi.DIGEST_SLOTS,
+        "CC_DIGEST": _quoted(native_library.digest()),
+        "CC_SOURCES": _quoted(native_library.sources_digest()),
+        "CC_ENGINE_NAMES": ", ".join(map(_quoted, registration.ENGINE_NAMES)),
+        "CC_KEYS": ", ".join(map(_quoted, KEYS)),
+        "CC_VERSION": mujoco.mj_version(),
+        "CC_OTHER_VERSION": _quoted(other),
+        "CC_PLUGIN": _quoted(PLUGIN),
+        "CC_CAPABILITIES": registration.plugin_capabilities(),
+        "CC_STAGE": registration.NEEDED_STAGE,
+    }
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"'
+
+
+def _intrinsics() -> Intrinsics:
+    """Return the functions of the plugin that are not written from Python."""
+    found: Intrinsics = {id(each): _engine_call(each) for each in ffi.ENGINE}
+    for name, kind in (
+        ("byte", BYTE),
+        ("integer", INT32),
+        ("word", INT),
+        ("real", REAL),
+    ):
+        load, store = _memory(name, kind)
+        found[id(getattr(ffi, f"load_{name}"))] = load
+        found[id(getattr(ffi, f"store_{name}"))] = store
+    found[id(ffi._digest_table)] = lambda writer, node, given: Value(
+        "(int64_t)(intptr_t)cc_mujoco_said", INT, 9
+    )
+    return found
+
+
+def _engine_call(function: ffi.Engine) -> Intrinsic:
+    result = {None: NOTHING, ctypes.c_int: INT32}.get(function.result, INT)
+
+    def write(writer: Any, node: ast.Call, given: list[Value]) -> Value:
+        texts = []
+        for value, kind in zip(given, function.arguments, strict=True):
+            if kind is ctypes.c_double:
+                texts.append(writer.as_kind(value, REAL, node).text)
+                continue
+            text = writer.as_kind(value, INT, node).at(9)
+            cast = {ctypes.c_int: "(int)", ctypes.c_size_t: "(size_t)"}
+            texts.append(cast.get(kind, "(void *)(intptr_t)") + text)
+        text = f"engine.{function.name}({', '.join(texts)})"
+        if result == INT:
+            text = f"(int64_t)(intptr_t){text}"
+        return Value(text, result, 9)
+
+    return write
+
+
+def _memory(name: str, kind: Scalar) -> tuple[Intrinsic, Intrinsic]:
+    def load(writer: Any, node: ast.Call, given: list[Value]) -> Value:
+        return Value(f"load_{name}({writer.as_kind(given[0], INT, node).text})", kind)
+
+    def store(writer: Any, node: ast.Call, given: list[Value]) -> Value:
+        address = writer.as_kind(given[0], INT, node).text
+        value = writer.as_kind(given[1], kind, node).text
+        return Value(f"store_{name}({address}, {value})", NOTHING)
+
+    return load, store

@@ -1,0 +1,43 @@
+/* What the plugin's functions use beside native.h. MuJoCo's functions are found when the
+   library is loaded, so that it links nothing and serves several releases. */
+#ifndef CC_MUJOCO_NATIVE_PLUGIN_H
+#define CC_MUJOCO_NATIVE_PLUGIN_H
+
+#include "native.h"
+
+#include <stdlib.h>
+
+typedef struct {
+    void *(*mju_malloc)(size_t);
+    void (*mju_free)(void *);
+    void (*mju_message)(void *);
+    void (*mj_solveM)(const void *, void *, double *, const double *, int);
+    void (*mj_applyFT)(const void *, void *, const double *, const double *,
+                       const double *, int, double *);
+    void (*mj_kinematics)(const void *, void *);
+    void (*mj_tendon)(const void *, void *);
+    void (*mj_fullM)(const void *, const void *, double *);
+    void (*mj_mulM)(const void *, void *, double *, const double *);
+    int (*mj_isSparse)(const void *);
+    int (*mju_cholFactor)(double *, int, double);
+    void (*mju_cholSolve)(double *, const double *, const double *, int);
+} Engine;
+
+static Engine engine;
+
+/* Digests of the warnings that this process has issued. */
+CC_EXPORT int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
+
+/* Memory of a function for arrays whose size only the call tells. */
+static inline void *cc_take(size_t size)
+{
+    void *memory = malloc(size + 1);
+    if (memory == NULL) {
+        abort();
+    }
+    return memory;
+}
+
+static inline void cc_give(void *memory) { free(memory); }
+
+#endif

@@ -1,0 +1,157 @@
+"""Functions outside the subset are refused with their place."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco._utils.compilation import FloatArray, FloatMatrix
+from cc_mujoco.errors import CableError
+from cc_mujoco.native._c99 import CLibrary
+from cc_mujoco.native._library import compiler
+
+
+def own_array(n: int) -> FloatArray:
+    found = np.zeros(n)
+    return found
+
+
+def column(table: FloatMatrix) -> FloatArray:
+    return table[:, 1]
+
+
+def stepped(values: FloatArray) -> FloatArray:
+    return values[::2]
+
+
+def whole(values: FloatArray) -> FloatArray:
+    return 2.0 * values
+
+
+def matrix_of_no_name(values: FloatArray) -> float:
+    return float(values[0, 1])
+
+
+def unknown(values: Any) -> float:
+    return float(values[0])
+
+
+def by_name(x: float) -> float:
+    return helper(x=x)
+
+
+def helper(x: float) -> float:
+    return 2.0 * x
+
+
+def changes(x: float) -> float:
+    total: Any = np.zeros(2)
+    total = x
+    return float(total)
+
+
+def cube(x: float) -> float:
+    return x**3
+
+
+def text(x: float) -> float:
+    return x if str(x) else 0.0
+
+
+def exits(x: float) -> float:
+    with open("file"):
+        return x
+
+
+REFUSED: dict[Callable[..., Any], str] = {
+    own_array: "an array of its own that is returned",
+    column: "a view of a column",
+    stepped: "a slice with a step",
+    whole: "arithmetic of arrays",
+    matrix_of_no_name: "say FloatMatrix",
+    unknown: "the type typing.Any",
+    by_name: "an argument given by name",
+    changes: "total changes its type",
+    cube: "a power of an integer; multiply",
+    text: "a call of what is not compiled",
+    exits: "outside the subset",
+}
+
+
+@pytest.mark.parametrize("function", REFUSED)
+def test_refusal_names_file_line_and_reason(function: Any) -> None:
+    library = CLibrary({}, Path(__file__).parents[2])
+    with pytest.raises(CableError) as told:
+        library.require(function)
+        library.translate()
+    first = function.__code__.co_firstlineno
+    found = re.match(r"(.*):(\d+): (.*)", str(told.value))
+    assert found is not None
+    assert found[1] == __file__
+    assert first <= int(found[2]) <= first + 3
+    assert REFUSED[function] in found[3]
+    assert f"in {function.__name__} is outside the subset" in found[3]
+
+
+def arithmetic(a: int, b: int, x: float, y: float, out: FloatArray) -> None:
+    out[0] = a // b
+    out[1] = a % b
+    out[2] = x // y
+    out[3] = x % y
+    out[4] = x**2
+    out[5] = abs(y) ** x
+    out[6] = min(x, y)
+    out[7] = max(x, y, 0.0)
+    out[8] = abs(a)
+    out[9] = np.sign(x)
+    out[10] = round(x)
+    out[11] = a << 2 | b & 3 ^ 5
+    out[12] = 1.0 if a < b < 3 or not x > y else -1.0
+
+
+def test_arithmetic_is_that_of_python(tmp_path: Path) -> None:
+    library = CLibrary({}, Path(__file__).parents[2])
+    library.export("arithmetic", arithmetic)
+    main = """#include <stdio.h>
+int main(void) {
+    double a, b, x, y, out[13];
+    while (scanf("%lf %lf %lf %lf", &a, &b, &x, &y) == 4) {
+        arithmetic((int64_t)a, (int64_t)b, x, y, (Reals){out, 13});
+        for (int i = 0; i < 13; i++) printf("%.17g ", out[i]);
+        printf("\\n");
+    }
+    return 0;
+}
+"""
+    header = Path(sys.modules[CLibrary.__module__].__file__ or "").with_name("native.h")
+    source = tmp_path / "main.c"
+    source.write_text(header.read_text() + library.text() + main)
+    program = tmp_path / "main"
+    flags = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+    command = [*compiler(), *flags, "-Wconversion", "-Wshadow", "-o", str(program)]
+    subprocess.run([*command, str(source), "-lm"], check=True)
+    rng = np.random.default_rng(0)
+    rows = [
+        (int(a), int(b) or 1, float(x), float(y))
+        for a, b, x, y in zip(
+            rng.integers(-9, 10, 200),
+            rng.integers(-4, 5, 200),
+            rng.normal(size=200) * 3.0,
+            rng.normal(size=200),
+            strict=True,
+        )
+    ]
+    given = "\n".join(f"{a} {b} {x!r} {y!r}" for a, b, x, y in rows)
+    said = subprocess.run([program], input=given, capture_output=True, text=True)
+    for row, line in zip(rows, said.stdout.splitlines(), strict=True):
+        right = np.empty(13)
+        arithmetic(*row, right)
+        found = np.array(line.split(), dtype=float)
+        assert np.array_equal(found, right), (row, found, right)

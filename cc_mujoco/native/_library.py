@@ -23,6 +23,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.native._api import API
 
 PACKAGE = Path(__file__).parents[1]
@@ -79,22 +80,44 @@ def library() -> ctypes.CDLL:
     """Return the native library of this code, compiled if need be.
 
     Raises:
-        ImportError: there is none and no compiler, or it does not load.
+        NativeLibraryError: there is none and no compiler, or it does not load.
     """
     if is_being_written():
-        raise ImportError("the native library is being written.")
+        raise NativeLibraryError("the native library is being written.")
     path, carried = CARRIED, b""
     if path.is_file():
         carried = path.read_bytes()
     # What a wheel carries is found without parsing a file.
     if sources_digest().encode() not in carried and digest().encode() not in carried:
-        path = folder() / f"libcc_mujoco-{digest()[:20]}{SUFFIX}"
-        if not path.is_file():
-            build(path)
+        path = _kept() or _keep()
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
-        raise ImportError(f"the native library {path} does not load: {error}") from None
+        raise NativeLibraryError(
+            f"the native library {path} does not load: {error}"
+        ) from None
+
+
+class NativeLibraryError(CableError, ImportError):
+    """The native library cannot be made, kept or loaded."""
+
+
+def _kept() -> Path | None:
+    """Return the library of this code in the folder of this user, if it is whole."""
+    for path in folder().glob(f"libcc_mujoco-{digest()[:20]}-*{SUFFIX}"):
+        if path.stem.endswith(f"-{path.stat().st_size}"):
+            return path
+    return None
+
+
+def _keep() -> Path:
+    """Compile the library into that folder; its name has its size in bytes."""
+    made = folder() / f"libcc_mujoco-{digest()[:20]}-{os.getpid()}.partial"
+    build(made)
+    size = made.stat().st_size
+    return made.replace(
+        made.with_name(f"{made.stem.rpartition('-')[0]}-{size}{SUFFIX}")
+    )
 
 
 def is_being_written() -> bool:
@@ -161,9 +184,10 @@ class _Index:
     def __init__(self) -> None:
         self._path = folder() / "trees.json"
         try:
-            self._known: dict[str, str] = json.loads(self._path.read_text())
+            known = json.loads(self._path.read_text())
         except (OSError, ValueError):
-            self._known = {}
+            known = None
+        self._known: dict[str, str] = known if isinstance(known, dict) else {}
         self._used: dict[str, str] = {}
 
     def meaning(self, content: bytes) -> str:
@@ -219,7 +243,7 @@ def compiler() -> list[str]:
     """Return the command of a C compiler.
 
     Raises:
-        ImportError: there is none.
+        NativeLibraryError: there is none.
     """
     for name in (os.environ.get("CC", ""), "cc", "clang", "gcc"):
         found = shutil.which(name) if name else None
@@ -227,7 +251,7 @@ def compiler() -> list[str]:
             return [found]
     if find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
-    raise ImportError(
+    raise NativeLibraryError(
         "cc_mujoco needs a C compiler once and finds none; install `gcc` or `clang`, "
         "or `pip install ziglang`."
     )
@@ -237,7 +261,8 @@ def build(path: Path) -> None:
     """Compile the library into a file, which appears whole or not at all.
 
     Raises:
-        ImportError: there is no compiler, it fails, or the folder cannot be written.
+        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
+            written.
     """
     compiler()
     if sys.stderr is not None:
@@ -250,7 +275,7 @@ def build(path: Path) -> None:
             compile_library(source, made)
             made.replace(path)
     except OSError as error:
-        raise ImportError(
+        raise NativeLibraryError(
             f"cc_mujoco keeps its native library in {path.parent}, which cannot be "
             f"written ({error.strerror}); set CC_MUJOCO_CACHE_DIR to another folder."
         ) from None
@@ -260,7 +285,7 @@ def compile_library(source: Path, path: Path) -> None:
     """Compile a source in C to a shared library.
 
     Raises:
-        ImportError: there is no compiler, or it fails.
+        NativeLibraryError: there is no compiler, or it fails.
     """
     libraries = [] if sys.platform == "win32" else ["-lm"]
     built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
@@ -284,11 +309,11 @@ def run(command: list[str], environment: dict[str, str] | None = None) -> None:
     """Run a command to its end.
 
     Raises:
-        ImportError: it fails; with its last lines.
+        NativeLibraryError: it fails; with its last lines.
     """
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     if done.returncode != 0:
-        raise ImportError(
+        raise NativeLibraryError(
             f"the native library cannot be compiled; `{command[0]}` says:\n"
             + "\n".join(done.stderr.splitlines()[-30:])
         )

@@ -153,3 +153,26 @@ def test_two_processes_compile_one_library(tmp_path: Path) -> None:
     assert len(left) == 2
     assert left[0].startswith("libcc_mujoco-")
     assert left[1] == "trees.json"
+
+
+def test_library_that_is_not_whole_is_compiled_anew(tmp_path: Path) -> None:
+    """As of a disk that was full, or a copy that was cut off."""
+    code = "import cc_mujoco.plugin"
+    assert load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path)).returncode == 0
+    (library,) = tmp_path.glob("libcc_mujoco-*")
+    content = library.read_bytes()
+    library.write_bytes(content[:1000])
+    (tmp_path / "trees.json").write_text("[]")
+    assert load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path)).returncode == 0
+    assert library.stat().st_size == len(content)
+
+
+def test_command_without_a_compiler_is_one_sentence(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['ziglang'] = None; from cc_mujoco.cli import main; "
+        "sys.exit(main(['play', 'wrist']))"
+    )
+    done = load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path), PATH="", CC="")
+    assert done.returncode == 2
+    assert done.stderr.startswith("cc-mujoco: cc_mujoco needs a C compiler once")
+    assert done.stderr.count("\n") == 1

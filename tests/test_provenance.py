@@ -158,12 +158,12 @@ def test_a_recorded_trajectory_counts(project: Path) -> None:
 def test_other_sources_and_versions_are_named() -> None:
     now = code_provenance("pi")
     assert now["files"] == {}
-    assert {"mujoco", "numpy", "numba"} <= set(now["versions"])
-    then = {**now, "sources": "", "versions": {**now["versions"], "numba": "0.1"}}
-    numba = now["versions"]["numba"]
+    assert {"mujoco", "numpy", "scipy"} <= set(now["versions"])
+    then = {**now, "sources": "", "versions": {**now["versions"], "scipy": "0.1"}}
+    scipy = now["versions"]["scipy"]
     assert provenance_differences(then, now) == [
         "the sources of cc_mujoco",
-        f"numba (0.1, now {numba})",
+        f"scipy (0.1, now {scipy})",
     ]
     for older in (None, {}, {"code": "abc"}, "text"):
         assert provenance_differences(older, now) == ["an earlier version of cc_mujoco"]

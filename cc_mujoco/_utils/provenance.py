@@ -41,7 +41,7 @@ from cc_mujoco.errors import CableError
 POLICY_ENDING = ".safetensors"
 """Ending of a policy's file."""
 
-VERSIONED_PACKAGES = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
+VERSIONED_PACKAGES = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "scipy")
 """Packages that decide the numbers."""
 
 DECLARED = "CC_MUJOCO_FILES"

@@ -7,9 +7,7 @@
 
 Guarantees: tensions are >= 0 and finite for finite input, friction never feeds energy
 in, a term that is off changes no bit, and `advance` reads `state` and writes
-`new_state` only. Everything is callable from Numba-compiled code and needs no GIL; a
-caller of your own is best compiled without `cache=True`, for Numba would keep it when
-this module changes.
+`new_state` only. Calls from Python release its lock.
 
 The layout of `prm` and `state` is defined in `_layout.py`.
 

@@ -24,7 +24,7 @@ from cc_mujoco._validation import require_parameter
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.errors import CableError
 
-# Devices are known before MuJoCo and Numba are loaded.
+# Devices are known before MuJoCo is loaded.
 if TYPE_CHECKING:
     from cc_mujoco.cable import Cable
     from cc_mujoco.device._drive import Drive

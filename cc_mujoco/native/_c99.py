@@ -50,6 +50,10 @@ from cc_mujoco.native._kinds import (
 _ATOM, _UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
     10, 0, -1
 )
+UNARY = _UNARY
+"""Rank of a unary operator or a cast, for functions that are written by hand."""
+DIMENSIONS = "n", "columns", "layers"
+"""Fields of an array's structure in C that hold its sizes."""
 _OPERATORS: dict[type[ast.operator], tuple[str, int]] = {
     ast.Add: ("+", _SUM), ast.Sub: ("-", _SUM), ast.Mult: ("*", _PRODUCT),
     ast.Div: ("/", _PRODUCT), ast.BitAnd: ("&", _BITS), ast.BitOr: ("|", _BITS),
@@ -143,12 +147,12 @@ class CLibrary:
         """Translate a function and give it a name that is seen outside."""
         found = self.require(function)
         kinds = found.signature.arguments
-        given = ", ".join(f"{self.type(kind)} {_name(n)}" for n, kind in kinds.items())
+        given = ", ".join(f"{self.type(kind)} {c_name(n)}" for n, kind in kinds.items())
         result = found.signature.result
         calls = "" if result == NOTHING else "return "
         self._exports.append(
             f"CC_EXPORT {self.type(result)} {symbol}({given or 'void'})\n{{\n"
-            f"    {calls}{found.name}({', '.join(map(_name, kinds))});\n}}\n"
+            f"    {calls}{found.name}({', '.join(map(c_name, kinds))});\n}}\n"
         )
 
     def require(self, function: types.FunctionType) -> Function:
@@ -196,7 +200,7 @@ class CLibrary:
             return kind.c
         if isinstance(kind, Structure) and kind.name not in self._records:
             fields = "\n".join(
-                f"    {self.type(each)} {_name(name)};" for name, each in kind.fields
+                f"    {self.type(each)} {c_name(name)};" for name, each in kind.fields
             )
             self._records[kind.name] = f"typedef struct {{\n{fields}\n}} {kind.name};\n"
         if isinstance(kind, Structure) and kind.is_pointer:
@@ -274,7 +278,8 @@ def literal(found: Any) -> Value:
     return Value(repr(float(found)), REAL, _ATOM if found >= 0 else _UNARY)
 
 
-def _name(name: str) -> str:
+def c_name(name: str) -> str:
+    """Return a name that C and its libraries have not taken."""
     return f"{name}_" if name in _RESERVED else name
 
 
@@ -330,14 +335,14 @@ class _Writer:
                 break
         result = self.library.type(self._as.signature.result)
         given = ", ".join(
-            f"{self.library.type(kind)} {_name(name)}"
+            f"{self.library.type(kind)} {c_name(name)}"
             for name, kind in self._arguments.items()
         )
         head = f"static {result} {self._as.name}({given or 'void'})"
         if len(head) > 88:
             head = head.replace("(", "(\n    ", 1).replace(", ", ",\n    ")
         variables = [
-            f"    {self.library.type(kind)} {_name(name)} = {_zero(kind)};"
+            f"    {self.library.type(kind)} {c_name(name)} = {_zero(kind)};"
             for name, kind in self._kinds.items()
             if name not in {*self._arguments, *self._loop_local, "_"}
         ]
@@ -351,7 +356,7 @@ class _Writer:
         unused += [n for n in self._kinds if n not in loaded and n != "_"]
         unused += [n for n in self._arguments if n in used and n not in loaded]
         silence = [
-            f"    (void){_name(n)};" for n in unused if n not in self._loop_local
+            f"    (void){c_name(n)};" for n in unused if n not in self._loop_local
         ]
         memory = [f"    void *{name} = NULL;" for name in self._memory]
         lines = self._lines
@@ -473,7 +478,7 @@ class _Writer:
         if not name.isidentifier():
             raise self.refuse(node, f"{value.kind.name} where {kind.name} is due")
         parts = [
-            self.as_kind(Value(f"{name}.{_name(field)}", given), wanted, node).text
+            self.as_kind(Value(f"{name}.{c_name(field)}", given), wanted, node).text
             for (field, given), (_, wanted) in zip(
                 value.kind.fields, kind.fields, strict=True
             )
@@ -611,7 +616,7 @@ class _Writer:
             raise self.refuse(node, "a step that is no number")
         name = node.target.id
         local = name in self._loop_local
-        counter = _name(name) if local and name != "_" else self._temporary("k")
+        counter = c_name(name) if local and name != "_" else self._temporary("k")
         stop_node = call.args[1] if len(call.args) > 1 else call.args[0]
         first = f"int64_t {counter} = {start}"
         if not self._is_steady(stop_node, node.body):
@@ -759,7 +764,7 @@ class _Writer:
     def _unpack(self, target: ast.Tuple, value: Value, depth: int) -> None:
         if isinstance(value.kind, Structure):
             parts = [
-                Value(f"{value.text}.{_name(name)}", kind)
+                Value(f"{value.text}.{c_name(name)}", kind)
                 for name, kind in value.kind.fields
             ]
         elif isinstance(value.kind, Array) and value.kind.dims == 1:
@@ -793,7 +798,7 @@ class _Writer:
             source = self._hold_copy(source, depth)
             size = _size_of(source)
             place = self._memory_for(element, size, depth)
-            c, own = element.c, _name(name)
+            c, own = element.c, c_name(name)
             self._emit(depth, f"{own} = {source.text};")
             self._emit(depth, f"{own}.p = {place};")
             bytes_ = f"sizeof({c}) * (size_t)({size})"
@@ -824,7 +829,7 @@ class _Writer:
             self._storage.append(f"    {element.c} {place}[{size}];")
         else:
             place = self._memory_for(element, size, depth)
-        own = _name(name)
+        own = c_name(name)
         c = self.library.type(kind)
         self._emit(depth, f"{own} = ({c}){{{place}, {', '.join(sizes)}}};")
         if maker is np.zeros:
@@ -859,7 +864,7 @@ class _Writer:
             if value.text in self._owned:
                 self._owned.add(target.id)
             text = self.as_kind(value, kind, target).text
-            self._emit(depth, f"{_name(target.id)} = {text};")
+            self._emit(depth, f"{c_name(target.id)} = {text};")
             return
         if isinstance(target, ast.Attribute):
             place = self._attribute(target)
@@ -927,7 +932,7 @@ class _Writer:
         if isinstance(node, ast.Name):
             kind = self._kind(node.id)
             if kind is not None:
-                return Value(_name(node.id), kind)
+                return Value(c_name(node.id), kind)
             found = self._scope.lookup(node)
             if found is None:
                 raise self.refuse(node, "an unknown name")
@@ -983,7 +988,7 @@ class _Writer:
         owner = self.expression(node.value)
         if isinstance(owner.kind, Structure):
             to = "->" if owner.kind.is_pointer else "."
-            text = f"{owner.at(_ATOM)}{to}{_name(node.attr)}"
+            text = f"{owner.at(_ATOM)}{to}{c_name(node.attr)}"
             return Value(text, owner.kind.kind_of(node.attr))
         if isinstance(owner.kind, Array) and node.attr == "size":
             return Value(
@@ -1083,7 +1088,7 @@ class _Writer:
             place = _place(node.slice)
             if place >= 0:
                 field, kind = owner.kind.fields[place]
-                return Value(f"{owner.at(_ATOM)}.{_name(field)}", kind)
+                return Value(f"{owner.at(_ATOM)}.{c_name(field)}", kind)
             return self._choice(node, owner, owner.kind)
         if not isinstance(owner.kind, Array):
             raise self.refuse(node, "an index of a number")
@@ -1098,7 +1103,7 @@ class _Writer:
         if isinstance(known, tuple):
             parts = [self._constant(each, ast.Constant(each)).text for each in known]
         else:
-            parts = [f"{owner.at(_ATOM)}.{_name(name)}" for name, _ in kind.fields]
+            parts = [f"{owner.at(_ATOM)}.{c_name(name)}" for name, _ in kind.fields]
         item = kinds.pop()
         place = self.as_kind(self.expression(node.slice), INT, node).text
         cells = f"(const {self.library.type(item)}[]){{{', '.join(parts)}}}"
@@ -1179,7 +1184,7 @@ class _Writer:
         if isinstance(found, type) and hasattr(found, "_fields"):
             record = record_of(found)
             parts = ", ".join(
-                f".{_name(field)} = {self.as_kind(value, kind, node).text}"
+                f".{c_name(field)} = {self.as_kind(value, kind, node).text}"
                 for value, (field, kind) in zip(given, record.fields, strict=True)
             )
             return Value(f"({self.library.type(record)}){{{parts}}}", record)
@@ -1231,7 +1236,7 @@ class _Writer:
                 if not isinstance(value.kind, Structure):
                     raise self.refuse(node, "a star")
                 given += [
-                    Value(f"{value.at(_ATOM)}.{_name(name)}", kind)
+                    Value(f"{value.at(_ATOM)}.{c_name(name)}", kind)
                     for name, kind in value.kind.fields
                 ]
             elif (
@@ -1344,7 +1349,7 @@ def _zero(kind: Kind) -> str:
 def _dims_of(value: Value) -> list[str]:
     assert isinstance(value.kind, Array)
     owner = value.at(_ATOM)
-    return [f"{owner}.{name}" for name in ("n", "columns", "layers")[: value.kind.dims]]
+    return [f"{owner}.{name}" for name in DIMENSIONS[: value.kind.dims]]
 
 
 def _place(node: ast.expr) -> int:

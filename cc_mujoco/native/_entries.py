@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cc_mujoco.native._c99 import CLibrary, Function
+from cc_mujoco.native._c99 import DIMENSIONS, CLibrary, Function, c_name
 from cc_mujoco.native._kinds import (
     BOOL,
     INT,
@@ -14,13 +14,11 @@ from cc_mujoco.native._kinds import (
     Kind,
     Scalar,
     Structure,
-    short_name,
+    dtype_of,
 )  # fmt: skip
 
-_CLASSES = {"double": ("d", 8, "float64"), "int64_t": ("i", 8, "int64"),
-            "uint8_t": ("u", 1, "uint8"), "int8_t": ("i", 1, "int8"),
-            "bool": ("?", 1, "bool"), "uint64_t": ("u", 8, "uint64"),
-            "int32_t": ("i", 4, "int32")}  # fmt: skip
+MOST_PARTS = 64
+"""Most arrays, and most fields of tuples, of a call; see `python_calls.h`."""
 
 
 def has_entry(function: Function) -> bool:
@@ -59,6 +57,7 @@ def entries_text(library: CLibrary, functions: Sequence[tuple[str, Function]]) -
 
 def _entry(library: CLibrary, function: Function) -> str:
     kinds = function.signature.arguments
+    assert sum(map(_part_count, kinds.values())) <= MOST_PARTS, function.name
     lines: list[str] = []
     names = []
     for place, (name, kind) in enumerate(kinds.items()):
@@ -68,16 +67,13 @@ def _entry(library: CLibrary, function: Function) -> str:
     call = f"{function.name}({', '.join(names)})"
     if result != NOTHING:
         call = f"const {library.type(result)} result = {call}"
-    made = "result"
     body = [
         "PyObject *made = NULL;",
-        f"if (!call.failed && has_count(&call, count, {len(kinds)})) {{"
-        if not kinds
-        else "if (!call.failed) {",
+        "if (!call.failed) {",
         "    void *thread = api.PyEval_SaveThread();",
         f"    {call};",
         "    api.PyEval_RestoreThread(thread);",
-        *(f"    {line}" for line in _make("made", made, result, 0)),
+        *(f"    {line}" for line in _make("made", "result", result, 0)),
         "}",
         "end_call(&call);",
         "return made;",
@@ -97,11 +93,18 @@ def _entry(library: CLibrary, function: Function) -> str:
             "    call.failed = false;",
             "    (void)self;",
             *(["    (void)args;"] if not kinds else []),
-            *(f"    {line}" for line in [*(check if kinds else []), *lines, *body]),
+            *(f"    {line}" for line in [*check, *lines, *body]),
             "}",
             "",
         ]
     )
+
+
+def _part_count(kind: Kind) -> int:
+    """Return how many arrays and fields are read of an argument, at most."""
+    if isinstance(kind, Structure):
+        return sum(1 + _part_count(each) for _, each in kind.fields)
+    return int(isinstance(kind, Array))
 
 
 def _take(
@@ -116,20 +119,21 @@ def _take(
         return [f"const {kind.c} {target} = call.failed ? 0 : {value};"]
     c = library.type(kind)
     if isinstance(kind, Array):
-        letter, size, dtype = _CLASSES[kind.element.c]
-        what = f"a contiguous array of {dtype} of {kind.dims} dimension" + "s" * (
-            kind.dims > 1
-        )
-        fields = ["n", "columns", "layers"][: kind.dims]
+        dtype = dtype_of(kind.element)
+        what = f"a contiguous array of {dtype} of {kind.dims} dimension"
+        what += "s" if kind.dims > 1 else ""
         return [
             f"{c} {target} = {{0}};",
             "{",
             f"    int64_t shape[{kind.dims}] = {{0}};",
             "    void *data = NULL;",
             f'    take_array(&call, {source}, "{name}", "{what}", '
-            f"'{letter}', {size}, {kind.dims}, &data, shape);",
+            f"'{dtype.kind}', {dtype.itemsize}, {kind.dims}, &data, shape);",
             f"    {target}.p = data;",
-            *(f"    {target}.{field} = shape[{i}];" for i, field in enumerate(fields)),
+            *(
+                f"    {target}.{field} = shape[{i}];"
+                for i, field in enumerate(DIMENSIONS[: kind.dims])
+            ),
             "}",
         ]
     lines = [f"{c} {target};", f"memset(&{target}, 0, sizeof {target});"]
@@ -139,14 +143,8 @@ def _take(
             f'PyObject *o_{item} = take_item(&call, {source}, {place}, "{name}");'
         )
         lines += _take(library, item, f"{name}.{field}", f"o_{item}", each)
-        lines.append(f"{target}.{_field(field)} = {item};")
+        lines.append(f"{target}.{c_name(field)} = {item};")
     return lines
-
-
-def _field(name: str) -> str:
-    from cc_mujoco.native._c99 import _name
-
-    return _name(name)
 
 
 def _make(target: str, source: str, kind: Kind, depth: int) -> list[str]:
@@ -163,7 +161,7 @@ def _make(target: str, source: str, kind: Kind, depth: int) -> list[str]:
                 *(
                     f"    {line}"
                     for line in _make(
-                        item, f"{source}.{_field(field)}", each, depth + 1
+                        item, f"{source}.{c_name(field)}", each, depth + 1
                     )
                 ),
                 f"    (void)api.PyTuple_SetItem({target}, {place}, {item});",
@@ -174,5 +172,4 @@ def _make(target: str, source: str, kind: Kind, depth: int) -> list[str]:
         return [f"{target} = api.PyFloat_FromDouble({source});"]
     if kind == BOOL:
         return [f"{target} = api.PyBool_FromLong({source});"]
-    assert short_name(kind)
     return [f"{target} = api.PyLong_FromLongLong({source});"]

@@ -23,6 +23,7 @@ from cc_mujoco.native._kinds import (
     Array,
     Kind,
     Structure,
+    dtype_of,
     signature_of,
 )  # fmt: skip
 
@@ -106,11 +107,7 @@ def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
         )
     if not isinstance(kind, Array):
         return given
-    dtype = {
-        "double": "f8", "int64_t": "i8", "uint8_t": "u1", "int8_t": "i1", "bool": "?",
-        "uint64_t": "u8", "int32_t": "i4",
-    }[kind.element.c]  # fmt: skip
-    copy = np.ascontiguousarray(given, dtype=dtype)
+    copy = np.ascontiguousarray(given, dtype=dtype_of(kind.element))
     if copy is not given and isinstance(given, np.ndarray):
         copies.append((given, copy))
     return copy

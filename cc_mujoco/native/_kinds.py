@@ -78,6 +78,11 @@ _SHORT = {
 }  # fmt: skip
 
 
+def dtype_of(kind: Scalar) -> np.dtype[Any]:
+    """Return the type of a number as NumPy names it."""
+    return np.dtype(kind.c.removesuffix("_t"))
+
+
 class UnknownTypeError(Exception):
     """An annotation that names no type of compiled functions."""
 

@@ -16,7 +16,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -37,6 +38,8 @@ FLAGS = (
     "-fno-math-errno", "-fvisibility=hidden",
 )  # fmt: skip
 """Flags of the compiler. Nothing is contracted: every machine gives the same bits."""
+_ELSEWHERE = "assets", "envs"
+"""Folders of an installed package that lie elsewhere in a checkout."""
 BUILDING = "CC_MUJOCO_BUILDING"
 """Variable of the process that writes the library, which must not need it."""
 
@@ -84,12 +87,7 @@ def library() -> ctypes.CDLL:
     """
     if is_being_written():
         raise NativeLibraryError("the native library is being written.")
-    path, carried = CARRIED, b""
-    if path.is_file():
-        carried = path.read_bytes()
-    # What a wheel carries is found without parsing a file.
-    if sources_digest().encode() not in carried and digest().encode() not in carried:
-        path = _kept() or _keep()
+    path = CARRIED if _is_carried() else _kept() or _keep()
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -100,6 +98,15 @@ def library() -> ctypes.CDLL:
 
 class NativeLibraryError(CableError, ImportError):
     """The native library cannot be made, kept or loaded."""
+
+
+def _is_carried() -> bool:
+    """Return whether this package carries the library of its code, as in a wheel."""
+    if not CARRIED.is_file():
+        return False
+    content = CARRIED.read_bytes()
+    # The first needs no file to be parsed.
+    return sources_digest().encode() in content or digest().encode() in content
 
 
 def _kept() -> Path | None:
@@ -162,20 +169,13 @@ def _machine() -> Any:
     return hashlib.sha256(whole.encode())
 
 
-@cache
-def _sources() -> tuple[tuple[str, bytes], ...]:
+def _sources() -> Iterator[tuple[str, bytes]]:
     """Return the files of the package that the library may be made of."""
-    found = []
     for path in sorted(PACKAGE.rglob("*")):
         place = path.relative_to(PACKAGE)
-        # These lie elsewhere in a checkout.
-        if place.parts[0] not in ("assets", "envs") and path.suffix in (
-            ".py",
-            ".h",
-            ".c",
-        ):
-            found.append((place.as_posix(), path.read_bytes()))
-    return tuple(found)
+        if place.parts[0] in _ELSEWHERE or path.suffix not in (".py", ".h", ".c"):
+            continue
+        yield place.as_posix(), path.read_bytes()
 
 
 class _Index:
@@ -201,18 +201,10 @@ class _Index:
         """Write what is new, where that can be."""
         if self._used.keys() <= self._known.keys():
             return
-        with _quietly():
+        with suppress(OSError):  # it is known again after another second of parsing
             self._path.parent.mkdir(parents=True, exist_ok=True)
             text = json.dumps({**self._known, **self._used})
             _write_whole(self._path, text.encode())
-
-
-class _quietly:
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
-        return isinstance(error, OSError)
 
 
 def _write_whole(path: Path, content: bytes) -> None:

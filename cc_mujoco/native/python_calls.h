@@ -93,7 +93,7 @@ static void take_array(Call *call, PyObject *given, const char *name, const char
         format++;
     }
     const char found = format == NULL ? 'B' : *format;
-    const char class = found == 'd' ? 'd' : found == '?' ? '?'
+    const char class = found == 'd' ? 'f' : found == '?' ? 'b'
         : found == 'l' || found == 'q' || found == 'b' || found == 'i' ? 'i'
         : found == 'L' || found == 'Q' || found == 'B' ? 'u' : ' ';
     if (class != kind || view->itemsize != size || view->ndim != dims) {
@@ -109,9 +109,7 @@ static void take_array(Call *call, PyObject *given, const char *name, const char
 static double take_real(Call *call, PyObject *given, const char *name)
 {
     const double value = api.PyFloat_AsDouble(given);
-    if (!(value < 0.0 || value > 0.0) && api.PyErr_Occurred() != NULL) {
-        fail(call, name, "a number");
-    } else if (value < 0.0 && api.PyErr_Occurred() != NULL) {
+    if (value < 0.0 && api.PyErr_Occurred() != NULL) { /* -1 where it fails */
         fail(call, name, "a number");
     }
     return value;

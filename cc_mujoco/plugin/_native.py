@@ -14,7 +14,14 @@ import mujoco
 
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.native import _library as native_library
-from cc_mujoco.native._c99 import CLibrary, Function, Intrinsic, Intrinsics, Value
+from cc_mujoco.native._c99 import (
+    UNARY,
+    CLibrary,
+    Function,
+    Intrinsic,
+    Intrinsics,
+    Value,
+)
 from cc_mujoco.native._entries import entries_text, has_entry
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
 from cc_mujoco.native._kinds import BYTE, INT, INT32, NOTHING, REAL, Scalar
@@ -112,7 +119,7 @@ def _intrinsics() -> Intrinsics:
         found[id(getattr(ffi, f"load_{name}"))] = load
         found[id(getattr(ffi, f"store_{name}"))] = store
     found[id(ffi._digest_table)] = lambda writer, node, given: Value(
-        "(int64_t)(intptr_t)cc_mujoco_said", INT, 9
+        "(int64_t)(intptr_t)cc_mujoco_said", INT, UNARY
     )
     return found
 
@@ -126,13 +133,13 @@ def _engine_call(function: ffi.Engine) -> Intrinsic:
             if kind is ctypes.c_double:
                 texts.append(writer.as_kind(value, REAL, node).text)
                 continue
-            text = writer.as_kind(value, INT, node).at(9)
+            text = writer.as_kind(value, INT, node).at(UNARY)
             cast = {ctypes.c_int: "(int)", ctypes.c_size_t: "(size_t)"}
             texts.append(cast.get(kind, "(void *)(intptr_t)") + text)
         text = f"engine.{function.name}({', '.join(texts)})"
         if result == INT:
             text = f"(int64_t)(intptr_t){text}"
-        return Value(text, result, 9)
+        return Value(text, result, UNARY)
 
     return write
 

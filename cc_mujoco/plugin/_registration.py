@@ -119,7 +119,7 @@ class _SymbolInfo(ctypes.Structure):
 
 
 def file_of(address: int) -> str | None:
-    """Return the shared library that an address lies in; none has what Numba made."""
+    """Return the shared library that an address lies in, None where that is unknown."""
     if sys.platform == "win32":
         return None
     info = _SymbolInfo()

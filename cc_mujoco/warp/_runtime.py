@@ -1,4 +1,4 @@
-"""Warp functions that stand for what Numba has and Warp has not."""
+"""Warp functions for what Python has and Warp has not."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
     library = translate([kernel.step, pack.initialize], Known())
     print(library.source)
 
-The physics is written once, for Numba. Every function that the given ones call is
+The physics is written once, for C. Every function that the given ones call is
 translated by its syntax tree, in the common subset that `cable/README.md` defines; what
 leaves the subset is refused with its place. Arithmetic keeps its order, so that in
 float64 both give the same bits unless a step calls exp, log or pow.
@@ -194,7 +194,7 @@ def refusal(function: types.FunctionType, node: Any, what: str) -> CableError:
     line = code.co_firstlineno + getattr(node, "lineno", 1) - 1
     return CableError(
         f"{code.co_filename}:{line}: {what} in {function.__name__} is outside the "
-        "common subset of Numba and Warp; use what cable/README.md lists"
+        "common subset of C and Warp; use what cable/README.md lists"
     )
 
 

@@ -84,7 +84,7 @@ def test_the_example_of_the_page_is_named_and_in_the_scene(tmp_path: Path) -> No
         )
         (named,) = found.diagnosis.effects
         assert (named.id, found.diagnosis.verdict) == ("joint_drag", "named")
-        assert "iscous drag on the joint" in found.diagnosis.statement
+        assert "Viscous drag on the joint" in found.diagnosis.statement
         assert named.parameters["joint_drag"].holds(0.3)
         scene = tmp_path / "scene.xml"
         (expected,) = write_and_compare_scene(found, scene)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.native import FloatArray, internal
 
 
 @internal

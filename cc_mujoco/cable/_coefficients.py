@@ -5,12 +5,12 @@ The laws are those of `_friction.py`. What they give are rows of scratch, `_layo
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._fronts import overcome_direction
+from cc_mujoco.native import FloatArray, internal
 
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _BRISTLE = law.INDEX["bristle_length"]

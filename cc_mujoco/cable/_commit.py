@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._pre_step import loses_stretch
+from cc_mujoco.native import FloatArray, internal
 
 POSITION, TENSION = 0, 1
 """Quantity prescribed at an end."""

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import ByteMatrix, FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
 from cc_mujoco.cable._mesh import lay_segments, segment_wraps
 from cc_mujoco.cable._parameters import PARAMETERS, Cable, Section
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled
 
 
 def packed_parameters(cable: Cable) -> FloatArray:

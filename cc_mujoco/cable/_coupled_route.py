@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
@@ -29,6 +28,7 @@ from cc_mujoco.cable._pack import set_path
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._pulleys import Driven
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 
 @dataclass(frozen=True, eq=False)

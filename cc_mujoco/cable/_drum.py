@@ -24,10 +24,10 @@ neighbours become one that lose least energy by it, which counts as heat.
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.native import FloatArray, internal
 
 _PRETENSION = law.INDEX["pretension"]
 _MOUNTED, _OWED, _BOTTOM = 0, 1, 2

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import internal
+from cc_mujoco.native import internal
 
 
 @internal

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cc_mujoco._utils.compilation import internal
+from cc_mujoco.native import internal
 
 
 class Piece(NamedTuple):

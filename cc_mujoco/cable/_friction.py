@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import PARAMETERS, TERMS
+from cc_mujoco.native import FloatArray, compiled, internal
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 """Position of each scalar parameter in the packed vector."""

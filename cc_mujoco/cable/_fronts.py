@@ -20,7 +20,7 @@ it does while coefficients are constant. It says so when it fails, and
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import (
+from cc_mujoco.native import (
     FloatArray,
     compiled,
     internal,

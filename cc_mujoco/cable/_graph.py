@@ -24,15 +24,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import (
-    FloatArray,
-    compiled,
-    internal,
-)
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE
 from cc_mujoco.cable._policy_iteration import (
     solve_marked,
     solve_with_slack,
+)
+from cc_mujoco.native import (
+    FloatArray,
+    compiled,
+    internal,
 )
 
 _SLIPS_LEFT, _HELD, _SLACK = 0, 1, 2

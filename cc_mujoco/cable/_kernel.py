@@ -20,11 +20,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import (
-    FloatArray,
-    compiled,
-    internal,
-)
 from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
@@ -61,6 +56,11 @@ from cc_mujoco.cable._pack import pack as pack
 from cc_mujoco.cable._pack import pack_mesh as pack_mesh
 from cc_mujoco.cable._pack import rebend as rebend
 from cc_mujoco.cable._presliding import preslide
+from cc_mujoco.native import (
+    FloatArray,
+    compiled,
+    internal,
+)
 
 OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 """Status of a step; on NOT_FINITE the new state is the old one.

@@ -28,8 +28,8 @@ State vector:
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable._parameters import PARAMETERS
+from cc_mujoco.native import FloatArray, compiled, internal
 
 SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 MAX_REFINEMENT = 8.0
 """Times that a segment may be shorter than the mean."""

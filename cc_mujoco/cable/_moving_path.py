@@ -27,11 +27,11 @@ does.
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.native import FloatArray, compiled, internal
 
 _EA = law.INDEX["axial_stiffness"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]

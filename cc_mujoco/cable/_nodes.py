@@ -7,10 +7,10 @@ the ends are part of the first and the last. Packed parameters and state are tho
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.native import FloatArray, compiled, internal
 
 _EA = law.INDEX["axial_stiffness"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]

@@ -8,11 +8,11 @@ through slack, by the stretch found. Compiled, without allocation.
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._fronts import march
+from cc_mujoco.native import FloatArray, internal
 
 LINEARIZATION_TOLERANCE = 1e-5
 """Error of a tension, of the largest one, up to which a straight line will do."""

@@ -38,7 +38,6 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _pack as pack
@@ -62,6 +61,7 @@ from cc_mujoco.cable._path_geometry import (
     in_geom_frame,
     place_vector,
 )
+from cc_mujoco.native import FloatArray, compiled, internal
 
 _CONTACT, _EXTENT = 1, 2
 _LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE, _TOUCH_POINT, _TOUCH_DIRECTION = (

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cc_mujoco._utils.compilation import FloatArray, internal
+from cc_mujoco.native import FloatArray, internal
 
 KIND, TOUCHED, FIRST, LAST, CENTRE, AXES = 0, 1, 2, 5, 8, 11
 """Numbers of a place: what it is; whether the path touches it, of a geom; where that

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
+from cc_mujoco.native import FloatArray, internal
 
 _QUICK_ROUNDS = 6
 """Rounds after which nodes change only where all segments are right."""

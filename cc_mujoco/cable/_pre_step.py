@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
+from cc_mujoco.native import FloatArray, internal
 
 _PRETENSION = law.INDEX["pretension"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]

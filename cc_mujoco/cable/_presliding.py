@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import (
+from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
+from cc_mujoco.native import (
     FloatArray,
     compiled,
     internal,
 )
-from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
 
 _MAX_ROUNDS = 20
 """Rounds after which the step is left to `_graph.sweep`. No step of 160 random motions

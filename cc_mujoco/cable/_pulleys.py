@@ -21,12 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 ANGLE, TORQUE = 0, 1
 """Quantity prescribed on a side of the transmission."""

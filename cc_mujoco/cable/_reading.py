@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import ByteMatrix, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.native import ByteMatrix, FloatMatrix, compiled
 
 Floats = NDArray[np.float64]
 PATH_MEMORY = 7

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import packed_parameters, segment_lengths
 from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.native import FloatArray
 
 
 @dataclass(frozen=True)

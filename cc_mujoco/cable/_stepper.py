@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _root as root
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._layout import node_stiffness, scalars, tensions
 from cc_mujoco.cable._parameters import PARAMETERS, Cable
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 Counts = NDArray[np.int64]
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import LAW_INPUTS
@@ -23,6 +22,7 @@ from cc_mujoco.control._tuned_feedback import (
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 
 _MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
 _DELAY_SHARE = 0.2

@@ -21,7 +21,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -31,6 +30,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 
 _STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
 _FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._stepper import Counts
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 SCRATCH_ROWS = 6
 """Rows of the scratch, of a number for each cable, that these functions take."""

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 LAW_INPUTS = (
     "motor_angle_rad",

@@ -26,17 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import (
+from cc_mujoco.cable._stepper import Counts
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import (
     FloatArray,
     FloatCube,
     FloatMatrix,
     compiled,
     internal,
 )
-from cc_mujoco.cable._stepper import Counts
-from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
-from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._controller import Controller, readings
+from cc_mujoco.native import FloatArray, compiled
 
 
 class FeedForward(Controller):

@@ -16,13 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import (
-    FloatArray,
-    FloatCube,
-    FloatMatrix,
-    IntMatrix,
-    compiled,
-)
 from cc_mujoco.cable._layout import segment_angles, slips
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.device._drive import CableDrive
@@ -30,6 +23,13 @@ from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
+from cc_mujoco.native import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntMatrix,
+    compiled,
+)
 
 READING_INTERVAL = 5
 """Steps between two readings that are taken."""

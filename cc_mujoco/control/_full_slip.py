@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.device._drive import CableDrive
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 """Columns of the table of cables: arms at motor and joint [m/rad], mu times wrap,

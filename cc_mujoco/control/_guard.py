@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled, internal
+from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT = 1e9
 """Safe torque of a joint of which none is known [N m]."""

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compiled_laws as compiled_laws
@@ -28,6 +27,7 @@ from cc_mujoco.control._proportional_integral import (
 )
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 
 Mismatch = float | Callable[[Any], Any]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.control._planner_memory import (
     ANGLE,
     COMMAND,
@@ -30,6 +29,7 @@ from cc_mujoco.control._planner_parameters import (
     SPAN,
     STIFFNESS,
 )
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _NEWTON_STEPS, _HALVINGS, _LINEARIZATIONS = 12, 6, 2
 """At most, of a plan of commands, within one of its steps, and around which paths the

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import segment_angles, slips, tensions
@@ -21,6 +20,7 @@ from cc_mujoco.control._planner_parameters import (
     RATIO,
     ZEROING,
 )
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _FRICTION_FACTOR_BOUNDS = 0.2, 3.0
 """Bounds of the factor of friction."""

@@ -23,8 +23,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, internal
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
 
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import CONSTANT_COULOMB, scalars
@@ -69,6 +68,7 @@ from cc_mujoco.control._planner_parameters import (
     SPAN,
     STIFFNESS,
 )
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _TORQUE_SMOOTHING = 0.25
 """Share of a low-pass that tells taut from slack, per step."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.native import FloatArray
 
 
 @dataclass(frozen=True)

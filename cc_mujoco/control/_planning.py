@@ -8,13 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import (
-    FloatArray,
-    FloatCube,
-    FloatMatrix,
-    compiled,
-    internal,
-)
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _guard as guard
@@ -80,6 +73,13 @@ from cc_mujoco.control._planner_parameters import (
     TOLERANCE,
     TURNING,
     YIELDING,
+)
+from cc_mujoco.native import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    compiled,
+    internal,
 )
 
 _RATE_TERMS = law.INDEX["viscous_friction"], law.INDEX["grease_drag"]

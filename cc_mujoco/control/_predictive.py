@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
@@ -23,6 +22,7 @@ from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._planner_parameters import Tuning
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 PLANNER_INPUTS = (
     "motor_angle_rad",

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
@@ -17,6 +16,7 @@ from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import Controller, readings
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 _TORQUE_COLUMNS = compiled_laws.LAW_INPUTS[compiled_laws.TORQUE :]
 """Columns that the law reads, but for its guard."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.cable import _root as root
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import node_stiffness, tensions
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MAX_EVALUATIONS = 12
 _SLOW_MOVE_TIME = 0.5

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._model_based import Mismatch, ModelBased
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 
 
 class StictionCompensation(ModelBased):

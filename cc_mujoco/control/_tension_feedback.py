@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.control import _compiled_laws as compiled_laws
@@ -23,6 +22,7 @@ from cc_mujoco.device._sensors import TENSION_COLUMN
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import fuse, tension_gains
 from cc_mujoco.estimation._tension_slope import require_slope
+from cc_mujoco.native import FloatArray
 
 
 def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:

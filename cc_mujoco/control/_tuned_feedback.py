@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_stiffness
@@ -27,6 +26,7 @@ from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.control._proportional_integral import ProportionalIntegral
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35

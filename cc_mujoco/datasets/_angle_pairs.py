@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 MIN_PAIRS = 5
 """Pairs from which an arm can be fitted and its error estimated."""

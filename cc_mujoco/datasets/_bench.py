@@ -16,7 +16,6 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import SCENES
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
@@ -46,6 +45,7 @@ from cc_mujoco.device import Axis, load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise
 from cc_mujoco.device._device_files import locate
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import read_spec

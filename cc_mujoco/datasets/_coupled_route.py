@@ -16,12 +16,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._coupled_route import CoupledPath
 from cc_mujoco.datasets._channels import ANGLES, other_angle
 from cc_mujoco.datasets._moment_arm import Lever, make_lever, single_hinge, swept_angles
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import from_mjcf, route_tendon, to_mjcf
 from cc_mujoco.plugin._path_table import (
     compute_path_table,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 LEVER_ANGLE_COUNT = 4001
 """Angles at which a lever is known."""

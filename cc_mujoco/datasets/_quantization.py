@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._trials import Noise, Trial
+from cc_mujoco.native import FloatArray
 
 _MAX_SAMPLES = 200_000  # samples that are enough to see a digit
 _MIN_DIFFERENCES = 50  # differences that are no multiples of anything by chance

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import SampledTrack
@@ -19,6 +18,7 @@ from cc_mujoco.datasets._coupled_route import PullingCable, pulling_torque
 from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import Noise
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 _LEAD_ROWS = 100

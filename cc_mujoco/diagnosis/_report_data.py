@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 
 Model = Literal["before", "after"]
 PREDICTED_CHANNELS = ("motor_torque_nm", "joint_torque_nm")

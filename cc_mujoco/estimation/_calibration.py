@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Parameter, Section, Transmission
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._least_squares import (
@@ -35,6 +34,7 @@ from cc_mujoco.estimation._least_squares import (
     fit,
     undetermined_directions,
 )
+from cc_mujoco.native import FloatArray
 
 SIDE_QUANTITIES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
 RADII = ("motor_radius", "joint_radius")

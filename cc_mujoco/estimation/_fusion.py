@@ -32,11 +32,11 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.native import FloatArray
 
 Weights = Literal["variance", "mean"]
 """Inverse variance, or the plain mean of the thesis."""

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.native import FloatArray
 
 THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3

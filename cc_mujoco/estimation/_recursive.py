@@ -26,8 +26,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, compiled
 
 _MIN_INFORMATION_SHARE = 1e-9
 """Share of the largest information below which a direction counts as silent."""

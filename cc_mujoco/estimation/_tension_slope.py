@@ -28,13 +28,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares
 from cc_mujoco.estimation._tracks import checked_noise, checked_sample, wrap_angles
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 MIN_TENSION_SIGMAS = 4.0
 """Tension, in standard deviations of its sensor, below which a reading says nothing."""

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 
 class EstimateTrack(NamedTuple):

@@ -9,7 +9,6 @@ reading was taken, the deviations, and what is known of the friction of every ca
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, IntArray, compiled, internal
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._layout import SCALARS
@@ -18,6 +17,7 @@ from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _predictive as predictive
 from cc_mujoco.export._entry_points import part, rows_of, whole_part, whole_rows_of
+from cc_mujoco.native import FloatArray, IntArray, compiled, internal
 
 _FRICTION = friction.INDEX["friction"]
 

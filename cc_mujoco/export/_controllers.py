@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._parameter import Parameter
@@ -56,6 +55,7 @@ from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _policy as policy
 from cc_mujoco.export import _predictive as predictive
 from cc_mujoco.export._joint_torques import JointTorques
+from cc_mujoco.native import FloatArray
 
 
 @dataclass(frozen=True)

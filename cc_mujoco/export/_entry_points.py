@@ -14,15 +14,6 @@ scalars and its sections. Memory is numbers only; `places` says what stands wher
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import (
-    FloatArray,
-    FloatCube,
-    FloatMatrix,
-    IntArray,
-    IntMatrix,
-    compiled,
-    internal,
-)
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -31,6 +22,15 @@ from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import add_preload, follow, stiffness
 from cc_mujoco.control._compensation import SCRATCH_ROWS
+from cc_mujoco.native import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntArray,
+    IntMatrix,
+    compiled,
+    internal,
+)
 from cc_mujoco.native._functions import reinterpret_part
 
 FIRST_STEP, JOINT_ANGLE, SPRING = 0, 1, 2

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, IntArray, internal
 from cc_mujoco.control import Network
 from cc_mujoco.control._policy import ACTIVATIONS
 from cc_mujoco.device import Observed
@@ -25,6 +24,7 @@ from cc_mujoco.device._observation import (
     PLAY_HALF_WIDTHS,
 )
 from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.native import FloatArray, IntArray, internal
 
 _LOW, _HIGH, _WHOLE = range(3)
 """Places of the parameters: limits of the motor, its torque at a share of 1 [N m]."""

@@ -10,7 +10,6 @@ the friction that was learned.
 
 from __future__ import annotations
 
-from cc_mujoco._utils.compilation import FloatArray, IntArray, compiled, internal
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
@@ -23,6 +22,7 @@ from cc_mujoco.control._cable_model import add_preload, has_changed, pack, stiff
 from cc_mujoco.control._predictive import PLANNER_INPUTS
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._entry_points import part, rows_of, tables_of, whole_part
+from cc_mujoco.native import FloatArray, IntArray, compiled, internal
 
 _TUNING_START = entry_points.OWN_MEMORY
 TUNING_SIZE = len(planner_parameters.TUNING)

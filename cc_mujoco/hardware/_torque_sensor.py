@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 STATISTICS_TIME = 1.0
 """Time constant of the statistics of measured and predicted torque [s]."""

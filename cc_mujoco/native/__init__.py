@@ -1,1 +1,18 @@
-"""The native core: compiled functions as C99."""
+"""The native core: decorators and types of functions that become C."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.native._functions import compiled as compiled
+from cc_mujoco.native._functions import internal as internal
+from cc_mujoco.native._kinds import ByteMatrix as ByteMatrix
+from cc_mujoco.native._kinds import FloatCube as FloatCube
+from cc_mujoco.native._kinds import FloatMatrix as FloatMatrix
+from cc_mujoco.native._kinds import IntMatrix as IntMatrix
+
+FloatArray = NDArray[np.float64]
+"""Array type of compiled functions; one-dimensional and contiguous unless stated."""
+IntArray = NDArray[np.int64]
+"""Array type of whole numbers, as `FloatArray`."""

@@ -13,7 +13,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco._utils.compilation import compiled
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.cable._parameters import (
     BEND_ALLOWED,
@@ -36,6 +35,7 @@ from cc_mujoco.cable._parameters import (
     SEGMENTS_ALLOWED,
     Cable,
 )
+from cc_mujoco.native import compiled
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, append, internal, quote, text
 from cc_mujoco.plugin._parse_float import is_digit, is_space, number, strip

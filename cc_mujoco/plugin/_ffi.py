@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
 
-from cc_mujoco._utils.compilation import FloatMatrix as FloatMatrix
-from cc_mujoco._utils.compilation import internal as internal
+from cc_mujoco.native import FloatMatrix as FloatMatrix
+from cc_mujoco.native import internal as internal
 from cc_mujoco.native._functions import callback as callback
 from cc_mujoco.native._functions import reinterpret as reinterpret
 from cc_mujoco.native._kinds import CInt as CInt

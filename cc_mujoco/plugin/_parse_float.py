@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco._utils.compilation import compiled, internal
+from cc_mujoco.native import compiled, internal
 from cc_mujoco.plugin._ffi import Bytes
 
 Integers = npt.NDArray[np.int64]

@@ -13,11 +13,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._coupled_route import CoupledPath
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._ffi import assign, fill, floats, load_word

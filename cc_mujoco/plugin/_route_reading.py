@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
+from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._ffi import assign, floats, load_word

@@ -20,13 +20,13 @@ from typing import Annotated, Any
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, internal
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._cable_model import follow
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 from cc_mujoco.control._guard import SPRING_SIZE
 from cc_mujoco.human._tasks import clamp, spring_torque, tunnel_torque
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._engine import LIBRARY

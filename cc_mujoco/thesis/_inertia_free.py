@@ -14,11 +14,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.control import Controller
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.native import FloatArray
 from cc_mujoco.simulation._loop import Columns, Trace, run
 
 COLUMNS = (

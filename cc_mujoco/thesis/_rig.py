@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._signals import loop_width
+from cc_mujoco.native import FloatArray
 
 LENGTH = 2.0
 """Length of each conduit [m]."""

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, packed_parameters, replay, rest_state
 from cc_mujoco.cable import _kernel as K
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis import CABLE, DT, costs
 
 TERMS: tuple[dict[str, float], ...] = (

@@ -23,9 +23,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
 from cable import bends
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import packed_parameters, rest_state
+from cc_mujoco.native import FloatArray, compiled
 
 SEGMENTS = (50, 100)
 FIRST_SEED = 1000

@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._fronts import march
 from cc_mujoco.cable._graph import solve_by_graph, sweep
 from cc_mujoco.cable._policy_iteration import solve_with_slack
+from cc_mujoco.native import FloatArray
 
 
 def chain(rng, n, drag):

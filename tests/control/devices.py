@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.device import CableDrive, Drive
+from cc_mujoco.native import FloatArray
 
 WRAP = 3.0
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.device import TENSION_COLUMN, CableDrive, Drive, Sensors
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
+from cc_mujoco.native import FloatArray
 
 _LENGTH = 1.0
 _SWING, _ANGULAR = 0.3, 2.0 * math.pi * 0.9

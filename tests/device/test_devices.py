@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from cc_mujoco import Plant, Trajectory, simulate
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import Device, DeviceModel, find_device, load_device
 from cc_mujoco.device._description import SAFE_DEMANDS
@@ -21,6 +20,7 @@ from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TRAJECTORIES, Hold
 from cc_mujoco.human._motion import Motion
+from cc_mujoco.native import FloatArray
 from tests.shared_folder import ABSENT, SHARED
 
 KNEE = """

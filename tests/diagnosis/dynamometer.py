@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 
 STEP = 0.002
 CURRENT_STEP, CURRENT_NOISE, TORQUE_NOISE = 0.02, 0.03, 0.02

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import infer
 from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.native import FloatArray
 
 STEP, SUBSTEPS, SECONDS = 0.004, 8, 6.0
 STIFFNESS, INERTIA, DAMPING, FRICTION = 100.0, 5e-4, 0.02, 0.05

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatMatrix
 from cc_mujoco.native._c99 import CLibrary
 from cc_mujoco.native._library import compiler
 

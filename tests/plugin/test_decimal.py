@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco._utils.compilation import compiled
+from cc_mujoco.native import compiled
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _parse_float as parse_float
 

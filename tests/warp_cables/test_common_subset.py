@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from cable.terms_on import TERMS_ON
-from cc_mujoco._utils.compilation import compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
@@ -16,6 +15,7 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable._parameters import TERMS
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import compiled
 from cc_mujoco.native._fold import Known
 from cc_mujoco.warp._translate import translate
 from cc_mujoco.warp._variants import FUNCTIONS, PATH_FUNCTIONS, Paths, known_values

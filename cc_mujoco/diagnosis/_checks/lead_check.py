@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import (
     JOINT_ANGLE,
@@ -26,6 +25,7 @@ from cc_mujoco.datasets._dataset_file import MAX_DELAY
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Trial
 from cc_mujoco.diagnosis._checks.alignment import MAX_PLAUSIBLE_DELAY, correlation
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 _MIN_CORRELATION = 0.6

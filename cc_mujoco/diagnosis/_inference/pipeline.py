@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
@@ -117,6 +116,7 @@ from cc_mujoco.diagnosis._report_data import Evidence, Isolability
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, FoundEffect, RunnerUp
 from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
 from cc_mujoco.estimation._least_squares import Estimate, Fit
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MIN_COUNTED_SAMPLES = 100

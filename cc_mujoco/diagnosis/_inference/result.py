@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import Thresholds
 from cc_mujoco.diagnosis._inference.model_fitting.baseline import BaselineFit
@@ -13,6 +12,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.fitting import Problem
 from cc_mujoco.diagnosis._inference.rig_simulation.motions import CataloguedTrial
 from cc_mujoco.diagnosis._report_data import Evidence
 from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.native import FloatArray
 
 
 @dataclass(frozen=True)

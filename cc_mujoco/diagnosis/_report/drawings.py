@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._phrases import (
     TORQUE_UNIT,
     Names,
@@ -33,6 +32,7 @@ from cc_mujoco.diagnosis._report.excerpt import (
 from cc_mujoco.diagnosis._report.isolability import draw_isolability
 from cc_mujoco.diagnosis._report_data import Evidence, Map
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, figure
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._report_data import Evidence, TrialTrace
+from cc_mujoco.native import FloatArray
 
 MAX_EXCERPT = 6.0
 """Length of an excerpt, if the trial is as long [s]."""

@@ -19,7 +19,6 @@ import numpy as np
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import replacing_folder
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._folders import MOTION_FILE
@@ -51,6 +50,7 @@ from cc_mujoco.diagnosis._scene.rollout import rollout
 from cc_mujoco.diagnosis._verdict import Diagnosis, NextExperiment, next_folder
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 SCENE_FILE = "scene.xml"
 OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))

@@ -16,7 +16,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._phrases import (
     SIGN_NOTE,
     TORQUE_UNIT,
@@ -29,6 +28,7 @@ from cc_mujoco.diagnosis._phrases import format_share as share_of
 from cc_mujoco.diagnosis._report.excerpt import model_changed, worst_excerpt
 from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
 from cc_mujoco.diagnosis._report_data import Evidence, Map, TrialTrace
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK
 from cc_mujoco.viz._axis import plot

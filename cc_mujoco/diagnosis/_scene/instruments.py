@@ -21,10 +21,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._report_data import PREDICTED_CHANNELS
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 MOTOR_TORQUE, JOINT_TORQUE = PREDICTED_CHANNELS
 MOTOR_ANGLE, JOINT_ANGLE = "motor_angle_rad", "joint_angle_rad"

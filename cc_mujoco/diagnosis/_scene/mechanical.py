@@ -12,7 +12,6 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import end_stiffness
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._scene.instruments import (
@@ -24,6 +23,7 @@ from cc_mujoco.diagnosis._scene.instruments import (
 )
 from cc_mujoco.diagnosis._scene.sensing import add_constant
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 Values = Mapping[str, float]
 

@@ -17,7 +17,6 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench, driven_joint
 from cc_mujoco.diagnosis._inference.rig_simulation.records import (
     LEAD_SAMPLES,
@@ -33,6 +32,7 @@ from cc_mujoco.diagnosis._scene.instruments import (
 )
 from cc_mujoco.diagnosis._scene.mechanical import tilt_rig
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import settle
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import read_spec

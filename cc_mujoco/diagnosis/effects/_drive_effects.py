@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
@@ -19,6 +18,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     clamp_to_bounds,
     form_key,
 )
+from cc_mujoco.native import FloatArray
 
 BACKLASH_BOUNDS = (0.0, 0.15)
 """Backlash over the joint's range of motion."""

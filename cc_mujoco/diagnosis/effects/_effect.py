@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 if TYPE_CHECKING:
     from mujoco import MjSpec

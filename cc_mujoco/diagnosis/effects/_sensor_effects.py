@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import Effect, EffectParameter, Signals, Values
+from cc_mujoco.native import FloatArray
 
 GAIN_BOUNDS = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""

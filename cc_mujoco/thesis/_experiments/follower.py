@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Conduit, Section
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREY, ORANGE, figure
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis._rig import (

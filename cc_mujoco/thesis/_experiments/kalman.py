@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, COLORS, GREY, ORANGE, figure
 from cc_mujoco.thesis._literal_solver import Constraint, sign_patterns, solve
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis._rig import (

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.estimation._tracks import EstimateTrack
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._experiments import online_figures as draw
 from cc_mujoco.thesis._experiments.online_estimates import (
     BEND_MEMORY,

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._friction import FrictionEstimator
 from cc_mujoco.estimation._tracks import EstimateTrack
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._experiments.online_runs import (
     CABLE,
     CURVATURE_PLACES,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, figure
 from cc_mujoco.thesis._experiments.online_runs import (
     CABLE,

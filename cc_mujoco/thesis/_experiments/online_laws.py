@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.estimation._friction import FrictionEstimator
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._experiments.online_runs import (
     CABLE,
     DRIFT_START,

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Cable, Section, rest_state
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._rig import PRINTED_CABLE
 
 DT = 0.01

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict
 from cc_mujoco.thesis.predecessors import (

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import replay
 from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREEN, ORANGE, PINK, figure, set_ticks
 from cc_mujoco.thesis._literal_solver import (
     Constraint,

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.cable import Cable, rest_state
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
 from cc_mujoco.thesis._literal_solver import (
     Constraint,

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.control import (
     Controller,
     Feedback,
@@ -22,6 +21,7 @@ from cc_mujoco.control import (
     StictionCompensation,
 )
 from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from cc_mujoco.thesis._experiments.tracking import PERIOD, TENSION_RATIO, cable
 from cc_mujoco.thesis._inertia_free import InertiaFree

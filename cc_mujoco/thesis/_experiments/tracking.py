@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.control import (
     Controller,
@@ -24,6 +23,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._signals import signal_lag
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from cc_mujoco.thesis._inertia_free import InertiaFree
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._signals import signal_lag
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, GREY, ORANGE, figure
 from cc_mujoco.thesis._outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
@@ -27,6 +26,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares
 from cc_mujoco.estimation._tension_slope import SlopeEstimator, SlopeFit
 from cc_mujoco.estimation._tracks import rows, wrap_angles
+from cc_mujoco.native import FloatArray
 
 
 class Bend(NamedTuple):

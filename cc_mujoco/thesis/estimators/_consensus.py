@@ -29,12 +29,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._fusion import Weights, fuse, tension_gains
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._literal_solver import Constraint, Standing, solve
 from cc_mujoco.thesis.estimators._directions import (
     likeliest_pattern,

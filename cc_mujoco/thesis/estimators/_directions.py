@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis._literal_solver import sign_patterns
 
 

@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis.estimators._directions import node_displacements, own_solutions
 
 

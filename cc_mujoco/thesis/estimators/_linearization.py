@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 
 _BETA = 2.0
 """Weight of the fourth moment, for a normal distribution (Wan and van der Merwe)."""

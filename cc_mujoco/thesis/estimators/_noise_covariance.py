@@ -30,8 +30,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 LAGS = 5
 SMOOTHING = 0.2

@@ -18,13 +18,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import Conduit
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import fuse, tension_gains
+from cc_mujoco.native import FloatArray
 
 
 class CableObserver:

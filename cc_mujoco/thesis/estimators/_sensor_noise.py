@@ -18,12 +18,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.native import FloatArray
 
 REWEIGHTINGS = 5
 """Times that the weights are renewed."""

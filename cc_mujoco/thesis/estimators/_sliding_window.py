@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import Replay, node_lengths, replay
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tracks import wrap_angles
+from cc_mujoco.native import FloatArray
 
 END_QUANTITIES = ("u_proximal", "tension_proximal", "u_distal", "tension_distal")
 """Values of the ends: displacement [m], positive towards distal, and tension [N]."""

@@ -33,7 +33,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import Cable
@@ -46,6 +45,7 @@ from cc_mujoco.estimation._tracks import (
     checked_sample,
     rows,
 )
+from cc_mujoco.native import FloatArray
 
 
 class StiffnessEstimator:

@@ -32,10 +32,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable._parameters import PARAMETERS, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tracks import EstimateTrack, rows
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis.estimators._linearization import (
     kalman_gain,
     linearize,

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.cable import Cable
+from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.thesis.predecessors._model import (
     Answer,
     Asked,

@@ -20,10 +20,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 from cc_mujoco.thesis.predecessors._model import Answer, PublishedModel, ReplayedMotion
 
 _MAX_ITERATIONS = 200

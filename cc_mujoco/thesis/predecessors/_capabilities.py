@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.thesis.predecessors._model import (
     Answer,
     EndSpring,

@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable import rest_state
 from cc_mujoco.cable._layout import tensions
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 from cc_mujoco.thesis.predecessors._model import Answer, PublishedModel, ReplayedMotion
 
 

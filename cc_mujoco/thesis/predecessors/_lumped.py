@@ -16,8 +16,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.cable import Cable
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
 from cc_mujoco.thesis.predecessors._model import (
     Answer,
     Asked,

@@ -19,9 +19,9 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
 from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 from cc_mujoco.thesis.predecessors._model import (
     Answer,
     Asked,

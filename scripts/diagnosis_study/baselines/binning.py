@@ -16,8 +16,8 @@ from baselines.features import FAMILIES, Term
 from baselines.guess import Guess, decided
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors, gathered, weights
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import BaselineFit
+from cc_mujoco.native import FloatArray
 
 BINS = 40
 """Bins with as many samples each."""

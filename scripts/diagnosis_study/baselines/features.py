@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.signals import Signals
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import EFFECTS
+from cc_mujoco.native import FloatArray
 
 Signal = Callable[[Signals, int], FloatArray]
 """Signal of a record and a channel (0 motor, 1 joint), (samples,)."""

@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 
 from baselines.guess import Guess
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import EFFECTS, BaselineFit, Problem, fit, screen
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 EVALUATIONS = 12
 """Simulations with new parameters per refit; screening has found a start."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import BaselineFit, Record, acceleration
+from cc_mujoco.native import FloatArray
 
 REST = 0.01
 """Speed of the motor below which it rests [rad/s]."""

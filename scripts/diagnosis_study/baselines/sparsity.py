@@ -18,8 +18,8 @@ from baselines.features import looks
 from baselines.guess import Guess
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import BaselineFit
+from cc_mujoco.native import FloatArray
 
 THRESHOLD = 0.15
 """Coefficient that is dropped; columns and residual have unit length.

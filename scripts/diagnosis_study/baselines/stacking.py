@@ -12,8 +12,8 @@ import numpy as np
 
 from baselines.features import Signal
 from baselines.signals import Signals
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import huber_residual, low_pass
+from cc_mujoco.native import FloatArray
 
 
 def gathered(

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import stdtrit
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Parameter
 from cc_mujoco.diagnosis import prepare
 from cc_mujoco.diagnosis._inference.model_fitting import fitting
@@ -34,6 +33,7 @@ from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
 )
 from cc_mujoco.diagnosis._phrases import format_interval
 from cc_mujoco.estimation._least_squares import Tuned, covariance
+from cc_mujoco.native import FloatArray
 from diagnosis.recorded import BENCH, dataset
 
 TRIALS, SAMPLES = 7, 40

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis import Problem, Record, TorqueDerivatives, fit, prepare
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import jacobian
 from cc_mujoco.diagnosis._inference.rig_simulation import replays as replays_of
@@ -20,6 +19,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
     baseline_parameters,
 )
 from cc_mujoco.estimation._least_squares import Tuned
+from cc_mujoco.native import FloatArray
 from diagnosis.recorded import BENCH, dataset
 
 RECORDS: list[Record] = []

@@ -21,7 +21,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.effect_search.screening import (
     Signature,
     signature_cosine,
@@ -37,6 +36,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.plausibility import (
 )
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.native import FloatArray
 
 LOOKALIKE_COSINE = 0.9
 """Cosine beyond which screening cannot distinguish two signatures."""

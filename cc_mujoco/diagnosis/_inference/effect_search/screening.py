@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import Masks, Problem
 from cc_mujoco.diagnosis._inference.model_fitting.folds import Fold
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import (
@@ -28,6 +27,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis.effects import Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
+from cc_mujoco.native import FloatArray
 
 _BOUND_MARGIN = 1e-3
 _MAX_MODEL_CHANGE = 0.1

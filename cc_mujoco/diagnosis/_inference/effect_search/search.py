@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     MAX_EXPLAINED_ERROR,
     Candidate,
@@ -41,6 +40,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.numerics import refine_simulat
 from cc_mujoco.diagnosis._inference.progress import Progress, no_progress, part_of
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 MAX_REFITTED = 6
 """Most candidates that are refitted by simulation in one round."""

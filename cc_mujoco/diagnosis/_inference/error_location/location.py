@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.error_location.periodicity import (
     FALSE_ALARM_RATE as PERIODIC_BY_CHANCE,
 )
@@ -49,6 +48,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._report_data import Map, Model, TrialTrace
 from cc_mujoco.diagnosis._verdict import Where
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 EXPLAINED_ERROR = 1.5

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.error_location.trial_trends import (
     TrialConstants,
     constants_by_occasion,
@@ -30,6 +29,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.occasions import (
 from cc_mujoco.diagnosis._phrases import format_fitted, format_number, plain_name
 from cc_mujoco.diagnosis._verdict import OccasionChange, Occasions, OccasionSize
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 _VISIBLE_RATIO = 3.0

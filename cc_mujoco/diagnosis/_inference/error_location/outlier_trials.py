@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Problem,
     fit,
@@ -23,6 +22,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._verdict import TrialError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MIN_OUTLIER_TRIALS = 3

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 
 FALSE_ALARM_RATE = 1e-3
 """Probability that data without any period show one, over all orders that are tried."""

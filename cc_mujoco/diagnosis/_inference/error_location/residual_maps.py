@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._phrases import format_number, format_share, format_signed
 from cc_mujoco.diagnosis._report_data import Map, TrialTrace
 from cc_mujoco.diagnosis._verdict import Where
+from cc_mujoco.native import FloatArray
 
 BINS = 14
 RANDOM_SHIFTS = 30

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Problem,
     huber_residual,
@@ -30,6 +29,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.jacobian import (
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.estimation._least_squares import Tuned
+from cc_mujoco.native import FloatArray
 
 VARIED_PARAMETERS = (
     "friction",

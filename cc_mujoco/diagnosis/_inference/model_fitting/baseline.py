@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
@@ -34,6 +33,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Filtering, Record
 from cc_mujoco.estimation._least_squares import Fit, Tuned
+from cc_mujoco.native import FloatArray
 
 MULTISTART_UNCERTAINTY = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
+from cc_mujoco.native import FloatArray
 
 _SMALL_SHARE = 3e-4
 """Share of a typical size at which the derivative near 0 is taken, over as much."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import (
     HUBER_DELTA,
     TorqueDerivatives,
@@ -26,6 +25,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
 from cc_mujoco.diagnosis.effects import EffectParameter, form_key
 from cc_mujoco.estimation import _least_squares as least_squares
 from cc_mujoco.estimation._least_squares import Fit, Tuned, autocorrelation
+from cc_mujoco.native import FloatArray
 
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Masks,
     Problem,
@@ -19,6 +18,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.estimation._least_squares import Fit
+from cc_mujoco.native import FloatArray
 
 BOOTSTRAP_BLOCK = 1.0
 """Length of a block of the bootstrap [s]."""

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.baseline import BaselineFit
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import Problem, fit
 from cc_mujoco.diagnosis._inference.model_fitting.folds import (
@@ -25,6 +24,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.folds import (
 )
 from cc_mujoco.diagnosis._report_data import TrialTrace
 from cc_mujoco.diagnosis._verdict import Gap
+from cc_mujoco.native import FloatArray
 
 GAP_BOOTSTRAP_DRAWS = 400
 MIN_DRAW_SHARE = 0.95

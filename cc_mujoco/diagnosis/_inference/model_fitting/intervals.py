@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import Masks, Problem
 from cc_mujoco.diagnosis._inference.model_fitting.folds import RECORD_PIECES
 from cc_mujoco.diagnosis._inference.model_fitting.jacobian import (
@@ -48,6 +47,7 @@ from cc_mujoco.estimation._least_squares import (
     estimate,
     undetermined_directions,
 )
+from cc_mujoco.native import FloatArray
 
 _MAX_LOG_FACTOR = 7.0
 """Logarithm of the largest factor of an interval in proportion."""

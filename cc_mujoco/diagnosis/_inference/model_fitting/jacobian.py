@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.rig_simulation.occasions import base_name, values_on
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis._inference.rig_simulation.replays import Setting
 from cc_mujoco.estimation._least_squares import FACTOR_STEP, Tuned, differences
+from cc_mujoco.native import FloatArray
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis._inference.model_fitting.fitting import Masks, Problem

@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._channels import (
     JOINT_ANGLE,
     JOINT_TORQUE,
@@ -45,6 +44,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.records import (
     Record,
     play_filter,
 )
+from cc_mujoco.native import FloatArray
 
 NOISE_DRAWS = 6
 """Simulations with resampled angles."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Masks,
     Problem,
     huber_residual,
 )
 from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
+from cc_mujoco.native import FloatArray
 
 MAX_NUMERICAL_ERROR = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""

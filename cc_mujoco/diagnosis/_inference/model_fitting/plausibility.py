@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import Problem
 from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
@@ -20,6 +19,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
 )
 from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, EffectParameter
 from cc_mujoco.estimation._least_squares import MAX_FREEDOM
+from cc_mujoco.native import FloatArray
 
 IMPLAUSIBLE_PREFIX = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""

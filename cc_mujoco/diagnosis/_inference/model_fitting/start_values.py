@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import Problem, fit
@@ -32,6 +31,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.records import (
     Record,
     prepare,
 )
+from cc_mujoco.native import FloatArray
 
 _FREE_PARAMETERS = ("friction", "axial_stiffness")
 """Parameters that a scene may give at any size."""

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
     Masks,
@@ -26,6 +25,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.fitting import (
 )
 from cc_mujoco.diagnosis._inference.model_fitting.folds import BOOTSTRAP_BLOCK
 from cc_mujoco.diagnosis._phrases import channel_name, format_number
+from cc_mujoco.native import FloatArray
 
 STRETCH_LIMIT = 12.0
 """RMS error of a second over the noise that effect-free rigs stay below: 6.6 at most.

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
     SimulatedRig,
     Values,
 )
 from cc_mujoco.diagnosis._phrases import capitalise, channel_name, format_number
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MIN_CORRELATION = 0.8

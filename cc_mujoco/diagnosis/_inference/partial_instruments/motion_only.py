@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
@@ -55,6 +54,7 @@ from cc_mujoco.estimation._least_squares import (
     estimate,
     fit,
 )
+from cc_mujoco.native import FloatArray
 
 DEAD_ZONE_TIE = ("backlash", "end_compliance")
 """Effects that make a dead zone."""

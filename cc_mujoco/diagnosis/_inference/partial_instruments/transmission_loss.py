@@ -29,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.estimation._least_squares import Estimate
+from cc_mujoco.native import FloatArray
 
 MIN_BLOCKS = 6
 """Blocks of sliding that either direction must have."""

@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.datasets._angle_pairs import RATIO_KEY
 from cc_mujoco.datasets._bench import Bench
@@ -52,6 +51,7 @@ from cc_mujoco.diagnosis.effects import (
     acceleration,
 )
 from cc_mujoco.estimation._least_squares import Tuned, in_threads
+from cc_mujoco.native import FloatArray
 
 Values = Mapping[str, float]
 

@@ -11,12 +11,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import low_pass
 from cc_mujoco.estimation._least_squares import Tuned
+from cc_mujoco.native import FloatArray
 
 REST_ANGLE_DEVIATION = 0.01
 """Standard deviation of the angle at which a spring rests, unless declared [rad]."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 MAX_BAND = 25.0
 """Highest frequency compared [Hz]."""

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.diagnosis._inference.rig_simulation.records import wind_up_angle
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MOTION_STEP = 0.008

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray, compiled
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import (
     JOINT_ANGLE,
@@ -44,6 +43,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.trial_conditions import (
     trial_conditions,
 )
 from cc_mujoco.diagnosis.effects import USUAL_CONDITIONS, TrialConditions
+from cc_mujoco.native import FloatArray, compiled
 
 MAX_MOTION_BAND = 60.0
 """Highest frequency of the angles that are played [Hz]."""

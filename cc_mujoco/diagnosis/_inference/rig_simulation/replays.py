@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets._moment_arm import Lever
@@ -27,6 +26,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.records import (
     Record,
 )
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
 MAX_REPLAYS = 48
 """Replays of a record that are kept, those used last."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
     FORM_ERROR_SHARE,
@@ -33,6 +32,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.native import FloatArray
 
 DECISIVE_SIGMAS = 5.0
 """Difference over its standard deviation, by noise and form, that settles it."""

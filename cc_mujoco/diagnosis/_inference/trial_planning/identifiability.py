@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.diagnosis._inference.effect_search.screening import (
     Changes,
     changes_by_effects,
@@ -35,6 +34,7 @@ from cc_mujoco.diagnosis._phrases import format_number, plain_name
 from cc_mujoco.diagnosis._verdict import Confounded, NotTestable, Strayed
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MIN_CLARITY = 3.0

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
@@ -41,6 +40,7 @@ from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
 from cc_mujoco.diagnosis._inference.rig_simulation.records import Record
 from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
 from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
+from cc_mujoco.native import FloatArray
 
 PLAN_SEGMENTS = 16
 DEFAULT_TORQUE_NOISE = 0.005

@@ -52,7 +52,8 @@ from cc_mujoco.diagnosis.effects import _library as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table
-from cc_mujoco.thesis import Claim, reproduce
+from thesis._outcome import Claim
+from thesis.reproduce import reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -61,7 +62,7 @@ from diagnose_table import LAST
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
 PAGES = {
-    "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
+    "claims": ROOT / "scripts" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "structure": FRONT,
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "validation.md",

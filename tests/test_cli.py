@@ -322,10 +322,9 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.metrics import METRICS
-    from cc_mujoco.thesis import EXPERIMENTS
 
     laws = {*CONTROLLERS, *POSITION_CONTROLLERS, "decoupled_NAME"}
-    played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *laws}
+    played = {*EVERY_SCENE, *TRAJECTORIES, *TASKS, *laws}
     rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -545,7 +544,7 @@ def test_every_command_takes_its_scene_first(
 ) -> None:
     first = {name: re.search(r"usage:[^\n]*", helps[name]["said"]) for name in COMMANDS}
     taking = {name for name, usage in first.items() if usage and "SCENE" in usage[0]}
-    without = {"reproduce", "whatif-show", "plugin", "run", "list"}
+    without = {"whatif-show", "plugin", "run", "list"}
     assert taking == set(COMMANDS) - without, (taking, first)
 
 
@@ -703,7 +702,6 @@ RUNS = {
         "--seeds 1 --duration 1.2 --workers 1".split(),
         ("table.md", "report.html", "results.parquet", "wrist-pareto.png"),
     ),
-    "reproduce": (["reproduce", "noise"], ("summary.md", "noise/result.json")),
     "whatif": (
         "whatif --vary loops=1,2 --duration 0.1 --metric peak_tension".split(),
         ("study.json", "table.parquet", "ranking.md", "effects.png", "parts/mine"),

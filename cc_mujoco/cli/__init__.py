@@ -1,7 +1,6 @@
 """The command `cc-mujoco`: parse, call, print.
 
     cc-mujoco play wrist --trajectory sine --seed 1
-    cc-mujoco reproduce pretension loops
     cc-mujoco whatif wrist --vary friction=0.05:0.3:10 --vary loops=1,2,3
     cc-mujoco benchmark wrist --controllers pi stiction
     cc-mujoco export wrist --controller stiction --out runs/stiction

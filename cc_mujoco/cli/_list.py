@@ -73,7 +73,6 @@ def _groups() -> dict[str, Mapping[str, str]]:
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.metrics import METRICS
-    from cc_mujoco.thesis import EXPERIMENTS
 
     return {
         "devices": {name: _plays(find_device(name)) for name in SCENES},
@@ -84,7 +83,6 @@ def _groups() -> dict[str, Mapping[str, str]]:
             f"{DECOUPLED}NAME": "Any of them where cables pass joints of other axes.",
         },
         "position-controllers": _summaries(POSITION_CONTROLLERS),
-        "experiments": EXPERIMENTS,
         "effects": {name: effect.title for name, effect in EFFECTS.items()},
         "variables": _with_units(VARIABLES),
         "materials": {

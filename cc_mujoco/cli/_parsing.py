@@ -18,7 +18,6 @@ from cc_mujoco.cli._export import Export
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._play import Play
 from cc_mujoco.cli._plugin import WritePlugin
-from cc_mujoco.cli._reproduce import Reproduce
 from cc_mujoco.cli._run import RunRig
 from cc_mujoco.cli._tendons import ShowTendons
 from cc_mujoco.cli._view import View
@@ -31,7 +30,6 @@ COMMANDS = {
     "tendons": ShowTendons,
     "play": Play,
     "calibrate": Calibrate,
-    "reproduce": Reproduce,
     "diagnose": Diagnose,
     "whatif": WhatIf,
     "whatif-show": WhatIfShow,
@@ -51,7 +49,6 @@ Command = (
     | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
     | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
     | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]

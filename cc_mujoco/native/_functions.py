@@ -75,7 +75,13 @@ class NativeFunction:
         return self if owner is None else types.MethodType(self, owner)
 
     def _load(self, *given: Any) -> Any:
-        self._entry = native_library.entry(self.key) or self.py_func
+        if self.key.startswith("cc_mujoco."):
+            found = native_library.entry(self.key)
+        else:
+            from cc_mujoco.native._own import own_entry
+
+            found = own_entry(self)
+        self._entry = found or self.py_func
         hint = typing.get_type_hints(self.py_func).get("return")
         if isinstance(hint, type) and hasattr(hint, "_fields"):
             inner, make = self._entry, hint

@@ -51,7 +51,11 @@ def entry(key: str) -> Callable[..., Any] | None:
 
 @cache
 def _entries() -> dict[str, Callable[..., Any]]:
-    found = library()
+    return methods(library())
+
+
+def methods(found: ctypes.CDLL) -> dict[str, Callable[..., Any]]:
+    """Return the functions of a library that Python calls, by their keys."""
     values = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
               for name in API]  # fmt: skip
     values += [id(None), id(TypeError)]
@@ -256,14 +260,24 @@ def build(path: Path) -> None:
         NativeLibraryError: there is no compiler, it fails, or the folder cannot be
             written.
     """
-    compiler()
     if sys.stderr is not None:
         sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
+    build_source(path, write_source)
+
+
+def build_source(path: Path, write: Callable[[Path], Any]) -> None:
+    """Compile a source that a function writes to a file, whole or not at all.
+
+    Raises:
+        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
+            written.
+    """
+    compiler()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent) as place:
-            source, made = Path(place) / "cc_mujoco.c", Path(place) / path.name
-            write_source(source)
+            source, made = Path(place) / f"{path.stem}.c", Path(place) / path.name
+            write(source)
             compile_library(source, made)
             made.replace(path)
     except OSError as error:

@@ -24,7 +24,7 @@ import numpy as np
 from cc_mujoco.cable import Cable, packed_parameters, replay, rest_state
 from cc_mujoco.cable import _kernel as K
 from cc_mujoco.native import FloatArray
-from cc_mujoco.thesis import CABLE, DT, costs
+from thesis._experiments.solver import CABLE, DT, costs
 
 TERMS: tuple[dict[str, float], ...] = (
     {"static_friction": 0.25},

@@ -21,8 +21,8 @@ from cc_mujoco.control import (
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis._inertia_free import InertiaFree
 from control.devices import growth, pull_pull, single, there_and_back
+from thesis._inertia_free import InertiaFree
 
 
 def errors(drive: Drive, law: Controller, angle: Any, desired: Any) -> Any:

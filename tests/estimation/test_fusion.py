@@ -17,7 +17,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import TensionFusion, fuse
 from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.simulation import Recorder
-from cc_mujoco.thesis._literal_solver import (
+from thesis._literal_solver import (
     Constraint,
     sign_pattern_system,
     sign_patterns,

@@ -11,7 +11,7 @@ from cable.terms_on import TERMS_ON
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import packed_parameters, rest_state
 from cc_mujoco.native._functions import FUNCTIONS
-from cc_mujoco.thesis import CABLE
+from thesis._experiments.solver import CABLE
 
 STEPS = 12
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis._experiments import directions
-from cc_mujoco.thesis.estimators._extrapolation import CONDITIONS
+from thesis._experiments import directions
+from thesis.estimators._extrapolation import CONDITIONS
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

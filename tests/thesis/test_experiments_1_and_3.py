@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import Section
-from cc_mujoco.thesis import _rig as rig
-from cc_mujoco.thesis._experiments import follower, magnitudes
+from thesis import _rig as rig
+from thesis._experiments import follower, magnitudes
 
 
 def test_torque_is_the_chopped_triangle() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cc_mujoco.thesis._experiments import kalman
+from thesis._experiments import kalman
 
 
 @pytest.mark.parametrize("segments", [2, 5, 12])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis._experiments import noise
+from thesis._experiments import noise
 
 
 def test_unbiased_until_kept_nonnegative() -> None:

@@ -7,10 +7,10 @@ import pytest
 
 from cc_mujoco.cable import replay
 from cc_mujoco.estimation import EstimateTrack
-from cc_mujoco.thesis._experiments import online_estimates as estimates
-from cc_mujoco.thesis._experiments import online_laws as laws
-from cc_mujoco.thesis._experiments import online_runs as runs
-from cc_mujoco.thesis._experiments.online import claim_law, claim_stiffness
+from thesis._experiments import online_estimates as estimates
+from thesis._experiments import online_laws as laws
+from thesis._experiments import online_runs as runs
+from thesis._experiments.online import claim_law, claim_stiffness
 
 MU = runs.CABLE.friction
 

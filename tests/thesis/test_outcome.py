@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.thesis._outcome import round_down_ratio
+from thesis._outcome import round_down_ratio
 
 
 @given(st.floats(1e-3, 1e6))

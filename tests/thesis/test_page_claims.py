@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from fill_readme import between, block, claim_rows
 
-from cc_mujoco.thesis import EXPERIMENTS, Claim, run
+from thesis._outcome import Claim
+from thesis.reproduce import EXPERIMENTS, run
 
-FOLDER = Path(__file__).parents[2] / "cc_mujoco" / "thesis"
+FOLDER = Path(__file__).parents[2] / "scripts" / "thesis"
 FAST = ("pretension", "loops", "follower", "kalman")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 

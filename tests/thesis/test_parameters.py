@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.estimation import calibrate
-from cc_mujoco.thesis._experiments import parameters
-from cc_mujoco.thesis._rig import LENGTH, STIFFNESS, drive
+from thesis._experiments import parameters
+from thesis._rig import LENGTH, STIFFNESS, drive
 
 
 def test_slope_of_the_loop_overstates_stiffness_and_the_fit_does_not() -> None:

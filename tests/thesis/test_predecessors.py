@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis import Distributed
-from cc_mujoco.thesis._experiments import predecessors
-from cc_mujoco.thesis.predecessors import PassiveDistributed, StaticCapstan
-from cc_mujoco.thesis.predecessors._capabilities import CABLE, DT, SPRING
+from thesis._experiments import predecessors
+from thesis.predecessors import Distributed, PassiveDistributed, StaticCapstan
+from thesis.predecessors._capabilities import CABLE, DT, SPRING
 
 
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis._experiments import rules
+from thesis._experiments import rules
 
 
 def test_opposed_motion_has_steps_that_no_pattern_fits() -> None:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco import cli
 from cc_mujoco.errors import CableError
 from cc_mujoco.report import figure
-from cc_mujoco.thesis import Claim, ExperimentOutcome, reproduce
-from cc_mujoco.thesis import _runner as runner
+from thesis import reproduce as runner
+from thesis._outcome import Claim, ExperimentOutcome
+from thesis.reproduce import reproduce
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
 
@@ -44,7 +44,7 @@ class Experiments:
 def experiments(monkeypatch: pytest.MonkeyPatch) -> Experiments:
     standing_in = Experiments()
     for name in ("loops", "pretension"):
-        path = f"cc_mujoco.thesis._experiments.{name}"
+        path = f"thesis._experiments.{name}"
         monkeypatch.setitem(sys.modules, path, standing_in.module(name))
     return standing_in
 
@@ -119,13 +119,13 @@ def test_an_unknown_name_runs_nothing(experiments: Experiments, tmp_path: Path) 
 def test_command_prints_a_line_for_every_claim_and_resumes(
     experiments: Experiments, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["reproduce", "loops", "pretension", "--out", str(tmp_path)]
+    words = ["loops", "pretension", "--out", str(tmp_path)]
     experiments.failing = "loops"
-    assert cli.main(words) == 130
+    assert runner.main(words) == 130
     said = capsys.readouterr()
-    assert "experiments that were finished, if any, are kept" in said.err
+    assert "experiments that were finished are kept" in said.err
     experiments.failing = ""
-    assert cli.main(words) == 0
+    assert runner.main(words) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:4] == [
         "1 of 2 experiments kept; --again runs them anew.",

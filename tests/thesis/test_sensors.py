@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis._experiments import sensors
+from thesis._experiments import sensors
 
 
 def test_error_follows_theory_in_number_and_noise() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from cc_mujoco.cable import Transmission
 from cc_mujoco.control import ProportionalIntegral
-from cc_mujoco.thesis._experiments import spring, tracking
-from cc_mujoco.thesis._inertia_free import InertiaFree
+from thesis._experiments import spring, tracking
+from thesis._inertia_free import InertiaFree
 
 
 def test_plant_is_the_transmission_driven_by_torque_and_angle() -> None:

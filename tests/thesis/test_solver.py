@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cc_mujoco.thesis import costs
+from thesis._experiments.solver import costs
 
 
 def test_kernel_is_faster_than_enumeration_and_that_than_fsolve() -> None:

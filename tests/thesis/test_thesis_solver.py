@@ -11,7 +11,7 @@ from cable.motions import motion
 from cc_mujoco.cable import TERMS, Cable, Section, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis._literal_solver import (
+from thesis._literal_solver import (
     Constraint,
     ThesisCable,
     by_fsolve,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.thesis._experiments import tunnel
+from thesis._experiments import tunnel
 
 
 def test_linear_term_takes_a_third_and_leaves_what_is_large_at_low_speed() -> None:

@@ -12,15 +12,15 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import tension_gains
-from cc_mujoco.thesis._literal_solver import Constraint, sign_patterns, solve
-from cc_mujoco.thesis.estimators import SensorConsensus
-from cc_mujoco.thesis.estimators._directions import (
+from thesis._literal_solver import Constraint, sign_patterns, solve
+from thesis.estimators import SensorConsensus
+from thesis.estimators._directions import (
     likeliest_pattern,
     majority_directions,
     median_last_moving,
     own_solutions,
 )
-from cc_mujoco.thesis.estimators._extrapolation import (
+from thesis.estimators._extrapolation import (
     CONDITIONS,
     Moment,
     excess_moment,

@@ -10,8 +10,8 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import tension_gains
-from cc_mujoco.thesis.estimators import SensorNoise, autocovariance_least_squares
-from cc_mujoco.thesis.estimators._noise_covariance import (
+from thesis.estimators import SensorNoise, autocovariance_least_squares
+from thesis.estimators._noise_covariance import (
     LinearModel,
     autocovariances,
     difference_variance,

@@ -8,7 +8,7 @@ import pytest
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.estimators import CableObserver
+from thesis.estimators import CableObserver
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 

@@ -7,8 +7,8 @@ import pytest
 
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.estimators import SlopeLaw
 from estimation.runs import CABLE, Run, played, strokes
+from thesis.estimators import SlopeLaw
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 MU = CABLE.friction

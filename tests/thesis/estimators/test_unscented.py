@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.estimators import UnscentedEstimator
-from cc_mujoco.thesis.estimators._linearization import (
+from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
+from thesis.estimators import UnscentedEstimator
+from thesis.estimators._linearization import (
     kalman_gain,
     linearize,
     sigma_points,
     square_root,
 )
-from cc_mujoco.thesis.estimators._sliding_window import History
-from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
+from thesis.estimators._sliding_window import History
 
 NAMES = ("friction", "axial_stiffness", "pretension")
 NOISE = {"tension_proximal": 1.0, "tension_distal": 1.0}

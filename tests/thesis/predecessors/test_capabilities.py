@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.thesis import BristleChain, Distributed
-from cc_mujoco.thesis.predecessors import (
+from thesis.predecessors import (
+    BristleChain,
+    Distributed,
     LuGreChain,
     LumpedMasses,
     ModifiedBoucWen,
     PassiveDistributed,
     StaticCapstan,
 )
-from cc_mujoco.thesis.predecessors._capabilities import (
+from thesis.predecessors._capabilities import (
     CABLE,
     CAPABILITY_TESTS,
     DT,

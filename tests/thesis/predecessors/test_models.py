@@ -12,9 +12,11 @@ from scipy.integrate import solve_ivp
 
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis import BristleChain, Distributed, EndSpring
-from cc_mujoco.thesis.predecessors import (
+from thesis.predecessors import (
     Bristle,
+    BristleChain,
+    Distributed,
+    EndSpring,
     Hysteresis,
     Locked,
     LumpedMasses,

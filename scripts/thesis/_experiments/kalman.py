@@ -1,0 +1,285 @@
+"""Section 3.1: why a Kalman filter has nothing to work with.
+
+The thesis looks for the matrix F that carries the state of the cable from one time to
+the next, first in its own linear system (3.14), then as a Jacobian of a smoothed one
+(3.19, Figs. 3.2 and 3.3). Both are computed here. Friction remembers where the cable
+turned and which nodes stick, not how fast it was; while it moves, tension and
+displacement follow from the measured ends alone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report._figures import BLUE, COLORS, GREY, ORANGE, figure
+from thesis._literal_solver import Constraint, sign_patterns, solve
+from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._rig import PRINTED_CABLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
+TENSION = 10.0
+"""Tension measured at the proximal end, in addition to its displacement [N]."""
+SHARPNESSES = (1e2, 1e3, 1e4)
+"""Sharpness k of tanh(k v) in place of sign(v) [s/m]."""
+PERIOD = 1.0
+"""The unit time step of (3.16) and (3.17) [s]."""
+
+
+def transition_matrix(segments: int = 10, step: float = 1e-7) -> FloatArray:
+    """Change of the solution per change of the displacements before (3.14).
+
+    A cable in mass motion towards the distal end, displacement and tension of the
+    proximal end measured.
+
+    Returns:
+        (2n + 2, n + 1), by finite differences of that step [m].
+    """
+    mesh = Mesh.of(CABLE.replace(segments=segments))
+    before = np.linspace(0.0, 0.01, segments + 1)
+    ends = [Constraint("displacement", 0, 0.02), Constraint("tension", 0, TENSION)]
+
+    def solution(given: FloatArray) -> FloatArray:
+        found = solve(mesh, given, ends, sign_patterns(segments))
+        return np.concatenate([found.tension, found.displacement])
+
+    still = solution(before)
+    moved = [solution(before + step * row) for row in np.eye(segments + 1)]
+    return (np.array(moved) - still).T / step
+
+
+def jacobian(velocity: FloatArray, sharpness: float, mean: bool) -> FloatArray:
+    """Return du_2 now by a displacement before, sign replaced by tanh (3.1.1).
+
+    The first segment of (3.15) with T_1 and u_1 measured: u_2 = u_1 + d (e^(c S) - 1)
+    with S = tanh(k v), where v is the mean velocity of both nodes (3.16) or that of the
+    first (3.17).
+
+    Args:
+        velocity: of the segment (points,) [m/s].
+        sharpness: k [s/m].
+        mean: derivative by u_2 before, with (3.16); otherwise by u_1, with (3.17).
+
+    Returns:
+        (points,), by implicit differentiation. With the mean velocity it has poles
+        where the smoothed equation has several solutions.
+    """
+    angle, scale = segment_constants()
+    smooth = np.tanh(sharpness * velocity)
+    slope = scale * angle * np.exp(angle * smooth) * sharpness * (1.0 - smooth**2)
+    slope /= PERIOD
+    derivative: FloatArray = -0.5 * slope / (1.0 - 0.5 * slope) if mean else -slope
+    return derivative
+
+
+def segment_constants() -> tuple[float, float]:
+    """Return c_1 [1] and d_1 [m] of (3.15) for one of two segments."""
+    mesh = Mesh.of(CABLE.replace(segments=2))
+    angle = float(mesh.angle[0])
+    return angle, TENSION * float(mesh.length[0]) / mesh.stiffness / angle
+
+
+def half_width(velocity: FloatArray, derivative: FloatArray) -> float:
+    """Return the largest speed at which a derivative has half its largest value."""
+    large = np.abs(derivative) >= 0.5 * np.max(np.abs(derivative))
+    return float(np.max(np.abs(velocity[large])))
+
+
+def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> float:
+    """Count how often a threshold on a noisy reading starts or stops motion (Fig. 3.1).
+
+    The true reading rises from 0 to 1 and falls again, crossing the threshold 0.5
+    twice.
+
+    Args:
+        noise: standard deviation of the reading.
+        runs: simulations.
+        samples: readings of each.
+
+    Returns:
+        Mean number of changes.
+    """
+    truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples))
+    rng = np.random.default_rng(31)
+    moving = truth + noise * rng.standard_normal((runs, samples)) > 0.5
+    return float(np.mean(np.sum(moving[:, 1:] != moving[:, :-1], axis=1)))
+
+
+def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
+    """Run a scalar Kalman filter, right or with one of its printed equations.
+
+    Args:
+        printed: "" for the textbook filter, "(3.4)" with F^-1 for F^T, "(3.7)" without
+            the inverse of S.
+        steps: steps simulated.
+
+    Returns:
+        Variance of the error, and the variance that the filter believes in (3.9).
+    """
+    transition, process, sensor = 0.2, 1.0, 1.0
+    rng = np.random.default_rng(37)
+    truth = estimate = 0.0
+    believed, errors = 1.0, []
+    for push, noise in rng.standard_normal((steps, 2)).tolist():
+        truth = transition * truth + push
+        estimate *= transition
+        back = 1.0 / transition if printed == "(3.4)" else transition
+        believed = transition * believed * back + process
+        total = believed + sensor
+        gain = believed * total if printed == "(3.7)" else believed / total
+        estimate += gain * (truth + noise - estimate)
+        believed = (1.0 - gain) ** 2 * believed + gain**2 * sensor
+        errors.append(truth - estimate)
+        if not abs(believed) < 1e12:
+            return float("inf"), float("inf")
+    return float(np.mean(np.square(errors))), believed
+
+
+def run(progress: Progress) -> ExperimentOutcome:
+    """Compute both Jacobians, the toy of Fig. 3.1 and the printed filter."""
+    matrix = transition_matrix()
+    velocity = np.linspace(-0.05, 0.05, 20_001)
+    curves = {
+        (k, mean): jacobian(velocity, k, mean)
+        for k in SHARPNESSES
+        for mean in (True, False)
+    }
+    outside = max(
+        float(np.max(np.abs(curve[np.abs(velocity) > 10.0 / k])))
+        for (k, _), curve in curves.items()
+        if 10.0 / k < velocity[-1]
+    )
+    widths = [half_width(velocity, curves[k, True]) * k for k in SHARPNESSES]
+    levels = np.linspace(0.0, 0.3, 31)
+    counts = np.array([changes_of_motion(level) for level in levels])
+    progress(0.6)
+    eight = float(np.interp(8.0, counts, levels))
+    right, said = filter_error()
+    wrong, said_wrong = filter_error("(3.4)")
+    _, diverged = filter_error("(3.7)")
+    angle, scale = segment_constants()
+    short = -scale * np.expm1(-angle)
+    claims = (
+        Claim(
+            "(3.11)-(3.14)",
+            "the linear system has no term in the state before: F = 0, not invertible",
+            f"largest entry of F {np.max(np.abs(matrix)):.1g}, "
+            f"{matrix.shape[0]} x {matrix.shape[1]}",
+            "agrees" if not np.any(matrix) else "disagrees",
+            "the state before only selects the signs; what it keeps is who sticks",
+        ),
+        Claim(
+            "3.1.1, Figs. 3.2, 3.3",
+            "with tanh(k v) for sign(v) the Jacobian is zero but around zero velocity",
+            f"below {outside:.0e} beyond 10/k; half width {min(widths):.2f}/k to "
+            f"{max(widths):.2f}/k for k = 100 to 10 000 s/m",
+            "agrees" if outside < 1e-6 else "disagrees",
+            "closed form by implicit differentiation, both velocities (3.16), (3.17)",
+        ),
+        Claim(
+            "3.1, Fig. 3.1",
+            "truth changes motion twice, a moderately noisy sensor 8 times",
+            f"8 changes on average at noise of {eight:.1%} of the ramp; "
+            f"{counts[-1]:.0f} at {levels[-1]:.0%}",
+            "agrees" if 0.0 < eight < 0.2 else "disagrees",
+            "200 samples up and down across a threshold; the noise is not printed",
+        ),
+        Claim(
+            "(3.4)",
+            "P = F P F^-1 + Q",
+            f"error variance {wrong:.2f}, believed {said_wrong:.2f}; with F^T "
+            f"{right:.2f} and {said:.2f}",
+            "misprint"
+            if abs(said_wrong - wrong) > 5.0 * abs(said - right)
+            else "agrees",
+            "a scalar filter with F = 0.2; F^T belongs there",
+        ),
+        Claim(
+            "(3.7)",
+            "K = P H^T S",
+            "diverges" if not np.isfinite(diverged) else f"variance {diverged:.2f}",
+            "misprint" if not np.isfinite(diverged) else "agrees",
+            "the same filter; the inverse of S belongs there",
+        ),
+        Claim(
+            "(3.15)",
+            "u_2 = u_1 + d (exp(c sign v) - 1)",
+            f"moving to the proximal end the segment would be {short * 1e3:.1f} mm "
+            "shorter than unstrained at 10 N",
+            "misprint" if short > 0.0 else "agrees",
+            "(2.12) has the factor sign v before the bracket, which keeps stretch > 0",
+        ),
+        Claim(
+            "(3.20)",
+            "Dirac's delta is 1 at 0",
+            "(3.21) needs an integral of 2 over the jump of sign; a value of 1 gives 0",
+            "misprint",
+            "by definition; nothing is built on it",
+        ),
+    )
+    drawing = figure(11.0, 6.8)
+    axes = drawing.subplots(2, 2)
+    for panel, mean in ((axes[0, 0], True), (axes[0, 1], False)):
+        _draw_jacobian(panel, velocity, curves, mean)
+    _draw_toy(axes[1, 0])
+    axes[1, 1].plot(100.0 * levels, counts, color=BLUE)
+    axes[1, 1].axhline(2.0, color=GREY, linewidth=0.9, linestyle="--")
+    axes[1, 1].set(
+        title="Changes of motion against noise; the truth has 2",
+        xlabel="standard deviation of the reading [% of the ramp]",
+        ylabel="mean number of changes",
+    )
+    table = {"velocity_m_s": velocity[::20]}
+    for (k, mean), curve in curves.items():
+        table[f"{'mean' if mean else 'proximal'}_k{k:.0f}"] = curve[::20]
+    toy = {"noise": levels, "changes": counts}
+    return ExperimentOutcome(
+        claims, {"kalman": drawing}, {"jacobian": table, "toy": toy}
+    )
+
+
+def _draw_jacobian(
+    axes: Axes,
+    velocity: FloatArray,
+    curves: dict[tuple[float, bool], FloatArray],
+    mean: bool,
+) -> None:
+    for k, color in zip(SHARPNESSES, COLORS, strict=False):
+        curve = np.abs(curves[k, mean])
+        label = f"k = {k:.0f} s/m"
+        axes.semilogy(velocity, np.maximum(curve, 1e-16), color=color, label=label)
+    node = "2, mean velocity" if mean else "1, proximal velocity"
+    axes.set(
+        title=f"Derivative of u_2 by the last u_{node}",
+        xlabel="segment velocity [m/s]",
+        ylabel="magnitude of the derivative",
+        ylim=(1e-16, 1e2),
+    )
+    axes.legend()
+
+
+def _draw_toy(axes: Axes) -> None:
+    samples = 200
+    step = np.arange(samples)
+    truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples))
+    reading = truth + 0.05 * np.random.default_rng(3).standard_normal(samples)
+    axes.plot(step, reading, color=ORANGE, linewidth=0.8, label="sensor, noise 5 %")
+    axes.plot(step, truth, color=BLUE, label="truth")
+    axes.axhline(0.5, color=GREY, linewidth=0.9, linestyle="--")
+    for values, color, size in ((reading, ORANGE, 18), (truth, BLUE, 55)):
+        at = np.flatnonzero(np.diff(values > 0.5)) + 1
+        axes.scatter(
+            at, values[at], s=size, facecolors="none", edgecolors=color, zorder=3
+        )
+    axes.set(
+        title="Motion starts and stops where the reading crosses the threshold",
+        xlabel="sample",
+        ylabel="reading [share of the ramp]",
+    )
+    axes.legend()

@@ -1,0 +1,368 @@
+"""Chapter 1: the models that came before, and what each can show.
+
+All models get the same cable and the same motions (`find_capabilities`). The thesis
+describes in words what they lack (1.5); here each model is tested. Parameters that a
+model has beyond those of a cable are chosen: bristles of 20 um, 10 lumped masses of a
+0.75 mm rope, and the hysteresis of Do fitted to the first motion that is drawn.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
+from thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict
+from thesis.predecessors import (
+    Answer,
+    BristleChain,
+    Distributed,
+    LuGreChain,
+    LumpedMasses,
+    ModifiedBoucWen,
+    PassiveDistributed,
+    PublishedModel,
+    StaticCapstan,
+)
+from thesis.predecessors._capabilities import (
+    CABLE,
+    CAPABILITY_TESTS,
+    DT,
+    SPRING,
+    Capability,
+    find_capabilities,
+    onset_pull,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+REFERENCE_SEGMENTS = 200
+"""Segments of the model that the others are compared with."""
+
+
+class _Judged(NamedTuple):
+    """One model: what it can show, how far off it is, what it costs.
+
+    Attributes:
+        model: itself.
+        findings: answer to every question.
+        answer: to the drawn motion.
+        moving: RMS error of the output tension while the output moves [N].
+        starting: the same while only part of the cable moves [N].
+        friction: both for the difference of the two tensions [N].
+        cost: time of a step, in units of ours with the same spring.
+    """
+
+    model: PublishedModel
+    findings: dict[str, Capability]
+    answer: Answer
+    moving: float
+    starting: float
+    friction: tuple[float, float]
+    cost: float
+
+
+def motion() -> FloatArray:
+    """Return the motor displacement: strokes that shrink, 8 s [m]."""
+    at = np.arange(0.0, 8.0, DT)
+    size = onset_pull(CABLE) * np.interp(at, [0.0, 2.0, 8.0], [2.5, 2.5, 0.8])
+    pull: FloatArray = -size * np.sin(np.pi * at)
+    return pull
+
+
+def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:
+    """Return all models, ours last, with Do's fitted to two seconds of a recording."""
+    first = slice(0, round(2.0 / DT))
+    seen = Answer(*(part[first] for part in recorded))
+    return [
+        StaticCapstan(CABLE),
+        LumpedMasses(CABLE),
+        BristleChain(CABLE),
+        LuGreChain(CABLE),
+        ModifiedBoucWen.fitted(CABLE, DT, proximal[first], SPRING, seen),
+        PassiveDistributed(CABLE),
+        Distributed(CABLE),
+    ]
+
+
+def judge(
+    model: PublishedModel, proximal: FloatArray, truth: Answer, unit: float
+) -> _Judged:
+    """Test, compare and time one model; `unit` is the time of our step [s]."""
+    answer = model.replay(DT, proximal, SPRING)
+    distal = answer.tension_distal - truth.tension_distal
+    lost = answer.tension_proximal - truth.tension_proximal - distal
+    moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
+    return _Judged(
+        model,
+        find_capabilities(model),
+        answer,
+        _rms(distal[moves]),
+        _rms(distal[~moves]),
+        (_rms(lost[moves]), _rms(lost[~moves])),
+        cost(model, proximal) / unit,
+    )
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def cost(model: PublishedModel, proximal: FloatArray) -> float:
+    """Return the time of one step, best of five, compiled beforehand [s]."""
+    best = np.inf
+    for _ in range(5):
+        begin = time.perf_counter()
+        model.replay(DT, proximal, SPRING)
+        best = min(best, time.perf_counter() - begin)
+    return best / proximal.size
+
+
+def run(progress: Progress) -> ExperimentOutcome:
+    """Test every model."""
+    proximal = motion()
+    truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).replay(
+        DT, proximal, SPRING
+    )
+    ours = Distributed(CABLE)
+    ours.replay(DT, proximal, SPRING)
+    unit = cost(ours, proximal)
+    asked = models(proximal, truth)
+    found = []
+    for place, model in enumerate(asked):
+        found.append(judge(model, proximal, truth, unit))
+        progress((place + 1) / len(asked))
+    by_type = {type(judged.model): judged for judged in found}
+    tables = {"capabilities": _table(found), "motion": _motion(proximal, truth, found)}
+    figures = {"capabilities": _draw_table(found), "motion": _draw_motion(found, truth)}
+    return ExperimentOutcome(_claims(by_type), figures, tables)
+
+
+def _has_capabilities(judged: _Judged, *questions: str) -> bool:
+    return all(judged.findings[question].able for question in questions)
+
+
+def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
+    ours, before = found[Distributed], found[PassiveDistributed]
+    everything = _has_capabilities(ours, *CAPABILITY_TESTS)
+    same = np.max(
+        np.abs(np.subtract(ours.answer.tension_distal, before.answer.tension_distal))
+    )
+    passive = _has_capabilities(
+        before, "partial motion", "slack", "non-uniform pretension"
+    )
+    refused = not _has_capabilities(before, "motion from both ends")
+    return (
+        _claim_capstan(found[StaticCapstan]),
+        _claim_kaneko(found[LumpedMasses]),
+        _claim_palli(found[BristleChain], found[LuGreChain]),
+        _claim_do(found[ModifiedBoucWen]),
+        Claim(
+            "1.5",
+            "Agrawal: distributed, but passive environment and motion from one end",
+            f"output tension within {same:.1g} N of ours on a spring; takes no output "
+            "that someone moves, and does not slip where bends open",
+            "agrees" if passive and refused and same < 0.1 else "disagrees",
+            "its front comes from the motor only; where that is enough it is our model",
+        ),
+        Claim(
+            "1.5, 2.1",
+            "bidirectional motion is in no model before; any environment, any bends",
+            f"ours answers {sum(f.able for f in ours.findings.values())} of "
+            f"{len(CAPABILITY_TESTS)} questions right",
+            "agrees" if everything and not _bidirectional(found) else "in part",
+            "a chain of bristles passes motion from both ends, too, without slack"
+            if _bidirectional(found)
+            else "answers known from capstan law, length and energy balance",
+        ),
+        _claim_cost(found),
+    )
+
+
+def _bidirectional(found: dict[type[PublishedModel], _Judged]) -> bool:
+    return any(
+        _has_capabilities(judged, "motion from both ends")
+        for kind, judged in found.items()
+        if kind is not Distributed
+    )
+
+
+def _claim_capstan(judged: _Judged) -> Claim:
+    lacks = not _has_capabilities(judged, "partial motion")
+    return Claim(
+        "1.5",
+        "simulators take friction, if at all, as a ratio of tensions",
+        f"output tension {judged.moving:.1f} N off while it moves and "
+        f"{judged.starting:.1f} N while part of the cable moves",
+        "agrees" if lacks else "disagrees",
+        "not a model of the thesis; its output jumps at every reversal",
+    )
+
+
+def _claim_kaneko(judged: _Judged) -> Claim:
+    lacking = [
+        "partial motion",
+        "changing curvature",
+        "non-spring environment",
+        "non-uniform pretension",
+    ]
+    lacks = not any(judged.findings[name].able for name in lacking)
+    return Claim(
+        "1.5",
+        "Kaneko: no partial motion, fixed bends, spring environments, one pretension",
+        f"{judged.findings['partial motion'].told}; "
+        f"{judged.findings['slack'].told}; {judged.findings['creates no energy'].told}",
+        "agrees" if lacks else "disagrees",
+        "linear between reversals, where its stiffness jumps under load",
+    )
+
+
+def _claim_palli(dahl: _Judged, lugre: _Judged) -> Claim:
+    shows = _has_capabilities(dahl, "partial motion") and _has_capabilities(
+        lugre, "partial motion"
+    )
+    lacks = not _has_capabilities(dahl, "slack") and not _has_capabilities(
+        dahl, "changing curvature"
+    )
+    return Claim(
+        "1.5, (1.2)",
+        "Palli and Melchiorri: Dahl friction instead of Coulomb's",
+        f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
+        f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].told}",
+        "agrees" if shows and lacks else "in part",
+        "with bristles of 20 um it is nearly ours while the cable is taut; at rest "
+        "they hold even where bends open",
+    )
+
+
+def _claim_do(judged: _Judged) -> Claim:
+    moving, starting = judged.friction
+    lacks = not _has_capabilities(judged, "partial motion")
+    good: Verdict = "agrees" if moving < 0.5 * starting else "in part"
+    return Claim(
+        "1.5, (1.3)-(1.5)",
+        "Do: tracks well in motion, misses partial motion",
+        f"fitted to the first stroke, friction is {moving:.1f} N off in motion and "
+        f"{starting:.1f} N in partial motion; the output {judged.moving:.1f} and "
+        f"{judged.starting:.1f} N",
+        good if lacks else "disagrees",
+        "output and motor move alike in it; on an elastic cable the output is off by "
+        "the stretch",
+    )
+
+
+def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
+    told = ", ".join(
+        f"{kind.name.partition(',')[0]} {judged.cost:.2g}"
+        for kind, judged in found.items()
+        if kind not in (Distributed, LuGreChain)
+    )
+    dear = found[PassiveDistributed].cost
+    return Claim(
+        "1.5",
+        "the distributed model before was expensive to solve",
+        f"time of a step, ours is 1: {told}",
+        "agrees" if dear > 1.5 else "disagrees",
+        f"all compiled, {CABLE.segments} segments, spring at the output, one run",
+        timed=True,
+    )
+
+
+def _table(found: list[_Judged]) -> dict[str, Any]:
+    columns: dict[str, Any] = {"model": [judged.model.name for judged in found]}
+    for question in CAPABILITY_TESTS:
+        name = question.replace(" ", "_").replace("-", "_")
+        columns[name] = [judged.findings[question].able for judged in found]
+        columns[f"{name}_told"] = [judged.findings[question].told for judged in found]
+    columns["error_in_motion_n"] = [judged.moving for judged in found]
+    columns["error_in_partial_motion_n"] = [judged.starting for judged in found]
+    columns["cost_over_ours"] = [judged.cost for judged in found]
+    return columns
+
+
+def _motion(
+    proximal: FloatArray, truth: Answer, found: list[_Judged]
+) -> dict[str, Any]:
+    every = slice(None, None, 10)
+    columns = {
+        "time_s": (np.arange(proximal.size) * DT)[every],
+        "u_proximal_m": proximal[every],
+        "reference_tension_distal_n": truth.tension_distal[every],
+    }
+    for judged in found:
+        name = type(judged.model).__name__
+        columns[f"{name}_tension_proximal_n"] = judged.answer.tension_proximal[every]
+        columns[f"{name}_tension_distal_n"] = judged.answer.tension_distal[every]
+    return columns
+
+
+def _draw_table(found: list[_Judged]) -> Figure:
+    heads = [
+        *CAPABILITY_TESTS,
+        "error in motion",
+        "in partial motion",
+        "cost of a step",
+    ]
+    drawing = figure(10.0, 3.6)
+    axes = drawing.add_subplot()
+    for row, judged in enumerate(found):
+        cells = [
+            "yes" if _has_capabilities(judged, name) else "no"
+            for name in CAPABILITY_TESTS
+        ]
+        cells += [f"{judged.moving:.2g} N", f"{judged.starting:.2g} N"]
+        cells.append(f"{judged.cost:.2g}")
+        for column, text in enumerate(cells):
+            color = {"yes": GREEN, "no": ORANGE}.get(text, "black")
+            axes.text(column, row, text, ha="center", va="center", color=color, size=9)
+    axes.set(xlim=(-0.6, len(heads) - 0.4), ylim=(len(found) - 0.5, -0.5))
+    axes.set_xticks(range(len(heads)), [head.replace(" ", "\n", 1) for head in heads])
+    axes.set_yticks(range(len(found)), [judged.model.name for judged in found])
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.grid(False)
+    for row in range(1, len(found)):
+        axes.axhline(row - 0.5, color="#E4E4E4", linewidth=0.6)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.set_title(
+        "What each model of a cable can show "
+        "(error: RMS of the output tension; cost: ours is 1)",
+        pad=34,
+    )
+    return drawing
+
+
+def _draw_motion(found: list[_Judged], truth: Answer) -> Figure:
+    drawing = figure(10.0, 5.2)
+    panels = np.ravel(drawing.subplots(2, 4, sharex=True, sharey=True))
+    for axes, judged in zip(panels, found, strict=False):
+        axes.plot(truth.tension_proximal, truth.tension_distal, color=GREY, lw=2.5)
+        color = GREEN if isinstance(judged.model, Distributed) else BLUE
+        axes.plot(
+            judged.answer.tension_proximal, judged.answer.tension_distal, color=color
+        )
+        axes.set_title(judged.model.name, size=8.5)
+    panels[-1].axis("off")
+    panels[-1].text(
+        0.0,
+        0.5,
+        "One motion through every model:\nstrokes of the motor that shrink,\n"
+        "a spring at the output.\n\n"
+        f"Grey: our model with {REFERENCE_SEGMENTS} segments,\nthe others have "
+        f"{CABLE.segments}.\nHorizontal pieces are partial\nmotion: the motor's "
+        "tension changes,\nthe output's does not.",
+        transform=panels[-1].transAxes,
+        va="center",
+        size=8.5,
+    )
+    for axes in panels[4:7]:
+        axes.set_xlabel("tension at the motor [N]")
+    panels[3].tick_params(labelbottom=True)
+    for axes in panels[[0, 4]]:
+        axes.set_ylabel("tension at the output [N]")
+    return drawing

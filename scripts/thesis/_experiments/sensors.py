@@ -1,0 +1,332 @@
+"""Section 3.2.1: many noisy tension sensors, directions of slip known.
+
+Chosen, as the text is silent: the cable of Table 2.2 with its kinetic friction
+(the only one printed), 10 segments, motor pulling, 20 N at the output. Truth is this
+package's kernel on the same 11 nodes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import Cable, replay
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, GREY, ORANGE, figure
+from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SEGMENTS = 10
+CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
+OUTPUT_TENSION = 20.0
+"""Output tension of Figs. 3.4 and 3.5 [N]."""
+NOISE_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2)
+"""Noise, a standard deviation in shares of the output tension."""
+SIMULATIONS = 10_000
+DT = 0.005
+NOISE = 2.0
+"""Noise of every sensor in Figs. 3.4 and 3.6 [N]."""
+LAGS = 20
+
+
+def pulled_state(cable: Cable) -> tuple[Mesh, FloatArray, FloatArray]:
+    """Return segments, gains between nodes and true tensions of a pulling motor."""
+    mesh = Mesh.of(cable)
+    nodes = np.arange(cable.segments + 1)
+    gain = tension_gains(mesh, -np.ones(cable.segments), nodes)
+    return mesh, gain, OUTPUT_TENSION * gain[-1]
+
+
+class Grid(NamedTuple):
+    """Mean absolute error at the output in percent, (levels, counts).
+
+    Attributes:
+        mean: of the sample mean.
+        weighted: of the mean by inverse variance.
+        expected: of the sample mean, by theory.
+    """
+
+    mean: FloatArray
+    weighted: FloatArray
+    expected: FloatArray
+
+
+def error_grid(simulations: int = SIMULATIONS, seed: int = 35) -> Grid:
+    """Simulate Fig. 3.5: sensors at random nodes, equally often for each number."""
+    random = np.random.default_rng(seed)
+    _, gain, truth = pulled_state(CABLE)
+    to_output = gain[:, -1]
+    count = SEGMENTS + 1
+    choices: tuple[Weights, ...] = ("mean", "variance")
+    found = np.empty((3, len(NOISE_LEVELS), count))
+    for row, level in enumerate(NOISE_LEVELS):
+        noise = level * OUTPUT_TENSION
+        for sensors in range(1, count + 1):
+            order = np.argsort(random.random((simulations, count)), axis=1)
+            nodes = order[:, :sensors]
+            reading = truth[nodes] + noise * random.normal(size=nodes.shape)
+            ratio = to_output[nodes][..., None]
+            spread = np.full(sensors, noise)
+            for place, weights in enumerate(choices):
+                output = fuse(reading, ratio, spread, weights).tension[:, 0]
+                found[place, row, sensors - 1] = np.mean(
+                    np.abs(output - OUTPUT_TENSION)
+                )
+            carried = np.sqrt(np.sum(to_output[nodes] ** 2, axis=1)) / sensors
+            found[2, row, sensors - 1] = (
+                np.sqrt(2.0 / np.pi) * noise * float(np.mean(carried))
+            )
+    return Grid(*(100.0 * found / OUTPUT_TENSION))
+
+
+def excess_of_mean(cable: Cable) -> float:
+    """Return the output's deviation by the sample mean over that by the best weights.
+
+    With a sensor everywhere along a cable of wrap times friction a it is sinh(a)/a.
+    """
+    _, gain, _ = pulled_state(cable)
+    spread = np.ones(cable.segments + 1)
+    zero = np.zeros_like(spread)
+    mean = fuse(zero, gain, spread, "mean").deviation[-1]
+    return float(mean / fuse(zero, gain, spread).deviation[-1])
+
+
+class _Run(NamedTuple):
+    """The output tension ramped up and down, with rests (Fig. 3.6).
+
+    Attributes:
+        time: (samples,) [s].
+        truth: output tension (samples,) [N].
+        mean: the thesis's estimate of it (samples,) [N].
+        best: ours (samples,) [N].
+        moving: whether the output end moves (samples,).
+        scaled: error of the mean over its standard deviation, where moving.
+    """
+
+    time: FloatArray
+    truth: FloatArray
+    mean: FloatArray
+    best: FloatArray
+    moving: NDArray[np.bool_]
+    scaled: FloatArray
+
+
+def ramps(seed: int = 36) -> _Run:
+    """Simulate two pulls and releases of the motor end with locked output."""
+    time = np.arange(0.0, 12.0, DT)
+    knots = np.array([0.0, 2.0, 3.0, 5.0, 6.0])
+    pull = np.interp(time % 6.0, knots, [0.0, 0.05, 0.05, 0.0, 0.0])
+    cable = CABLE.replace(pretension=20.0)
+    true = replay(
+        cable, DT, u_proximal=-pull, u_distal=np.zeros(time.size), profile=True
+    )
+    assert true.tension is not None and true.direction is not None
+    random = np.random.default_rng(seed)
+    reading = true.tension + NOISE * random.normal(size=true.tension.shape)
+    sensors = Sensors.everywhere(cable, NOISE)
+    thesis = TensionFusion(cable, sensors, weights="mean", at_rest="hold")
+    thesis.reset(deviation=0.0)
+    ours = TensionFusion(cable, sensors)
+    mean = thesis.over(reading, true.direction)
+    moving = true.direction[:, -1] != 0
+    error = mean.tension[:, -1] - true.tension[:, -1]
+    return _Run(
+        time,
+        true.tension[:, -1],
+        mean.tension[:, -1],
+        ours.over(reading, true.direction).tension[:, -1],
+        moving,
+        error[moving] / mean.deviation[moving, -1],
+    )
+
+
+def ljung_box(series: FloatArray, lags: int = LAGS) -> float:
+    """Return the probability that white noise is as correlated as this series."""
+    from scipy.stats import chi2
+
+    centred = series - np.mean(series)
+    count = centred.size
+    power = float(centred @ centred)
+    total = sum(
+        float(centred[lag:] @ centred[:-lag] / power) ** 2 / (count - lag)
+        for lag in range(1, lags + 1)
+    )
+    return float(chi2.sf(count * (count + 2.0) * total, lags))
+
+
+def rest_drift(run: _Run) -> float:
+    """Return the largest change of the mean's error between samples at rest [N]."""
+    error = run.mean - run.truth
+    still = ~run.moving[1:]
+    return float(np.max(np.abs(np.diff(error)[still])))
+
+
+def run(progress: Progress) -> ExperimentOutcome:
+    """Reproduce Figs. 3.4, 3.5 and 3.6."""
+    grid = error_grid()
+    progress(0.6)
+    series = ramps()
+    excess, mild = excess_of_mean(CABLE), excess_of_mean(_same_mesh(RECONCILED_CABLE))
+    angle = CABLE.friction * CABLE.wrap
+    limit = float(np.sinh(angle) / angle)
+    level = NOISE_LEVELS.index(0.1)
+    one, all_mean = grid.mean[level, [0, -1]]
+    all_best = grid.weighted[level, -1]
+    falls = bool(np.all(np.diff(grid.mean, axis=1) < 0.0))
+    falls &= bool(np.all(np.diff(grid.mean, axis=0) > 0.0))
+    theory = float(np.max(np.abs(grid.mean / grid.expected - 1.0)))
+    white = ljung_box(series.scaled)
+    offset = float(np.mean(series.scaled) * np.sqrt(series.scaled.size))
+    size = float(np.std(series.scaled))
+    whole = white > 0.01 and abs(offset) < 3.0
+    drift = rest_drift(series)
+    held, averaged = (_rms_at_rest(series, e) for e in (series.mean, series.best))
+    claims = (
+        Claim(
+            "3.2.1",
+            "the sample mean is exactly the minimum-variance unbiased estimator",
+            f"its error at the output is {excess - 1.0:.0%} above that of inverse-"
+            f"variance weights (Table 2.2; {mild - 1.0:.1%} with mu = "
+            f"{RECONCILED_CABLE.friction:g}); both unbiased",
+            "disagrees" if excess > 1.01 else "agrees",
+            "capstan factors scale the noise too; it would be exact only for noise in "
+            f"proportion to tension; sensors all along: sinh(a)/a = {limit:.2f}",
+        ),
+        Claim(
+            "Fig. 3.5",
+            "error falls with number and quality of sensors, 10,000 simulations each",
+            f"noise 10 % of output: {one:.1f} % with 1 sensor, {all_mean:.1f} % with "
+            f"11 by the mean, {all_best:.1f} % by our weights",
+            "agrees" if falls and theory < 0.05 else "in part",
+            f"real simulations, within {theory:.1%} of theory; values are not printed, "
+            "sensors at random nodes",
+        ),
+        Claim(
+            "Fig. 3.6",
+            "estimate is like white Gaussian noise about the truth, no effects in time",
+            f"Ljung-Box over {LAGS} lags p = {white:.2f}; mean error {offset:.1f} of "
+            f"its standard errors; size {size:.2f} of the predicted",
+            "agrees" if whole else "disagrees",
+            f"{series.scaled.size} moving samples of two ramps up and down",
+        ),
+        Claim(
+            "Fig. 3.6",
+            "at rest the error stays that of the last moment of motion",
+            f"changes by {drift:.1g} N at most; RMS at rest {held:.2f} N, and "
+            f"{averaged:.2f} N if readings are averaged on",
+            "better" if drift < 1e-9 and averaged < held else "in part",
+            "a node at rest keeps its tension: further readings are of the same number",
+        ),
+    )
+    sizes = figure(11.0, 4.2)
+    left, right = sizes.subplots(1, 2)
+    instant = _draw_instant(left)
+    _draw_grid(right, grid)
+    times = figure(11.0, 4.2)
+    left, right = times.subplots(1, 2, width_ratios=(3, 2))
+    _draw_run(left, series, (0.0, 12.0))
+    _draw_run(right, series, (1.7, 3.2))
+    left.set_ylim(18.0, 60.0)
+    left.legend(ncols=3, loc="upper center")
+    left.set_title("Output tension, pulled and let go twice")
+    right.set_title("The same, at the first rest")
+    counts = np.arange(1, SEGMENTS + 2)
+    columns: dict[str, NDArray[Any]] = {"sensors": counts}
+    for row, level_ in enumerate(NOISE_LEVELS):
+        columns[f"mean_at_{100 * level_:g}_percent_noise_percent"] = grid.mean[row]
+        columns[f"weighted_at_{100 * level_:g}_percent_noise_percent"] = grid.weighted[
+            row
+        ]
+    table = {
+        "time_s": series.time,
+        "output_n": series.truth,
+        "mean_n": series.mean,
+        "weighted_n": series.best,
+        "moving": series.moving,
+    }
+    return ExperimentOutcome(
+        claims,
+        {"sensors": sizes, "ramps": times},
+        {"instant": instant, "number_and_noise": columns, "ramps": table},
+    )
+
+
+def _same_mesh(cable: Cable) -> Cable:
+    return cable.replace(segments=SEGMENTS)
+
+
+def _rms_at_rest(run: _Run, estimate: FloatArray) -> float:
+    still = ~run.moving & (run.time > run.time[np.argmax(run.moving)])
+    return float(np.sqrt(np.mean((estimate - run.truth)[still] ** 2)))
+
+
+def _draw_instant(axes: Axes) -> dict[str, NDArray[Any]]:
+    """Draw Fig. 3.4, and return its data."""
+    _, gain, truth = pulled_state(CABLE)
+    random = np.random.default_rng(34)
+    reading = truth + NOISE * random.normal(size=truth.size)
+    nodes = np.arange(truth.size) + 1
+    for place, (row, value) in enumerate(zip(gain, reading, strict=True)):
+        color = COLORS[place % len(COLORS)]
+        axes.plot(nodes, row * value, color="#C0C0C0", linewidth=0.7)
+        axes.plot(place + 1, value, "o", color=color, markersize=4)
+    spread = np.full(truth.size, NOISE)
+    mean = fuse(reading, gain, spread, "mean").tension
+    best = fuse(reading, gain, spread).tension
+    axes.plot(nodes, truth, "k.", markersize=9, label="truth")
+    axes.plot(nodes, mean, "--", color=BLUE, linewidth=2, label="mean of all")
+    axes.plot(nodes, best, color=GREEN, linewidth=2, label="weighted by variance")
+    axes.legend()
+    axes.set(
+        title=f"11 sensors with {NOISE:g} N noise: readings, each sensor's own line",
+        xlabel="node, from the motor",
+        ylabel="tension [N]",
+    )
+    return {
+        "node": nodes,
+        "truth_n": truth,
+        "reading_n": reading,
+        "mean_n": mean,
+        "weighted_n": best,
+    }
+
+
+def _draw_grid(axes: Axes, grid: Grid) -> None:
+    counts = np.arange(1, SEGMENTS + 2)
+    for row, level in enumerate(NOISE_LEVELS):
+        color = COLORS[row]
+        label = f"noise {100 * level:g} %"
+        axes.semilogy(counts, grid.mean[row], "o-", color=color, label=label)
+        axes.semilogy(counts, grid.weighted[row], "--", color=color)
+    axes.plot([], [], "o-", color=GREY, label="mean")
+    axes.plot([], [], "--", color=GREY, label="weighted by variance")
+    axes.legend(ncols=2, fontsize=7)
+    axes.set(
+        title="Error at the output, mean of 10,000 simulations each",
+        xlabel="number of sensors",
+        ylabel="absolute error [% of output tension]",
+        ylim=(0.07, 60.0),
+    )
+
+
+def _draw_run(axes: Axes, run: _Run, span: tuple[float, float]) -> None:
+    seen = (run.time >= span[0]) & (run.time <= span[1])
+    time = run.time[seen]
+    axes.plot(time, run.mean[seen], color=BLUE, linewidth=0.8, label="mean of 11")
+    axes.plot(
+        time,
+        run.best[seen],
+        color=ORANGE,
+        linewidth=0.9,
+        label="weighted, averaged on at rest",
+    )
+    axes.plot(time, run.truth[seen], color=BLACK, linewidth=1.0, label="truth")
+    axes.set(xlabel="time [s]", ylabel="output tension [N]")

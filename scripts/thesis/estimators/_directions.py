@@ -1,0 +1,204 @@
+r"""Directions of slip by every sensor on its own, and those that all agree on.
+
+    own = own_solutions(mesh, before, u_proximal, reading, sensors.on(cable))
+    pattern = majority_directions(own.pattern)
+
+3.2.2 of the thesis: without directions each sensor solves the cable by itself. Given
+the encoder's displacement of the proximal end and the tension at its node, a sign
+pattern decides all tensions (2.10) and, by the stretch from the encoder on (2.12), all
+displacements; it stands if every segment then moves as assumed (2.25), compared with
+the displacements of the estimate before. All sensors start from the same estimate
+before, the fused one.
+
+The system 2.13 with these two constraints is triangular, so it is solved here by
+running sums for all sensors, patterns and instants at once;
+`thesis._literal_solver` solves it with matrices, to the same numbers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco.cable._segments import Mesh
+from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.native import FloatArray
+from thesis._literal_solver import sign_patterns
+
+
+class OwnSolutions(NamedTuple):
+    """Solutions of each sensor on its own.
+
+    Attributes:
+        tension: of the nodes (..., m, n + 1) [N].
+        displacement: of the nodes (..., m, n + 1) [m].
+        pattern: directions of the segments (..., m, n).
+        fitting: how many sign patterns are consistent (..., m); the first one stands.
+        contradiction: motion against the assumed direction (..., m) [m], 0 where a
+            pattern is consistent.
+    """
+
+    tension: FloatArray
+    displacement: FloatArray
+    pattern: FloatArray
+    fitting: NDArray[np.intp]
+    contradiction: FloatArray
+
+
+def node_displacements(
+    mesh: Mesh, pattern: FloatArray, tension: FloatArray, u_proximal: ArrayLike
+) -> FloatArray:
+    """Return the displacements of the nodes from the encoder on (2.12).
+
+    Args:
+        mesh: the segments.
+        pattern: their directions (..., n).
+        tension: of the nodes (..., n + 1) [N].
+        u_proximal: of the proximal end (...,) [m].
+
+    Returns:
+        (..., n + 1) [m].
+    """
+    stretch = tension[..., :-1] * mesh.compliance(pattern)
+    u = np.empty(tension.shape)
+    u[..., 0] = u_proximal
+    u[..., 1:] = u[..., :1] + np.cumsum(stretch, axis=-1)
+    return u
+
+
+def own_solutions(
+    mesh: Mesh,
+    before: ArrayLike,
+    u_proximal: ArrayLike,
+    reading: ArrayLike,
+    nodes: NDArray[np.intp],
+    first: ArrayLike | None = None,
+) -> OwnSolutions:
+    """Solve a wholly moving cable once per sensor.
+
+    Args:
+        mesh: the segments.
+        before: displacement of the nodes an instant ago (..., n + 1) [m].
+        u_proximal: displacement of the proximal end now (...,) [m].
+        reading: tension at every sensor (..., m) [N].
+        nodes: of the sensors (m,).
+        first: pattern that is tried before all others, the last one found (n,).
+
+    Returns:
+        The first consistent pattern of each sensor, else the one whose contradicting
+        segments move least.
+    """
+    patterns = _ordered_patterns(mesh, first)
+    ratio = tension_gains(mesh, patterns, nodes, through_rest=True).swapaxes(0, 1)
+    # Axes: ..., sensor, pattern, node.
+    tension = np.asarray(reading, dtype=float)[..., None, None] * ratio
+    proximal = np.asarray(u_proximal, dtype=float)[..., None, None]
+    u = node_displacements(mesh, patterns, tension, proximal)
+    moved = u - np.asarray(before, dtype=float)[..., None, None, :]
+    wrong = np.sum(_opposed_motion(patterns, moved), axis=-1)
+    best = np.argmin(wrong, axis=-1)
+    pick = best[..., None, None]
+    return OwnSolutions(
+        tension=np.take_along_axis(tension, pick, axis=-2)[..., 0, :],
+        displacement=np.take_along_axis(u, pick, axis=-2)[..., 0, :],
+        pattern=patterns[best],
+        fitting=np.count_nonzero(wrong == 0.0, axis=-1),
+        contradiction=np.take_along_axis(wrong, best[..., None], axis=-1)[..., 0],
+    )
+
+
+def majority_directions(pattern: ArrayLike, otherwise: ArrayLike = 1.0) -> FloatArray:
+    """Return the most common direction of every segment among the sensors.
+
+    Args:
+        pattern: believed directions (..., m, n).
+        otherwise: direction where votes are equal, (n,) or one for all.
+
+    Returns:
+        (..., n), each -1 or 1.
+    """
+    votes = np.sum(np.asarray(pattern, dtype=float), axis=-2)
+    chosen: FloatArray = np.where(votes == 0.0, otherwise, np.sign(votes))
+    return chosen
+
+
+def likeliest_pattern(
+    mesh: Mesh,
+    before: ArrayLike,
+    u_proximal: ArrayLike,
+    reading: ArrayLike,
+    nodes: NDArray[np.intp],
+    deviation: ArrayLike,
+    first: ArrayLike | None = None,
+) -> FloatArray:
+    """Return the pattern that best explains all readings jointly, instead of a vote.
+
+    Each pattern is given the one tension that fits all sensors best. Its cost is what
+    the readings miss by, in squared standard deviations, and so counted the farthest
+    that a segment then moves against the pattern.
+
+    Args:
+        mesh: the segments.
+        before: displacement of the nodes an instant ago (..., n + 1) [m].
+        u_proximal: displacement of the proximal end now (...,) [m].
+        reading: tension at every sensor (..., m) [N].
+        nodes: of the sensors (m,).
+        deviation: of the sensors (m,) [N].
+        first: pattern that wins where costs are equal (n,).
+
+    Returns:
+        (..., n).
+    """
+    patterns = _ordered_patterns(mesh, first)
+    profile = np.exp(_log_gain(mesh, patterns))
+    seen = profile[:, nodes]
+    weight = seen / np.asarray(deviation, dtype=float) ** 2
+    precision = np.sum(weight * seen, axis=1)
+    measured = np.asarray(reading, dtype=float)
+    common = measured @ weight.T / precision
+    lack = (measured[..., None, :] - common[..., None] * seen) / deviation
+    proximal = np.asarray(u_proximal, dtype=float)[..., None]
+    u = node_displacements(mesh, patterns, common[..., None] * profile, proximal)
+    wrong = _opposed_motion(patterns, u - np.asarray(before, dtype=float)[..., None, :])
+    # Of a displacement now and one before, both as uncertain as the common tension.
+    unit = (
+        node_displacements(mesh, patterns, profile, 0.0)
+        * np.sqrt(2.0 / precision)[:, None]
+    )
+    wrong /= 0.5 * (unit[:, :-1] + unit[:, 1:])
+    cost = np.sum(lack**2, axis=-1) + np.max(wrong**2, axis=-1)
+    best: FloatArray = patterns[np.argmin(cost, axis=-1)]
+    return best
+
+
+def median_last_moving(last_moving: ArrayLike) -> int:
+    """Return the median of the sensors' last-moving nodes (footnote 4).
+
+    Of an even number it is the lower one of the middle two, so that it is always what
+    at least one sensor believes.
+    """
+    ordered = np.sort(np.asarray(last_moving, dtype=int))
+    return int(ordered[(ordered.size - 1) // 2])
+
+
+def _ordered_patterns(mesh: Mesh, first: ArrayLike | None) -> FloatArray:
+    """Return all admissible patterns, the wanted one first."""
+    patterns = np.array(sign_patterns(mesh.segments))
+    if first is None:
+        return patterns
+    same = np.all(patterns == np.asarray(first, dtype=float), axis=1)
+    return patterns[np.argsort(~same, kind="stable")]
+
+
+def _opposed_motion(patterns: FloatArray, moved: FloatArray) -> FloatArray:
+    """Return how far each segment moves against its assumed direction [m]."""
+    motion = 0.5 * (moved[..., :-1] + moved[..., 1:])
+    return np.where(np.sign(motion) != patterns, np.abs(motion), 0.0)
+
+
+def _log_gain(mesh: Mesh, patterns: FloatArray) -> FloatArray:
+    level = np.zeros((len(patterns), mesh.segments + 1))
+    np.cumsum(mesh.angle * patterns, axis=1, out=level[:, 1:])
+    return level

@@ -1,0 +1,234 @@
+"""Capabilities of a cable model, found by tests of it.
+
+    found = find_capabilities(BristleChain(CABLE))
+    found["slack"].able, found["slack"].told
+
+Every question is a motion whose right answer is known without any model here: from the
+capstan law, from the length of the cable, or from the balance of energy. A model that
+refuses the motion is not able, and neither is one that answers it wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
+from thesis.predecessors._model import (
+    Answer,
+    EndSpring,
+    Moved,
+    PublishedModel,
+)
+
+DT = 1e-3
+CABLE = Cable(
+    axial_stiffness=4000.0,
+    pretension=10.0,
+    friction=0.2,
+    static_friction=0.0,
+    conduit=(Section(2.0, 0.4),),
+    segments=20,
+)
+SPRING = EndSpring(500.0)
+MAX_RELATIVE_ERROR = 0.05
+"""Largest relative error of an answer that counts as right."""
+
+_CYCLES, _HALF_CYCLE_SAMPLES = 30, 50
+"""Cycles until the state repeats, and samples of half a cycle."""
+_ROUNDING = 1e-3
+_REPEAT_TOLERANCE = 1e-5
+"""Difference of tension with which a cycle counts as repeated [N]."""
+
+
+class Capability(NamedTuple):
+    """Answer to one question.
+
+    Attributes:
+        able: whether the model gave the right answer.
+        told: the result in a few words.
+    """
+
+    able: bool
+    told: str
+
+
+def front_pull(cable: Cable, tension: float) -> float:
+    """Return the displacement of an end behind whose front its tension is this [m].
+
+    Behind the front the capstan law holds, ahead of it the pretension:
+    u = T0 (e^a - 1 - a) L / (mu theta EA) with e^a = T/T0.
+    """
+    a = math.log(tension / cable.pretension)
+    per_angle = cable.length / (cable.axial_stiffness * cable.friction * cable.wrap)
+    return cable.pretension * (math.expm1(a) - a) * per_angle
+
+
+def onset_pull(cable: Cable) -> float:
+    """Pull of one end that the other first feels [m]."""
+    whole = math.exp(cable.friction * cable.wrap)
+    return front_pull(cable, whole * cable.pretension)
+
+
+def end_tension(cable: Cable, pull: float) -> float:
+    """Return the tension of an end pulled by this, less than `onset_pull` [N]."""
+    top = cable.pretension * math.exp(cable.friction * cable.wrap)
+    return float(brentq(lambda t: front_pull(cable, t) - pull, cable.pretension, top))
+
+
+def ramp(*corners: float, steps: int = 400) -> FloatArray:
+    """Return straight pieces between displacements, from 0 on (samples,) [m]."""
+    pieces = [
+        np.linspace(a, b, steps + 1)[1:]
+        for a, b in zip((0.0, *corners), corners, strict=False)
+    ]
+    return np.concatenate([[0.0], *pieces])
+
+
+def partial_motion(model: PublishedModel) -> Capability:
+    """Test that half of the pull that reaches the output is not felt, twice is."""
+    reach = onset_pull(model.cable)
+    answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
+    distal = answer.tension_distal - model.cable.pretension
+    early = distal[400] / distal[-1]
+    told = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
+    return Capability(bool(abs(early) < MAX_RELATIVE_ERROR and distal[-1] > 0.1), told)
+
+
+def both_ends(model: PublishedModel) -> Capability:
+    """Test that two fronts that have not met do not interact."""
+    cable = model.cable
+    reach = onset_pull(cable)
+    pulls = 0.15 * reach, 0.05 * reach
+    answer = model.replay(DT, ramp(-pulls[0]), Moved(ramp(pulls[1])))
+    return _compare(answer, [end_tension(cable, pull) for pull in pulls], cable)
+
+
+def other_environment(model: PublishedModel) -> Capability:
+    """Check that only the output feels a wearer's motion at first; the motor rests."""
+    cable = model.cable
+    pull = 0.5 * onset_pull(cable)
+    answer = model.replay(DT, ramp(0.0), Moved(ramp(pull)))
+    return _compare(answer, [cable.pretension, end_tension(cable, pull)], cable)
+
+
+def _compare(answer: Answer, right: list[float], cable: Cable) -> Capability:
+    got = [float(answer.tension_proximal[-1]), float(answer.tension_distal[-1])]
+    scale = max(right) - cable.pretension
+    wrong = max(abs(g - r) for g, r in zip(got, right, strict=True)) / scale
+    told = "{:.1f} and {:.1f} N at the ends, right is {:.1f} and {:.1f} N"
+    return Capability(wrong < MAX_RELATIVE_ERROR, told.format(*got, *right))
+
+
+def slack(model: PublishedModel) -> Capability:
+    """Check that a cable pushed in beyond all stretch has no tension, and no less."""
+    cable = model.cable
+    give = cable.pretension * cable.length / cable.axial_stiffness
+    answer = model.replay(
+        DT, ramp(1.3 * (give + cable.pretension / SPRING.stiffness)), SPRING
+    )
+    least = min(answer.tension_proximal.min(), answer.tension_distal.min())
+    last = max(abs(answer.tension_proximal[-1]), abs(answer.tension_distal[-1]))
+    return Capability(
+        bool(least > -1e-9 and last < 1e-6), f"least tension {least:.1f} N"
+    )
+
+
+def uneven_pretension(model: PublishedModel) -> Capability:
+    """Check that a cable tensioned by pulling keeps that profile, felt at once."""
+    cable = model.cable
+    angle = cable.friction * cable.wrap
+    profile = 20.0 * np.exp(-angle * np.linspace(0.0, 1.0, cable.segments + 1))
+    answer = model.replay(
+        DT, ramp(-0.5 * onset_pull(cable)), SPRING, initial_tension=profile
+    )
+    start = answer.tension_proximal[0], answer.tension_distal[0]
+    ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
+    right = np.allclose(start, profile[[0, -1]], rtol=MAX_RELATIVE_ERROR)
+    told = f"ratio of the tensions {ratio:.2f} in the next pull, right is {{:.2f}}"
+    able = right and abs(ratio / math.exp(angle) - 1.0) < MAX_RELATIVE_ERROR
+    return Capability(bool(able), told.format(math.exp(angle)))
+
+
+def changing_bends(model: PublishedModel) -> Capability:
+    """Check that opening bends under a pulled cable lower its friction, so it slips."""
+    cable = model.cable
+    pull = ramp(-2.0 * onset_pull(cable), -2.0 * onset_pull(cable))
+    scale = np.concatenate([np.ones(401), np.linspace(1.0, 0.2, 400)])
+    answer = model.replay(DT, pull, SPRING, wrap_scale=scale)
+    ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
+    most = math.exp(0.2 * cable.friction * cable.wrap)
+    told = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
+    return Capability(
+        bool(
+            1.0 / (1.0 + MAX_RELATIVE_ERROR) < ratio < most * (1.0 + MAX_RELATIVE_ERROR)
+        ),
+        told,
+    )
+
+
+def no_energy(model: PublishedModel) -> Capability:
+    """Check that friction takes energy and gives none in a cycle that became periodic.
+
+    Cycles that still creep after the last round prove nothing: the cable may hold less
+    energy than before.
+    """
+    reach = onset_pull(model.cable)
+    worst = math.inf
+    for size in (0.002, 0.02, 0.1, 0.5, 2.0):
+        # A small cycle on top of a pull, and one about rest.
+        for level in (0.0, -1.5 * reach):
+            cycle = [level - size * reach, level + size * reach]
+            pull = ramp(level, *(_CYCLES * cycle), steps=_HALF_CYCLE_SAMPLES)
+            answer = model.replay(DT, pull, SPRING)
+            worst = min(worst, _relative_loss(answer, pull, 2 * _HALF_CYCLE_SAMPLES))
+    told = f"keeps {worst:.1%} of the work of the motor at least"
+    if worst < -_ROUNDING:
+        told = f"gives back up to {-worst:.0%} more than it got"
+    return Capability(worst > -_ROUNDING, told)
+
+
+def _relative_loss(answer: Answer, proximal: FloatArray, period: int) -> float:
+    """Return the work lost in the last period, relative to that of the motor."""
+    last = slice(-period - 1, None)
+    for tension in (answer.tension_proximal, answer.tension_distal):
+        if abs(tension[-1] - tension[-period - 1]) > _REPEAT_TOLERANCE:
+            return math.inf
+    pulled, drawn = -np.diff(proximal[last]), np.diff(answer.u_distal[last])
+    by_motor = _midpoints(answer.tension_proximal[last]) * pulled
+    by_spring = _midpoints(answer.tension_distal[last]) * drawn
+    total = float(np.sum(by_motor) + np.sum(by_spring))
+    return total / float(np.sum(np.abs(by_motor)))
+
+
+def _midpoints(values: FloatArray) -> FloatArray:
+    mean: FloatArray = 0.5 * (values[1:] + values[:-1])
+    return mean
+
+
+CAPABILITY_TESTS: dict[str, Callable[[PublishedModel], Capability]] = {
+    "partial motion": partial_motion,
+    "motion from both ends": both_ends,
+    "slack": slack,
+    "non-uniform pretension": uneven_pretension,
+    "changing curvature": changing_bends,
+    "non-spring environment": other_environment,
+    "creates no energy": no_energy,
+}
+
+
+def find_capabilities(model: PublishedModel) -> dict[str, Capability]:
+    """Run every test on a model; a refused test counts as failed."""
+    found = {}
+    for name, question in CAPABILITY_TESTS.items():
+        try:
+            found[name] = question(model)
+        except CableError as refusal:
+            found[name] = Capability(False, str(refusal).partition(": ")[2])
+    return found

@@ -78,9 +78,16 @@ class NativeFunction:
         if self.key.startswith("cc_mujoco."):
             found = native_library.entry(self.key)
         else:
-            from cc_mujoco.native._own import own_entry
+            from cc_mujoco.native._own import own_entries
 
-            found = own_entry(self)
+            module = self.py_func.__module__
+            found = own_entries(
+                tuple(
+                    (each.key, each.py_func)
+                    for each in FUNCTIONS
+                    if each.is_entry and each.py_func.__module__ == module
+                )
+            ).get(self.key)
         self._entry = found or self.py_func
         hint = typing.get_type_hints(self.py_func).get("return")
         if isinstance(hint, type) and hasattr(hint, "_fields"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import inspect
+import types
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -13,25 +13,21 @@ from typing import Any
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary
 from cc_mujoco.native._entries import entries_text, has_entry
-from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
-
-
-def own_entry(function: NativeFunction) -> Callable[..., Any] | None:
-    """Return a function of another package in C, None where Python must call it.
-
-    Raises:
-        CableError: its module leaves the subset.
-        NativeLibraryError: it cannot be compiled.
-    """
-    return _entries(function.py_func.__module__).get(function.key)
 
 
 @cache
-def _entries(module: str) -> dict[str, Callable[..., Any]]:
-    own = [f for f in FUNCTIONS if f.py_func.__module__ == module and f.is_entry]
-    root = Path(inspect.getfile(own[0].py_func)).parent
-    made = CLibrary({}, root)
-    pairs = [(f.key, made.require(f.py_func)) for f in own]
+def own_entries(
+    functions: tuple[tuple[str, types.FunctionType], ...],
+) -> dict[str, Callable[..., Any]]:
+    """Return the functions of one module of another package in C, by their keys.
+
+    Raises:
+        CableError: one leaves the subset.
+        NativeLibraryError: they cannot be compiled.
+    """
+    first = functions[0][1]
+    made = CLibrary({}, Path(first.__code__.co_filename).parent)
+    pairs = [(key, made.require(function)) for key, function in functions]
     here = Path(__file__).parent
     text = "\n".join(
         [
@@ -42,7 +38,7 @@ def _entries(module: str) -> dict[str, Callable[..., Any]]:
         ]
     )
     digest = hashlib.sha256(f"{native_library.FLAGS}{text}".encode()).hexdigest()[:20]
-    name = f"lib{module.replace('.', '_')}-{digest}{native_library.SUFFIX}"
+    name = f"lib{first.__module__.replace('.', '_')}-{digest}{native_library.SUFFIX}"
     path = native_library.folder() / name
     if not path.is_file():
         native_library.build_source(path, lambda place: place.write_text(text))

@@ -351,6 +351,8 @@ def replay(
         distal_kind,
         distal,
         dt,
+        state.copy(),
+        np.empty(kernel.work_size(n)),
         summary,
         tension,
         direction,
@@ -379,12 +381,12 @@ def _play(
     distal_kind: int,
     distal: FloatArray,
     dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
     summary: FloatMatrix,
     tension: FloatMatrix,
     direction: ByteMatrix,
 ) -> None:
-    new_state = state.copy()
-    work = np.empty(kernel.work_size(n))
     t = kernel.STATE_HEADER
     for row in range(proximal.size):
         # A prescribed position has nothing to say at the first sample; a tension does.

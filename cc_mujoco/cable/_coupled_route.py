@@ -183,6 +183,9 @@ class CoupledCables:
             motor,
             joint,
             dt,
+            np.zeros((2, kernel.state_size(cable.segments))),
+            np.empty(kernel.work_size(cable.segments)),
+            np.zeros((8, cable.segments + 1)),
             out,
         )
         return out
@@ -252,18 +255,21 @@ def _play(
     motor: FloatArray,
     joint: FloatArray,
     dt: float,
+    states: FloatMatrix,
+    work: FloatArray,
+    nodes: FloatMatrix,
     out: FloatMatrix,
 ) -> None:
     """Compute tensions [N], torques of joint and motor [N m] and friction heat [J].
 
-    All (samples,), in this order; torques as the cable's tensions make them.
+    All (samples,), in this order; torques as the cable's tensions make them. Scratch
+    are `states` of two steps and `nodes` (8, n + 1), both 0 before, and `work`.
     """
     n, prm = cables.n[0], cables.prm[0]
-    state, new = np.zeros(kernel.state_size(n)), np.zeros(kernel.state_size(n))
-    work = np.empty(kernel.work_size(n))
-    wrap, contact = np.empty(n), np.empty(n)
-    before, gained, gain = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
-    longer, length, was = np.zeros(n + 1), np.empty(n + 1), np.empty(n + 1)
+    state, new = states[0], states[1]
+    wrap, contact = nodes[0, :n], nodes[1, :n]
+    before, gained, gain = nodes[2], nodes[3], nodes[4]
+    longer, length, was = nodes[5], nodes[6], nodes[7]
     lengthens = prm[layout.PATH_LENGTHENS] != 0.0
     row, share = _table_position(tables, joint[0])
     _interpolate_row(tables.gained[row], tables.gained[row + 1], share, before)

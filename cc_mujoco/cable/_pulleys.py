@@ -170,7 +170,7 @@ class Transmission:
         if not (math.isfinite(dt) and dt > 0.0):
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
         cables = self._stepped()
-        count = len(self.cables)
+        count, most = len(self.cables), max(each.segments for each in self.cables)
         out = np.empty((2 + 4 * count, proximal.size))
         _drive(
             cables,
@@ -180,6 +180,9 @@ class Transmission:
             distal,
             0.5 * self.backlash,
             dt,
+            np.zeros((count, kernel.state_size(most))),
+            np.zeros((count, kernel.state_size(most))),
+            np.empty(kernel.work_size(most)),
             out,
         )
         motor, joint = out[:2]
@@ -242,16 +245,17 @@ def _drive(
     distal: FloatArray,
     play: float,
     dt: float,
+    state: FloatMatrix,
+    new: FloatMatrix,
+    work: FloatArray,
     out: FloatMatrix,
 ) -> None:
     motor = proximal[0] if proximal_kind == ANGLE else 0.0
     joint = distal[0] if distal_kind == ANGLE else 0.0
-    pulley, count, most = joint, cables.n.size, 0
-    for k in range(count):
-        most = max(most, cables.n[k])
-    state = np.zeros((count, kernel.state_size(most)))
+    pulley, count = joint, cables.n.size
     stepper.set_rest(cables, motor, joint, state)
-    new, work = state.copy(), np.empty(kernel.work_size(most))
+    for k in range(count):
+        new[k][:] = state[k]
     free = np.inf
     for row in range(proximal.size):
         if proximal_kind == ANGLE:

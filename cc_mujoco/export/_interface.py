@@ -10,7 +10,6 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from cc_mujoco.errors import CableError
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import ExportPlan
 from cc_mujoco.export._joint_torques import own_readings
@@ -25,16 +24,11 @@ def controller_source(plan: ExportPlan, what: str) -> str:
     Args:
         plan: What is exported.
         what: Of which controller, for what scene.
-
-    Raises:
-        CableError: It needs memory that it is not given.
     """
     library = CLibrary({}, native_library.PACKAGE.parent)
     writer = _Interface(plan, library)
     text = "\n".join(writer.lines())
     functions = library.text()
-    if "cc_take(" in functions:
-        raise CableError("the controller allocates memory, which C must give it.")
     return (
         f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
         f"{functions}\n{text}\n"

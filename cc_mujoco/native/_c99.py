@@ -315,7 +315,6 @@ class _Writer:
         self._doc = ast.get_docstring(self._node)
         self._node.body = [s for s in self._node.body if not _is_docstring(s)]
         fold(self._node, self._scope, Known(), lambda found: None)
-        self._uses_memory = self._takes_memory()
         self._kinds: dict[str, Kind] = {}
         self._loop_local = self._find_loop_local()
 
@@ -327,9 +326,8 @@ class _Writer:
             before = dict(self._kinds)
             self._lines: list[str] = []
             self._storage: list[str] = []
-            self._memory: list[str] = []
             self._owned: set[str] = set()
-            self._temporaries, self._loops = 0, 0
+            self._temporaries = 0
             self._block(self._node.body, 1)
             if self._kinds == before:
                 break
@@ -358,22 +356,8 @@ class _Writer:
         silence = [
             f"    (void){c_name(n)};" for n in unused if n not in self._loop_local
         ]
-        memory = [f"    void *{name} = NULL;" for name in self._memory]
-        lines = self._lines
-        if self._memory:
-            if self._as.signature.result != NOTHING:
-                memory.append(
-                    f"    {result} result_ = {_zero(self._as.signature.result)};"
-                )
-            lines = [*lines, "end_:" if self._jumps() else ""]
-            lines += [f"    cc_give({name});" for name in self._memory]
-            if self._as.signature.result != NOTHING:
-                lines.append("    return result_;")
-        body = [*variables, *memory, *self._storage, *silence, *lines]
+        body = [*variables, *self._storage, *silence, *self._lines]
         return "\n".join([self._comment(), head, "{", *(b for b in body if b), "}", ""])
-
-    def _jumps(self) -> bool:
-        return any("goto end_;" in line for line in self._lines)
 
     def _comment(self) -> str:
         code = self._function.__code__
@@ -546,9 +530,7 @@ class _Writer:
             self._block(body, depth + 1)
 
     def _loop_body(self, body: list[ast.stmt], depth: int) -> None:
-        self._loops += 1
         self._block(body, depth + 1)
-        self._loops -= 1
         self._emit(depth, "}")
 
     def _augment(self, node: ast.AugAssign, depth: int) -> None:
@@ -664,32 +646,7 @@ class _Writer:
             if isinstance(result, Structure) and value.kind != result:
                 value = self._hold(value, depth)
             text = self.as_kind(value, result, node).text
-        if self._uses_memory:
-            self._emit(depth, "{" if text else "")
-            if text:
-                self._emit(depth, f"    result_ = {text};")
-                self._emit(depth, "    goto end_;")
-                self._emit(depth, "}")
-            else:
-                self._emit(depth, "goto end_;")
-            return
         self._emit(depth, f"return {text};" if text else "return;")
-
-    def _takes_memory(self) -> bool:
-        """Return whether the function makes an array of a size not known before."""
-        return any(
-            isinstance(n, ast.Call)
-            and (
-                (self._is_maker(n) and not self._has_fixed_size(n))
-                or (isinstance(n.func, ast.Attribute) and n.func.attr == "copy")
-            )
-            for n in ast.walk(self._node)
-        )
-
-    def _has_fixed_size(self, node: ast.Call) -> bool:
-        shape = node.args[0]
-        dims = shape.elts if isinstance(shape, ast.Tuple) else [shape]
-        return all(isinstance(d, ast.Constant) for d in dims)
 
     def _wanted(self, node: ast.expr, kind: Kind) -> Value:
         """Return an expression that is to become a type; tuples field by field."""
@@ -785,26 +742,6 @@ class _Writer:
 
     def _allocate(self, name: str, call: ast.Call, depth: int) -> bool:
         """Make a local array; return whether the call makes one."""
-        if (
-            isinstance(call.func, ast.Attribute)
-            and call.func.attr == "copy"
-            and self._scope.lookup(call.func) is None
-        ):
-            source = self.expression(call.func.value)
-            if not isinstance(source.kind, Array):
-                return False
-            element = source.kind.element
-            self._declare(name, source.kind, call)
-            source = self._hold_copy(source, depth)
-            size = _size_of(source)
-            place = self._memory_for(element, size, depth)
-            c, own = element.c, c_name(name)
-            self._emit(depth, f"{own} = {source.text};")
-            self._emit(depth, f"{own}.p = {place};")
-            bytes_ = f"sizeof({c}) * (size_t)({size})"
-            self._emit(depth, f"memcpy({own}.p, {source.text}.p, {bytes_});")
-            self._owned.add(name)
-            return True
         if not self._is_maker(call):
             return False
         maker = self._scope.lookup(call.func)
@@ -813,22 +750,16 @@ class _Writer:
             element = NUMBERS[self._scope.lookup(call.args[1])]
         shape = call.args[0]
         dims = shape.elts if isinstance(shape, ast.Tuple) else [shape]
-        if isinstance(shape, ast.Attribute) and shape.attr == "shape":
-            owner = self.expression(shape.value)
-            assert isinstance(owner.kind, Array)
-            sizes = _dims_of(owner)
-        else:
-            sizes = [
-                self.as_kind(self.expression(d), INT, d).at(_PRODUCT) for d in dims
-            ]
+        if not all(isinstance(d, ast.Constant) for d in dims):
+            raise self.refuse(
+                call, "an array whose size is no constant; have the caller give it"
+            )
+        sizes = [self.expression(d).text for d in dims]
         kind = Array(element, len(sizes))
         self._declare(name, kind, call)
         size = " * ".join(sizes)
-        if self._has_fixed_size(call):
-            place = self._temporary(name)
-            self._storage.append(f"    {element.c} {place}[{size}];")
-        else:
-            place = self._memory_for(element, size, depth)
+        place = self._temporary(name)
+        self._storage.append(f"    {element.c} {place}[{size}];")
         own = c_name(name)
         c = self.library.type(kind)
         self._emit(depth, f"{own} = ({c}){{{place}, {', '.join(sizes)}}};")
@@ -842,16 +773,6 @@ class _Writer:
             self._emit(depth, f"{_fill_of(kind)}({own}, {value.text});")
         self._owned.add(name)
         return True
-
-    def _memory_for(self, element: Scalar, size: str, depth: int) -> str:
-        """Take memory for an array of a size that is not known before."""
-        name = self._temporary("memory")
-        self._memory.append(name)
-        if self._loops:
-            self._emit(depth, f"cc_give({name});")
-        bytes_ = f"sizeof({element.c}) * (size_t)({size})"
-        self._emit(depth, f"{name} = cc_take({bytes_});")
-        return f"({element.c} *){name}"
 
     def _store(self, target: ast.expr, value: Value, depth: int) -> None:
         if isinstance(target, ast.Name):

@@ -68,14 +68,19 @@ from cc_mujoco.plugin._ffi import (
     allocate,
     append,
     assign,
+    borrow,
+    borrow_floats,
     callback,
     clear,
     copy,
     copy_words,
     fill,
     floats,
+    free_stack,
     load_real,
     load_word,
+    mark_stack,
+    octets,
     release,
     store_real,
     store_word,
@@ -262,15 +267,18 @@ def compliance(model: int, data: int, instance: CInt, out: int) -> None:
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     at_state = mj_struct.state(model, data, instance)
     state = floats(at_state, kernel.state_size(n))
+    mark_stack(data)
     if is_open(block):
         # The packed nodes are those of the next step.
-        prm = prm.copy()
+        packed, prm = prm, borrow_floats(data, prm.size)
+        assign(prm, packed)
         reference = floats(shape_at(block, n, REFERENCE_STAGE), open_path.shape_size(n))
         before = open_path.previous_lengths(reference, path_memory(at_state, n), n)
         moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
     found = floats(out, n + 2)
     assign(found[: n + 1], layout.node_compliance(prm, n))
     found[n + 1] = kernel.stored_energy(prm, n, state)
+    free_stack(data)
 
 
 @callback
@@ -305,12 +313,15 @@ def missed(model: int, data: int, instance: CInt) -> None:
     if warned_once(message, used, mj_struct.signature(model)):
         return
     tendon = load_word(mj_struct.block(data, instance) + ROUTE)
-    touched = np.zeros(mj_struct.integer(model, mj_struct.TENDON_NUM, tendon), np.uint8)
+    count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    mark_stack(data)
+    touched = octets(borrow(data, count), count)
     guides.mark_touched(model, data, tendon, touched)
     for place in range(touched.size):
         if touched[place] == 0:
             used = guides.explain(message, start, model, tendon, place)
             warn(message, used)
+    free_stack(data)
 
 
 @callback

@@ -52,13 +52,16 @@ full_inertia = Engine("mj_fullM", None, _AT, _AT, _AT)
 multiply_inertia = Engine("mj_mulM", None, _AT, _AT, _AT, _AT)
 is_sparse = Engine("mj_isSparse", _INT, _AT)
 factorise = Engine("mju_cholFactor", _INT, _AT, _INT, ctypes.c_double)
+mark_stack = Engine("mj_markStack", None, _AT)
+free_stack = Engine("mj_freeStack", None, _AT)
+borrow = Engine("mj_stackAllocNum", _AT, _AT, ctypes.c_size_t)
 solve_factorised = Engine("mju_cholSolve", None, _AT, _AT, _AT, _INT)
 _apply = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
 _send_message = Engine("mju_message", None, _AT)
 ENGINE = (
     allocate, release, _send_message, solve_inertia, _apply, evaluate_bodies,
     evaluate_tendons, full_inertia, multiply_inertia, is_sparse, factorise,
-    solve_factorised,
+    solve_factorised, mark_stack, free_stack, borrow,
 )  # fmt: skip
 """In the order of the table in `native_plugin.h`."""
 
@@ -163,6 +166,20 @@ def apply_force(
     store_real(scratch + 8, y)
     store_real(scratch + 16, z)
     _apply(model, data, scratch, scratch + 24, point, body, target)
+
+
+@internal
+def borrow_floats(data: int, count: int) -> Floats:
+    """Return numbers of MuJoCo's stack, for use between its mark and its release."""
+    return floats(borrow(data, count), count)
+
+
+@internal
+def borrow_rows(data: int, rows: int, columns: int) -> FloatMatrix:
+    """Return a matrix of zeros on MuJoCo's stack, as `borrow_floats`."""
+    place = borrow(data, rows * columns)
+    fill(floats(place, rows * columns), 0.0)
+    return float_rows(place, rows, columns)
 
 
 @internal

@@ -21,11 +21,14 @@ from cc_mujoco.plugin._ffi import (
     append,
     append_integer,
     assign,
+    borrow_floats,
     evaluate_bodies,
     evaluate_tendons,
     floats,
+    free_stack,
     internal,
     load_word,
+    mark_stack,
     quote,
 )
 
@@ -68,7 +71,9 @@ def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
     if missing == 0:
         return
     present = floats(load_word(data + mj_struct.QPOS), mj_struct.positions(model))
-    kept, rest = np.empty(present.size), load_word(model + mj_struct.QPOS0)
+    mark_stack(data)
+    kept = borrow_floats(data, present.size)
+    rest = load_word(model + mj_struct.QPOS0)
     assign(kept, present)
     assign(present, floats(rest, present.size))
     reach = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
@@ -81,6 +86,7 @@ def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
         missing -= _mark_touched_now(model, data, tendon, touched)
         tried += 1
     assign(present, kept)
+    free_stack(data)
     evaluate_bodies(model, data)
     evaluate_tendons(model, data)
 

@@ -52,11 +52,13 @@ from cc_mujoco.plugin._ffi import (
     add,
     apply_force,
     assign,
+    borrow_floats,
     dot,
     equal,
     factorise,
     fill,
     floats,
+    free_stack,
     full_inertia,
     internal,
     is_sparse,
@@ -64,6 +66,7 @@ from cc_mujoco.plugin._ffi import (
     load_integer,
     load_real,
     load_word,
+    mark_stack,
     multiply_inertia,
     solve_factorised,
     solve_inertia,
@@ -483,12 +486,13 @@ def _solve_constrained(
     nv = mj_struct.dofs(model)
     sparse = is_sparse(model) != 0
     assign(found, floats(load_word(data + mj_struct.QACC_WARMSTART), nv))
-    state, before, given = np.zeros(count), np.full(count, -1.0), np.zeros(count)
+    mark_stack(data)
+    state, before = borrow_floats(data, count), borrow_floats(data, count)
+    given, push = borrow_floats(data, count), borrow_floats(data, count)
     weight = floats(load_word(data + mj_struct.EFC_D), count)
     aim = floats(load_word(data + mj_struct.EFC_AREF), count)
     jacobian = load_word(data + mj_struct.EFC_J)
     columns = load_word(data + mj_struct.EFC_COLIND)
-    push = np.zeros(count)
     for trial in range(_MAX_ROUNDS):
         for i in range(count):
             start, number = nv * i, nv
@@ -502,7 +506,7 @@ def _solve_constrained(
             given[i] = -weight[i] * off
             push[i] = _constraint_force(data, i, given, state)
         if trial > 0 and equal(state, before):
-            return
+            break
         assign(before, state)
         assign(factor, base)
         assign(right, force)
@@ -523,6 +527,7 @@ def _solve_constrained(
                     factor[a * nv + b] += stiff * own * other
         factorise(factor.ctypes.data, nv, 0.0)
         solve_factorised(found.ctypes.data, factor.ctypes.data, right.ctypes.data, nv)
+    free_stack(data)
 
 
 @internal
@@ -624,7 +629,8 @@ def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None
     It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
     """
     nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
-    row, answer = np.zeros(nv), np.empty(nv)
+    mark_stack(data)
+    row, answer = borrow_floats(data, nv), borrow_floats(data, nv)
     kind = mj_struct.integer(model, mj_struct.PLUGIN, load_word(block + INSTANCE))
     found = floats(load_word(data + mj_struct.QACC), nv)
     for end in range(2):
@@ -641,6 +647,7 @@ def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None
         out[4 + end] = step * step * dot(row, found)
         out[6 + end] = step * step * _mobility(model, data, kind, answer)
     out[8] = 0.0
+    free_stack(data)
 
 
 @internal

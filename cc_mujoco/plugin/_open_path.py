@@ -25,7 +25,13 @@ from cc_mujoco.cable._open_path import shape_size as shape_size
 from cc_mujoco.cable._open_path import store_conduit as store_conduit
 from cc_mujoco.cable._path_geometry import FIRST, KIND, LAST, PLACE_SIZE, SITE, TOUCHED
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import apply_force, internal
+from cc_mujoco.plugin._ffi import (
+    apply_force,
+    borrow_floats,
+    free_stack,
+    internal,
+    mark_stack,
+)
 from cc_mujoco.plugin._path import places_size, read_places
 
 Floats = npt.NDArray[np.float64]
@@ -79,10 +85,13 @@ def measure_path(
     `tendon` is spatial and without pulleys; other arguments and result are those of
     `cable._open_path.measure`.
     """
-    places = np.empty(places_size(model, tendon))
+    mark_stack(data)
+    places = borrow_floats(data, places_size(model, tendon))
     read_places(model, data, tendon, places)
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    return measure(places, number, mouth, guided, n, guides, shape)
+    reach = measure(places, number, mouth, guided, n, guides, shape)
+    free_stack(data)
+    return reach
 
 
 @internal
@@ -108,7 +117,9 @@ def apply_pulls(
     """
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    places, forces = np.empty(places_size(model, tendon)), np.empty(6 * (number - 1))
+    mark_stack(data)
+    places = borrow_floats(data, places_size(model, tendon))
+    forces = borrow_floats(data, 6 * (number - 1))
     read_places(model, data, tendon, places)
     pull_forces(places, number, mouth, shape, n, guided, node, tied, aside, forces)
     points, k = places.ctypes.data, 0
@@ -134,6 +145,7 @@ def apply_pulls(
         _pull_together(
             model, data, here, body, there, other, forces, i, scratch, target
         )
+    free_stack(data)
 
 
 @internal

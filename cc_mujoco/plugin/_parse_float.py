@@ -20,6 +20,10 @@ _BITS = 30
 _BASE = 1 << _BITS
 _PRECISION = 53
 _LOWEST = -1074
+_MAX_DIGITS = 800
+"""Digits that decide: a number half way between two floats has at most 767."""
+_MAX_LIMBS = 280
+"""Limbs of the integers below, at most."""
 
 
 @internal
@@ -46,34 +50,34 @@ def strip(text: Bytes) -> Bytes:
 
 
 @internal
-def _nearest(digits: Integers, exponent: int) -> float:
+def _nearest(digits: Integers, count: int, exponent: int) -> float:
     """Return the nearest float, ties to even, by exact integers.
 
     The integer is kept in limbs of 30 bits, lowest first; a negative power of ten is
     divided out of it after a shift that leaves more bits than a float holds.
     """
-    count = digits.size
     if count == 0 or count + exponent < -330:
         return 0.0
     if count + exponent > 310:
         return math.inf
     shifted = 0 if exponent >= 0 else (-4 * exponent + 70) // _BITS + 1
-    limbs = np.zeros(shifted + (4 * (count + max(exponent, 0))) // _BITS + 2, np.int64)
+    size = shifted + (4 * (count + max(exponent, 0))) // _BITS + 2
+    limbs = np.zeros(_MAX_LIMBS, np.int64)
     for k in range(count + max(exponent, 0)):
         carry = digits[k] if k < count else 0
-        for limb in range(shifted, limbs.size):
+        for limb in range(shifted, size):
             carry += limbs[limb] * 10
             limbs[limb] = carry % _BASE
             carry //= _BASE
     sticky = False
     for _ in range(-exponent):
         rest = 0
-        for limb in range(limbs.size - 1, -1, -1):
+        for limb in range(size - 1, -1, -1):
             rest = rest * _BASE + limbs[limb]
             limbs[limb] = rest // 10
             rest %= 10
         sticky = sticky or rest != 0
-    length = limbs.size * _BITS
+    length = size * _BITS
     while not _bit(limbs, length - 1):
         length -= 1
     lowest = max(length - _PRECISION, _LOWEST + shifted * _BITS)
@@ -102,14 +106,19 @@ def number(text: Bytes) -> float:
     if text.size > 0 and (text[0] == 43 or text[0] == 45):
         negative = text[0] == 45
         i = 1
-    digits = np.zeros(text.size + 1, np.int64)
+    digits = np.zeros(_MAX_DIGITS, np.int64)
     count, seen, exponent, point = 0, 0, 0, False
     while i < text.size and (is_digit(text[i]) or (text[i] == 46 and not point)):
         if text[i] == 46:
             point = True
         else:
             seen += 1
-            if count > 0 or text[i] != 48:
+            if count == _MAX_DIGITS:
+                # A digit further back only tells that the number is not half way.
+                if text[i] != 48:
+                    digits[count - 1] = max(digits[count - 1], 1)
+                exponent += 1
+            elif count > 0 or text[i] != 48:
                 digits[count] = text[i] - 48
                 count += 1
             if point:
@@ -131,7 +140,7 @@ def number(text: Bytes) -> float:
         exponent += -power if down else power
     if i != text.size:
         return math.nan
-    value = _nearest(digits[:count], exponent)
+    value = _nearest(digits, count, exponent)
     if math.isinf(value):
         return math.nan
     return -value if negative else value

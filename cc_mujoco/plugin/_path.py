@@ -12,7 +12,14 @@ import numpy.typing as npt
 
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import internal, load_real, load_word
+from cc_mujoco.plugin._ffi import (
+    borrow_floats,
+    free_stack,
+    internal,
+    load_real,
+    load_word,
+    mark_stack,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -114,6 +121,8 @@ def bend(
     """
     if count == 0:
         count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    places = np.empty(places_size(model, tendon))
+    mark_stack(data)
+    places = borrow_floats(data, places_size(model, tendon))
     read_places(model, data, tendon, places)
     geometry.bend(places, count, total, segments, out.size, out)
+    free_stack(data)

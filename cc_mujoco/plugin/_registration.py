@@ -37,7 +37,8 @@ PYTHON_FUNCTIONS = {
 ENGINE_NAMES = (
     "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
     "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
-    "mju_cholSolve", "mj_version", "mjp_registerPlugin", "mju_warning",
+    "mju_cholSolve", "mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_version",
+    "mjp_registerPlugin", "mju_warning",
 )  # fmt: skip
 """MuJoCo's functions that the native library is given, in the order of its table."""
 _holder: ctypes.CDLL | None = None

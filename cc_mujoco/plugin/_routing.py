@@ -20,14 +20,18 @@ from cc_mujoco.plugin._ffi import (
     FloatMatrix,
     add,
     assign,
+    borrow_floats,
+    borrow_rows,
     callback,
     evaluate_bodies,
     evaluate_tendons,
     fill,
     floats,
+    free_stack,
     internal,
     load_real,
     load_word,
+    mark_stack,
     store_real,
     store_word,
 )
@@ -121,10 +125,11 @@ def set_reference(block: int, model: int, data: int) -> None:
         load_word(data + mj_struct.QPOS),
         load_word(model + mj_struct.QPOS0),
     )
-    kept = np.empty(nq)
+    mark_stack(data)
+    kept = borrow_floats(data, nq)
     assign(kept, floats(present, nq))
     assign(floats(present, nq), floats(rest, nq))
-    held = np.empty((mj_struct.bodies(model), 7))
+    held = borrow_rows(data, mj_struct.bodies(model), 7)
     _rest_mocap(model, held)
     _exchange_mocap(model, data, held)
     evaluate_bodies(model, data)
@@ -144,10 +149,11 @@ def set_reference(block: int, model: int, data: int) -> None:
     _, count = config.read(attributes, values, sections)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     if guided > 0:
-        inside = np.empty(kernel.parameter_size(guided))
+        inside = borrow_floats(data, kernel.parameter_size(guided))
         kernel.pack(values, sections[:count], guided, inside)
         open_path.store_conduit(inside, reference, n, guided)
     open_path.pack_reference(values, n, guided, reference, prm)
+    free_stack(data)
     invalidate(block)
     store_word(block + REFERENCE_KNOWN, 1)
 

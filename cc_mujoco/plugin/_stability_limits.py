@@ -36,14 +36,18 @@ from cc_mujoco.plugin._ffi import (
     append,
     append_milliseconds,
     assign,
+    borrow_floats,
+    borrow_rows,
     dot,
     fill,
     floats,
+    free_stack,
     internal,
     is_zero,
     load_integer,
     load_real,
     load_word,
+    mark_stack,
     solve_inertia,
 )
 from cc_mujoco.plugin._instance_data import (
@@ -90,7 +94,8 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
             count += _spring_count(packed_block(model, data, other))
-    moment = np.zeros((count, nv))
+    mark_stack(data)
+    moment = borrow_rows(data, count, nv)
     begin = end = row = 0  # of the rows of this instance
     for other in range(mj_struct.plugins(model)):
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
@@ -103,11 +108,12 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
                 begin, end = row, row + rows
             row += rows
     fill(out, math.inf)
-    limit = np.empty(end - begin)
+    limit = borrow_floats(data, end - begin)
     spring_timesteps(model, data, moment, begin, limit)
     for i in range(limit.size):
         near = min(i, 2)
         out[near] = min(out[near], limit[i])
+    free_stack(data)
 
 
 @internal
@@ -119,8 +125,11 @@ def spring_timesteps(
     `moment` has their moments on the joints, times the root of their stiffness (k, nv).
     The limits are those of the springs from `begin` on, as many as `out` takes.
     """
-    solved, square = np.zeros(moment.shape), np.zeros(moment.shape[0])
+    mark_stack(data)
+    solved = borrow_rows(data, moment.shape[0], moment.shape[1])
+    square = borrow_floats(data, moment.shape[0])
     for i in range(square.size):
+        square[i] = 0.0
         if not is_zero(moment[i]):
             solve_inertia(model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1)
             square[i] = max(dot(moment[i], solved[i]), 0.0)
@@ -132,6 +141,7 @@ def spring_timesteps(
             total += shared * math.sqrt(square[j] / square[i])
         if total > 0.0:
             out[i - begin] = 2.0 / math.sqrt(total)
+    free_stack(data)
 
 
 @internal
@@ -197,8 +207,11 @@ def node_moments(
 
     Other arguments are those of `open_path.apply_pulls`; `out` is 0 before.
     """
-    node = np.zeros(n + 1)
-    tried, solved = np.empty(out.shape[1]), np.empty(out.shape[1])
+    mark_stack(data)
+    node = borrow_floats(data, n + 1)
+    tried = borrow_floats(data, out.shape[1])
+    solved = borrow_floats(data, out.shape[1])
+    fill(node, 0.0)
     for i in range(n + 1):
         node[i] = math.sqrt(stiffness[i])
         # A piece whose points coincide has no direction yet, and opens along any.
@@ -216,6 +229,7 @@ def node_moments(
                 worst = square if aside >= 0 else 0.0
             aside += 1
         node[i] = 0.0
+    free_stack(data)
 
 
 @internal

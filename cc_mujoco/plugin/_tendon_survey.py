@@ -22,10 +22,15 @@ from cc_mujoco.plugin._config import ROUTE, key_text
 from cc_mujoco.plugin._ffi import (
     Bytes,
     assign,
+    borrow_floats,
+    borrow_rows,
     evaluate_bodies,
     evaluate_tendons,
+    fill,
     floats,
+    free_stack,
     load_word,
+    mark_stack,
 )
 from cc_mujoco.plugin._guides import RANDOM_POSES
 
@@ -80,7 +85,11 @@ def _measure(
     length: FloatMatrix,
 ) -> None:
     n = open_path.min_segments(model, tendon, 0)
-    shape, guides = np.zeros(open_path.shape_size(n)), np.zeros(n)
+    mark_stack(data)
+    shape = borrow_floats(data, open_path.shape_size(n))
+    guides = borrow_floats(data, n)
+    fill(shape, 0.0)
+    fill(guides, 0.0)
     present = floats(load_word(data + mj_struct.QPOS), poses.shape[1])
     for row in range(poses.shape[0]):
         assign(present, poses[row])
@@ -90,6 +99,7 @@ def _measure(
         assign(turn[row], open_path.angles(shape, n))
         assign(contact[row], open_path.contacts(shape, n))
         assign(length[row], open_path.lengths(shape, n))
+    free_stack(data)
 
 
 def piece_timesteps(
@@ -126,11 +136,15 @@ def piece_timesteps(
 @compiled
 def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> float:
     n = open_path.wanted_segments(model, tendon, 0, open_path.ARC_SEGMENTS)
-    shape, guides = np.zeros(open_path.shape_size(n)), np.zeros(n)
+    mark_stack(data)
+    shape = borrow_floats(data, open_path.shape_size(n))
+    guides = borrow_floats(data, n)
+    fill(shape, 0.0)
+    fill(guides, 0.0)
     open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
-    moment = np.zeros((n + 1, mj_struct.dofs(model)))
-    scratch, limit = np.zeros(6), np.empty(n + 1)
-    stiffness, length = np.empty(n + 1), open_path.lengths(shape, n)
+    moment = borrow_rows(data, n + 1, mj_struct.dofs(model))
+    scratch, limit = np.zeros(6), borrow_floats(data, n + 1)
+    stiffness, length = borrow_floats(data, n + 1), open_path.lengths(shape, n)
     for i in range(n + 1):
         stiffness[i] = axial_stiffness / length[i]
     stability_limits.node_moments(
@@ -140,6 +154,7 @@ def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> flo
     shortest = float(limit[0])
     for i in range(1, n + 1):
         shortest = min(shortest, float(limit[i]))
+    free_stack(data)
     return shortest
 
 

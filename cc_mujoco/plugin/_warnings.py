@@ -25,6 +25,7 @@ from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
     Bytes,
     Floats,
+    allocate,
     append,
     append_integer,
     append_millimetres,
@@ -34,6 +35,7 @@ from cc_mujoco.plugin._ffi import (
     load_real,
     load_word,
     quote,
+    release,
     store_real,
     warn,
     warned_once,
@@ -308,8 +310,12 @@ def refuse_open_path(
     if config.segment_count(attributes) < max(least, 1):
         used = append(message, start, _TOO_FEW_SEGMENTS)
         return config.VALID_CONFIGURATION, append_integer(message, used, max(least, 1))
-    at_guides = np.empty(max(least, 1))
-    if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
+    at_guides = allocate(8 * max(least, 1))
+    known = attachments.read_guides(
+        model, instance, tendon, mouth, floats(at_guides, max(least, 1))
+    )
+    release(at_guides)
+    if not known:
         return config.GUIDES, start
     if mouth == 0:
         length = config.length(attributes)

@@ -5,8 +5,6 @@
 
 #include "native.h"
 
-#include <stdlib.h>
-
 typedef struct {
     void *(*mju_malloc)(size_t);
     void (*mju_free)(void *);
@@ -21,23 +19,14 @@ typedef struct {
     int (*mj_isSparse)(const void *);
     int (*mju_cholFactor)(double *, int, double);
     void (*mju_cholSolve)(double *, const double *, const double *, int);
+    void (*mj_markStack)(void *);
+    void (*mj_freeStack)(void *);
+    double *(*mj_stackAllocNum)(void *, size_t);
 } Engine;
 
 static Engine engine;
 
 /* Digests of the warnings that this process has issued. */
 CC_EXPORT int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
-
-/* Memory of a function for arrays whose size only the call tells. */
-static inline void *cc_take(size_t size)
-{
-    void *memory = malloc(size + 1);
-    if (memory == NULL) {
-        abort();
-    }
-    return memory;
-}
-
-static inline void cc_give(void *memory) { free(memory); }
 
 #endif

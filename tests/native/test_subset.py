@@ -18,9 +18,19 @@ from cc_mujoco.native._c99 import CLibrary
 from cc_mujoco.native._library import compiler
 
 
-def own_array(n: int) -> FloatArray:
-    found = np.zeros(n)
+def own_array() -> FloatArray:
+    found = np.zeros(3)
     return found
+
+
+def of_any_size(n: int) -> float:
+    found = np.zeros(n)
+    return float(found[0])
+
+
+def copied(values: FloatArray) -> float:
+    found = values.copy()
+    return float(found[0])
 
 
 def column(table: FloatMatrix) -> FloatArray:
@@ -72,6 +82,8 @@ def exits(x: float) -> float:
 
 REFUSED: dict[Callable[..., Any], str] = {
     own_array: "an array of its own that is returned",
+    of_any_size: "size is no constant; have the caller give it",
+    copied: "a call",
     column: "a view of a column",
     stepped: "a slice with a step",
     whole: "arithmetic of arrays",

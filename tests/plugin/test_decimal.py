@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from decimal import Decimal
+from decimal import Context, Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -39,6 +39,15 @@ def test_agrees_with_python_on_long_numbers(whole: int, part: int, power: int) -
 @given(st.integers(2**52, 2**53 - 1), st.integers(0, 200))
 def test_ties_go_to_even(mantissa: int, power: int) -> None:
     text = str((2 * mantissa + 1) * 2**power)
+    assert read(text) == float(text)
+
+
+@pytest.mark.parametrize("tail", ["", "0" * 100, "0" * 100 + "1", "9" * 900])
+@pytest.mark.parametrize("value", [3.0 * 2.0**-1074, 1.0 + 2.0**-52, 1.5e300])
+def test_digits_far_back_break_a_tie(value: float, tail: str) -> None:
+    with localcontext(Context(prec=1200)):
+        halfway = f"{(Decimal(value) + Decimal(math.nextafter(value, 0.0))) / 2:f}"
+    text = f"{halfway}{'' if '.' in halfway else '.'}{tail}"
     assert read(text) == float(text)
 
 

@@ -26,6 +26,7 @@ from cc_mujoco.simulation._worn_device import (
     refuse_unknown,
 )
 
+from ._info import LazyInfo
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 
@@ -84,7 +85,8 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
 
     ## Info
 
-    After every reset and step a fresh dictionary with the columns of an episode log
+    After every reset and step a fresh dictionary, filled when it is first read, with the
+    columns of an episode log
     (`cc_mujoco.simulation._log_columns`; those of an axis begin with its name if there
     are several): time, angles, velocities, torques, the
     wearer's reference; for each cable the true tensions at both ends and at the nodes,
@@ -180,6 +182,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self.model: mujoco.MjModel = self.exo.device.model
         self.data = mujoco.MjData(self.model)
         self._physics = physics_of(self.data)
+        self._warnings = self.data.warning.number
         self._sensors = self.exo.sensors(0)
         self._sights = self.exo.sights(1)
         self._sample = 0
@@ -268,8 +271,8 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         measured = exo.measured(self._sensors, columns)
         for sight, seen in zip(self._sights, measured, strict=True):
             sight.begin(seen[None])
-        info_columns = exo.told(self._physics, columns, 0, marks)
-        return self._observation(), _fresh_info(info_columns, (0.0, 0.0, 0.0))
+        info = self._info(columns, marks, (0.0, 0.0, 0.0))
+        return self._observation(), info
 
     def step(
         self, action: NDArray[np.float32]
@@ -294,7 +297,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
             for command in commands[first : first + exo.frame_skip]:
                 data.ctrl[exo.device.script_controls] = command
                 mujoco.mj_step(self.model, data)
-                diverged = bool(data.warning.number.any())
+                diverged = any(self._warnings.tolist())
                 if diverged:
                     break
             self._sample += 1
@@ -307,7 +310,6 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
                 sight.look(seen[None])
             if diverged:
                 break
-        info_columns = exo.told(self._physics, columns, self._sample, marks)
         terms = tracking, *exo.costs(normalised, self._action)
         self._action = normalised
         return (
@@ -315,7 +317,24 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
             float(terms[0] + terms[1] + terms[2]),
             diverged,
             self._sample >= exo.samples,
-            _fresh_info(info_columns, terms),
+            self._info(columns, marks, terms),
+        )
+
+    def _info(
+        self, columns: dict[str, Any], marks: Any, terms: tuple[float, ...]
+    ) -> LazyInfo:
+        """Return an `info` of floats and of arrays of its own."""
+        compute = self.exo.later_columns(self._physics, columns, self._sample, marks)
+        return LazyInfo(
+            lambda: {
+                name: value
+                if isinstance(value, np.ndarray) and value.ndim
+                else float(value)
+                for name, value in {
+                    **compute(),
+                    **dict(zip(REWARD_TERMS, terms, strict=True)),
+                }.items()
+            }
         )
 
     def _observation(self) -> NDArray[np.float32]:
@@ -343,12 +362,3 @@ def _models_equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
     for model, buffer in zip((one, other), found, strict=True):
         mujoco.mj_saveModel(model, buffer=buffer)
     return np.array_equal(*found)
-
-
-def _fresh_info(columns: dict[str, Any], terms: tuple[Any, ...]) -> dict[str, Any]:
-    """Return a fresh `info`: floats, and copies of arrays."""
-    columns |= zip(REWARD_TERMS, terms, strict=True)
-    return {
-        name: value if isinstance(value, np.ndarray) and value.ndim else float(value)
-        for name, value in columns.items()
-    }

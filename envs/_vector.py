@@ -30,6 +30,7 @@ from cc_mujoco.simulation._worn_device import (
 )
 
 from . import BACKENDS
+from ._info import LazyInfo
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 Singles = NDArray[np.float32]
@@ -226,10 +227,9 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._was_reset = True
-        observation, columns = self._observation(), self._told()
         nothing = np.zeros(self.num_envs)
         terms = nothing, nothing, nothing
-        return observation, self._info(columns, terms, masked)
+        return self._observation(), self._info(terms, masked.copy())
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         """Return the environments that a reset is to begin."""
@@ -276,21 +276,21 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             self._begin(np.flatnonzero(fresh), None)
             for term in terms:
                 term[fresh] = 0.0
-        observation, columns = self._observation(), self._told()
+        observation = self._observation()
         terminated = self.simulations.warned
         truncated = self._samples >= self._last
         self._over = terminated | truncated
         reward = terms[0] + terms[1] + terms[2]
-        info: dict[str, Any] = {}
-        if self.mode is AutoresetMode.SAME_STEP and self._over.any():
-            over, self._over = self._over, np.zeros_like(self._over)
-            info = self._final_info(observation, columns, terms, over)
-            self._begin(np.flatnonzero(over), None)
-            observation, columns = self._observation(), self._told()
-            for term in terms:
-                term[over] = 0.0
-        info |= self._info(columns, terms)
-        return observation, reward, terminated, truncated, info
+        if not (self.mode is AutoresetMode.SAME_STEP and self._over.any()):
+            return observation, reward, terminated, truncated, self._info(terms)
+        over, self._over = self._over, np.zeros_like(self._over)
+        final = self._final_info(observation, terms, over)
+        self._begin(np.flatnonzero(over), None)
+        for term in terms:
+            term[over] = 0.0
+        info = self._info(terms)
+        info.update(final)
+        return self._observation(), reward, terminated, truncated, info
 
     def _advance(self, action: Array, going: NDArray[np.bool_]) -> Array:
         """Simulate a control step where an episode goes on.
@@ -327,15 +327,9 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         demanded = self._scripts.demands(self._samples)
         return self.exo.feel(self.simulations.physics, self._marks, demanded)
 
-    def _told(self) -> dict[str, Any]:
-        """Return the fresh columns of an episode log, of all environments."""
-        marks, columns = self._marks, dict(self._columns)
-        return self.exo.told(self.simulations.physics, columns, self._samples, marks)
-
     def _final_info(
         self,
         observation: Singles,
-        columns: dict[str, Any],
         terms: tuple[Array, ...],
         over: NDArray[np.bool_],
     ) -> dict[str, Any]:
@@ -343,9 +337,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         last = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(over):
             last[row] = observation[row].copy()
-        final_info = self._info(
-            dict(columns), tuple(term.copy() for term in terms), over
-        )
+        final_info = self._info(tuple(term.copy() for term in terms), over)
         return {
             "final_obs": last,
             "_final_obs": over.copy(),
@@ -401,32 +393,34 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self.plants[row] = plant
 
     def _info(
-        self,
-        columns: dict[str, Any],
-        terms: tuple[Array, ...],
-        described: NDArray[np.bool_] | None = None,
-    ) -> dict[str, Any]:
+        self, terms: tuple[Array, ...], described: NDArray[np.bool_] | None = None
+    ) -> LazyInfo:
         """Return an `info` as Gymnasium batches it: arrays and a mask for each.
 
         Args:
-            columns: Of an episode log, fresh from `_told`: what has more than a number
-                for each environment becomes the caller's as it is.
-            terms: Of the reward.
+            terms: Of the reward; nothing writes to them.
             described: Environments that it describes; all of them by default.
         """
-        info: dict[str, Any] = {}
-        columns |= zip(REWARD_TERMS, terms, strict=True)
-        masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
-        if described is not None:
-            masks &= described
-        numbers = np.empty((len(columns), self.num_envs))
-        for (name, value), mask, row in zip(
-            columns.items(), masks, numbers, strict=True
-        ):
-            if value.ndim == 1:
-                row[:] = value
-                value = row
+        compute = self.exo.later_columns(
+            self.simulations.physics, self._columns, self._samples, self._marks
+        )
+
+        def make() -> dict[str, Any]:
+            info: dict[str, Any] = {}
+            columns = compute() | dict(zip(REWARD_TERMS, terms, strict=True))
+            masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
             if described is not None:
-                value[~described] = 0
-            info[name], info[f"_{name}"] = value, mask
-        return info
+                masks &= described
+            numbers = np.empty((len(columns), self.num_envs))
+            for (name, value), mask, row in zip(
+                columns.items(), masks, numbers, strict=True
+            ):
+                if value.ndim == 1:
+                    row[:] = value
+                    value = row
+                if described is not None:
+                    value[~described] = 0
+                info[name], info[f"_{name}"] = value, mask
+            return info
+
+        return LazyInfo(make)

@@ -460,11 +460,12 @@ class DeviceModel:
             data.qpos[axis.places.motor_q] += axis.paid_out(data) / axis.proximal_arm
         plugin.settle(model, data)
 
-    def read_cables(self, physics: Physics) -> dict[str, Any]:
+    def read_cables(self, qpos: Array, plugin_state: Array) -> dict[str, Any]:
         """Read the state of the cables, and the pose.
 
         Args:
-            physics: The simulation, or several.
+            qpos: `mjData.qpos` of the simulation, or of several; it becomes a column.
+            plugin_state: `mjData.plugin_state`, likewise.
 
         Returns:
             The columns of an episode log that are states of the cables: numbers (or
@@ -472,9 +473,9 @@ class DeviceModel:
             Angles and velocities are those after the last physics step; torques,
             tensions and slip are those that acted during it.
         """
-        columns: dict[str, Any] = {"qpos": physics.qpos.copy()}
+        columns: dict[str, Any] = {"qpos": qpos}
         for reader in self._readers:
-            columns |= _cable_columns(reader.name, reader.read(physics.plugin_state))
+            columns |= _cable_columns(reader.name, reader.read(plugin_state))
         return columns
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 Array = NDArray[np.float64]
 
@@ -205,13 +206,9 @@ class ObservationHistory:
         return whole.astype(np.float32)
 
     def _frame(self) -> Array:
-        seen, ratio = self._measured.copy(), self.observed.ratio
-        seen[:, MOTOR_ANGLE] = seen[:, MOTOR_ANGLE] / ratio - seen[:, JOINT_ANGLE]
-        seen[:, MOTOR_VELOCITY] /= ratio
-        seen[:, JOINT_TORQUE] = seen[:, DESIRED_TORQUE] - seen[:, JOINT_TORQUE]
-        seen /= self._units
-        np.maximum(seen, -OBSERVATION_LIMIT, out=seen)
-        return np.minimum(seen, OBSERVATION_LIMIT, out=seen)
+        frame = np.empty_like(self._measured)
+        _compute_frame(self._measured, self.observed.ratio, self._units, frame)
+        return frame
 
     def _angles(self) -> Array:
         """Return the angles of motor and joint, once for every play (n, plays)."""
@@ -219,3 +216,21 @@ class ObservationHistory:
         both = np.stack((seen[:, MOTOR_ANGLE] / ratio, seen[:, JOINT_ANGLE]), axis=1)
         angles: Array = np.repeat(both, len(PLAY_HALF_WIDTHS), axis=1)
         return angles
+
+
+@compiled
+def _compute_frame(
+    measured: FloatMatrix, ratio: float, units: FloatArray, frame: FloatMatrix
+) -> None:
+    """Compute the frames (n, k) of measurements (n, k); see `Observed`."""
+    for row in range(measured.shape[0]):
+        for place in range(measured.shape[1]):
+            value = measured[row, place]
+            if place == MOTOR_ANGLE:
+                value = value / ratio - measured[row, JOINT_ANGLE]
+            elif place == MOTOR_VELOCITY:
+                value = value / ratio
+            elif place == JOINT_TORQUE:
+                value = measured[row, DESIRED_TORQUE] - value
+            value = max(value / units[place], -OBSERVATION_LIMIT)
+            frame[row, place] = min(value, OBSERVATION_LIMIT)

@@ -679,3 +679,27 @@ def test_help_by_name_has_the_pace_of_the_walk_as_in_a_what_if() -> None:
         given = DeviceEnv(scene, trajectory=Walk.at(1.6), task=own)
         assert given.exo.tasks[0] is own
         assert DeviceEnv(scene).exo.tasks[0] is own
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_an_info_read_late_is_that_of_its_step(vector: bool) -> None:
+    """Columns are computed when they are read, of the step that returned them."""
+
+    def play(read_at_once: bool) -> list[dict[str, Any]]:
+        make = gymnasium.make_vec if vector else gymnasium.make
+        env = make("cc_mujoco/WristHandle-v1", duration=0.02)
+        _, info = env.reset(seed=3)
+        infos = [info]
+        for _ in range(12):
+            if read_at_once:
+                dict(infos[-1])
+            infos.append(env.step(env.action_space.sample() * 0 + 0.3)[-1])
+        env.close()
+        return infos
+
+    for late, early in zip(play(False), play(True), strict=True):
+        assert "joint_velocity_rad_s" in late
+        assert list(late) == list(early)
+        for name, value in pickle.loads(pickle.dumps(late)).items():
+            assert np.array_equal(value, early[name]), name
+        assert {**late}.keys() == copy.deepcopy(late).keys() == late.keys()

@@ -85,10 +85,9 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
 
     ## Info
 
-    After every reset and step a fresh dictionary, filled when it is first read, with the
-    columns of an episode log
-    (`cc_mujoco.simulation._log_columns`; those of an axis begin with its name if there
-    are several): time, angles, velocities, torques, the
+    After every reset and step a fresh dictionary, filled when it is first read. It has
+    the columns of an episode log (`cc_mujoco.simulation._log_columns`; those of an axis
+    begin with its name if there are several): time, angles, velocities, torques, the
     wearer's reference; for each cable the true tensions at both ends and at the nodes,
     the part that slips and the direction of slip of every segment, slack, dissipated
     energy; and `qpos`. Angles and velocities are those at that time, torques and

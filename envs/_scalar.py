@@ -183,7 +183,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self._physics = physics_of(self.data)
         self._warnings = self.data.warning.number
         self._sensors = self.exo.sensors(0)
-        self._sights = self.exo.sights(1)
+        self._histories = self.exo.histories(1)
         self._sample = 0
         self._action = np.zeros(len(self.exo.drives))
         self._script: Script | None = None
@@ -223,7 +223,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         twin._sample, twin.spec = self._sample, self.spec
         twin._action = self._action
         twin._sensors = copy.deepcopy(self._sensors, memo)
-        twin._sights = copy.deepcopy(self._sights, memo)
+        twin._histories = copy.deepcopy(self._histories, memo)
         twin._screen.films = [copy.copy(self._screen.films[0])]
         twin._np_random = copy.deepcopy(self._np_random, memo)
         twin._np_random_seed = self._np_random_seed
@@ -266,10 +266,10 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         begun = script.part(0)
         exo.device.start(self.data, script.angles, begun.commands[0])
         marks = begun.marks[0]
-        columns, _ = exo.feel(self._physics, marks)
+        columns, _ = exo.read_with_reward(self._physics, marks)
         measured = exo.measured(self._sensors, columns)
-        for sight, seen in zip(self._sights, measured, strict=True):
-            sight.begin(seen[None])
+        for history, seen in zip(self._histories, measured, strict=True):
+            history.begin(seen[None])
         info = self._info(columns, marks, (0.0, 0.0, 0.0))
         return self._observation(), info
 
@@ -285,8 +285,8 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
         normalised = exo.normalised(action)
-        for place, sight in enumerate(self._sights):
-            sight.act(normalised[place : place + 1])
+        for place, history in enumerate(self._histories):
+            history.act(normalised[place : place + 1])
         data.ctrl[exo.device.motor_controls] = normalised * exo.device.motor_scales
         tracking, diverged = 0.0, False
         for _ in range(exo.hold):
@@ -302,11 +302,11 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
             self._sample += 1
             number, row = divmod(self._sample, PART_STEPS)
             marks = script.part(number).marks[row]
-            columns, reward = exo.feel(self._physics, marks)
+            columns, reward = exo.read_with_reward(self._physics, marks)
             tracking += exo.sampling * reward
             measured = exo.measured(self._sensors, columns)
-            for sight, seen in zip(self._sights, measured, strict=True):
-                sight.look(seen[None])
+            for history, seen in zip(self._histories, measured, strict=True):
+                history.add(seen[None])
             if diverged:
                 break
         terms = tracking, *exo.costs(normalised, self._action)
@@ -337,7 +337,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         )
 
     def _observation(self) -> NDArray[np.float32]:
-        parts = [sight.observation()[0] for sight in self._sights]
+        parts = [history.observation()[0] for history in self._histories]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def render(self) -> NDArray[np.uint8] | None:

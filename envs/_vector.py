@@ -166,7 +166,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._scripts = Scripts(exo.author, num_envs, exo.tasks)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._sensors = exo.sensors(range(num_envs))
-        self._sights = exo.sights(num_envs)
+        self._histories = exo.histories(num_envs)
         self._samples = np.zeros(num_envs, dtype=np.intp)
         self._actions = np.zeros((num_envs, len(exo.drives)))
         self._over = np.ones(num_envs, dtype=np.bool_)
@@ -267,8 +267,8 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             )
         exo, fresh = self.exo, self._over
         normalised = exo.normalised(actions, ~fresh)
-        for place, sight in enumerate(self._sights):
-            sight.act(normalised[:, place])
+        for place, history in enumerate(self._histories):
+            history.act(normalised[:, place])
         tracking = self._advance(normalised, ~fresh)
         terms = tracking, *exo.costs(normalised, self._actions)
         self._actions = normalised
@@ -315,17 +315,19 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
     def _sample_sensors(self, going: NDArray[np.bool_]) -> Array:
         """Take a sample of all sensors; return the reward per second for tracking."""
         reward: Array
-        self._columns, reward = self._felt()
+        self._columns, reward = self._read_with_reward()
         measured = self.exo.measured(self._sensors, self._columns, going)
-        for sight, seen in zip(self._sights, measured, strict=True):
-            sight.look(seen)
+        for history, seen in zip(self._histories, measured, strict=True):
+            history.add(seen)
         return reward
 
-    def _felt(self) -> tuple[dict[str, Any], Array]:
-        """Return the result of `WornDevice.feel` for all environments now."""
+    def _read_with_reward(self) -> tuple[dict[str, Any], Array]:
+        """Return columns and reward of all environments now."""
         self._marks = self._scripts.marks(self._samples)
         demanded = self._scripts.demands(self._samples)
-        return self.exo.feel(self.simulations.physics, self._marks, demanded)
+        return self.exo.read_with_reward(
+            self.simulations.physics, self._marks, demanded
+        )
 
     def _final_info(
         self,
@@ -372,14 +374,14 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             simulations.start(row, exo.device, script)
         self._samples[rows] = 0
         self._actions[rows] = 0.0
-        self._columns, _ = self._felt()
+        self._columns, _ = self._read_with_reward()
         still = np.zeros_like(self._over)
         measured = exo.measured(self._sensors, self._columns, still)
-        for sight, seen in zip(self._sights, measured, strict=True):
-            sight.begin(seen[rows], rows)
+        for history, seen in zip(self._histories, measured, strict=True):
+            history.begin(seen[rows], rows)
 
     def _observation(self) -> Singles:
-        parts = [sight.observation() for sight in self._sights]
+        parts = [history.observation() for history in self._histories]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def _apply_plant(self, row: int, plant: Plant) -> None:

@@ -229,7 +229,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             energy += period * metabolic_energy(
                 np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
             )
-        self._expected.feel(phase, self._help()[None])
+        self._expected.observe(phase, self._help()[None])
         self._sample += 1
         fallen = body.has_fallen(data) or bool(data.warning.number.any())
         terms = (

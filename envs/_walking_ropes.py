@@ -144,9 +144,9 @@ class Ropes:
         if not self._cabled:
             return np.zeros(2)
         stiffness, damping = _FOLLOWING
-        apart = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
+        spread = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
         torque: Array = -stiffness * (self.wound(data) + _SLACK) / DRUM
-        torque -= damping * apart
+        torque -= damping * spread
         return torque
 
     def arms(self, data: mujoco.MjData) -> Array:

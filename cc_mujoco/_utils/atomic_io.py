@@ -70,13 +70,13 @@ def checksum_line(path: Path) -> str:
     return f"{path.name} as written: {digest.hexdigest()}"
 
 
-def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
+def require_untouched(folder: Path, names: Iterable[str], record: str) -> None:
     """Require that no file of an earlier run was changed by the user.
 
     Args:
         folder: What an earlier run left.
         names: Files that a user may have changed since.
-        told: Text of that run with the lines of `checksum_line`; a file that it does
+        record: Text of that run with the lines of `checksum_line`; a file that it does
             not mention is not checked.
 
     Raises:
@@ -84,9 +84,9 @@ def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
     """
     for name in names:
         path = folder / name
-        if f"{name} as written: " not in told or not path.is_file():
+        if f"{name} as written: " not in record or not path.is_file():
             continue
-        if checksum_line(path) not in told:
+        if checksum_line(path) not in record:
             raise CableError(
                 f"{path} was changed since it was written, and would be replaced; "
                 "name another folder to write to."

@@ -26,9 +26,11 @@ class Table:
 
     def wrong(self, key: str, right: str) -> CableError:
         """Return the error for an impossible value."""
-        return CableError(f"{self.where}, {key} must be {right}, not {self.told(key)}.")
+        return CableError(
+            f"{self.where}, {key} must be {right}, not {self.shown(key)}."
+        )
 
-    def told(self, key: str) -> str:
+    def shown(self, key: str) -> str:
         """Return a value as text, truncated to 60 characters."""
         text = repr(self.content[key])
         return text if len(text) <= 60 else f"{text[:57]}..."

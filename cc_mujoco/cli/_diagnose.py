@@ -97,7 +97,7 @@ class Diagnose:
             **progress_options(),
         ) as bar:
 
-            def told(share: float, doing: str) -> None:
+            def show_progress(share: float, doing: str) -> None:
                 bar.set_description_str(doing, refresh=False)
                 bar.update(max(share - bar.n, 0.0))
 
@@ -110,7 +110,7 @@ class Diagnose:
                 command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
                 seed=self.seed,
                 effects=effects,
-                progress=told,
+                progress=show_progress,
             )
             bar.update(1.0 - bar.n)
         report = self.out / "report.html"

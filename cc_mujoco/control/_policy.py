@@ -185,15 +185,15 @@ class Policy(Controller):
         self._wholes = [
             drive.observed.torque for drive in self._drives if drive.observed
         ]
-        self._sights: list[ObservationHistory] = []
+        self._histories: list[ObservationHistory] = []
         self._fresh = np.zeros(0, dtype=np.bool_)
         self._samples = np.zeros(0, dtype=np.intp)
         self._shares = np.zeros((0, len(self._drives)))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Reset the state; see `Controller.reset`."""
-        if where is None or not self._sights:
-            self._sights = []
+        if where is None or not self._histories:
+            self._histories = []
         else:
             self._fresh |= where
 
@@ -207,29 +207,31 @@ class Policy(Controller):
             for observed, prefix in zip(self._observed, self._prefixes, strict=True)
         ]
         measured = [np.atleast_2d(own) for own in seen]
-        if not self._sights:
+        if not self._histories:
             count = len(measured[0])
-            self._sights = [ObservationHistory(own, count) for own in self._observed]
+            self._histories = [ObservationHistory(own, count) for own in self._observed]
             self._fresh = np.ones(count, dtype=np.bool_)
             self._samples = np.zeros(count, dtype=np.intp)
             self._shares = np.zeros((count, len(self._drives)))
         fresh, again = self._fresh, self._fresh.any()
-        for sight, own in zip(self._sights, measured, strict=True):
-            sight.look(own)
+        for history, own in zip(self._histories, measured, strict=True):
+            history.add(own)
             if again:
-                sight.begin(own[fresh], fresh)
+                history.begin(own[fresh], fresh)
         if again:
             self._samples[fresh] = 0
             fresh[:] = False
         due = self._samples % self._observed[0].hold == 0
         if due.any():
-            rows = np.concatenate([one.observation() for one in self._sights], axis=1)
+            rows = np.concatenate(
+                [one.observation() for one in self._histories], axis=1
+            )
             rows = rows.astype(np.float64)
             # One by one: a product rounds differently for one environment and for many.
             for row in np.flatnonzero(due):
                 self._shares[row] = self._network(rows[row]).astype(np.float32)
-            for axis, sight in enumerate(self._sights):
-                sight.act(self._shares[:, axis], due)
+            for axis, history in enumerate(self._histories):
+                history.act(self._shares[:, axis], due)
         self._samples += 1
         # Of the device's motors, whatever these drives limit them to.
         torque = self._shares * self._wholes

@@ -68,7 +68,7 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
 
     Args:
         plant: the design.
-        costs: see `read_costs`; empty where they are not asked for.
+        costs: see `read_costs`; empty without them.
     """
     cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):

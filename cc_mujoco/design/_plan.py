@@ -224,7 +224,7 @@ def make_plan(
         else:
             rows = grid(ranges)
     cases = protocol.across
-    cases.require_apart(dict.fromkeys(name for row in rows for name in row))
+    cases.require_disjoint(dict.fromkeys(name for row in rows for name in row))
     require_count(len(rows) * len(cases.cases))
     checked = _check(cases, builder, rows)
     walking_designs.require_strides(protocol, checked)
@@ -270,7 +270,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     protocol, builder = _make_protocol(replace(spec, metrics=names), goals, vary)
     if not vary:
         raise CableError("a search needs something to vary.")
-    protocol.across.require_apart(vary)
+    protocol.across.require_disjoint(vary)
     ranges = {name: read_range(name, v, builder) for name, v in vary.items()}
     ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
             if n in WALKER}  # fmt: skip
@@ -281,7 +281,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     if isinstance(evaluations, int) and evaluations < 1:
         raise CableError(f"a search must try at least 1 design, not {evaluations}.")
     require_count(evaluations)
-    asked = {
+    settings = {
         "objectives": [goal.text for goal in goals],
         "subject_to": [limit.text for limit in limits],
         "ranges": {
@@ -291,7 +291,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
         "generation": [GENERATION, PIECE],
         "sampler": sampler,
     }
-    return Plan(protocol, (), ranges, False, (), asked, goals, limits, evaluations)
+    return Plan(protocol, (), ranges, False, (), settings, goals, limits, evaluations)
 
 
 def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:

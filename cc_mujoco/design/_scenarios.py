@@ -116,7 +116,7 @@ class Across:
         """Return a key that is equal for designs of one batch in all cases."""
         return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 
-    def require_apart(self, varied: Iterable[str]) -> None:
+    def require_disjoint(self, varied: Iterable[str]) -> None:
         """Refuse variables that are both varied and crossed.
 
         Raises:

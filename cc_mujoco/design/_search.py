@@ -59,7 +59,7 @@ def search(
     if store.finished > evaluations:
         say(
             f"All {store.finished} designs kept of a search that has finished, more "
-            f"than the {evaluations} asked for; --again runs {evaluations} anew."
+            f"than the {evaluations} requested; --again runs {evaluations} anew."
         )
         evaluations = store.finished
     elif store.kept:

@@ -245,11 +245,11 @@ def table_rows(materials: Iterable[Material]) -> list[list[str]]:
         [
             one.name,
             one.meaning,
-            _told(one.friction),
-            _told(one.modulus, 1e-9),
-            _told(one.density),
-            _told(one.strength, 1e-9),
-            "-" if one.hottest is None else _told(one.hottest),
+            _interval_text(one.friction),
+            _interval_text(one.modulus, 1e-9),
+            _interval_text(one.density),
+            _interval_text(one.strength, 1e-9),
+            "-" if one.hottest is None else _interval_text(one.hottest),
         ]
         for one in materials
     ]
@@ -269,7 +269,7 @@ def _figures(material: Material) -> tuple[Figure, ...]:
     return found if material.hottest is None else (*found, material.hottest)
 
 
-def _told(figure: Figure, scale: float = 1.0) -> str:
+def _interval_text(figure: Figure, scale: float = 1.0) -> str:
     """`typical (low to high; sources)`, without a range where there is none."""
     values = (figure.low, figure.typical, figure.high)
     low, typical, high = (f"{float(f'{scale * value:.3g}'):g}" for value in values)

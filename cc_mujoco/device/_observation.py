@@ -1,10 +1,10 @@
 """Observation of a device's environment: the one definition that all share.
 
-    sight = ObservationHistory(observed, 1)   # of one device; many are rows
-    sight.begin(measured)                 # (1, k), what is measured at the start
-    sight.observation()                   # (1, size) of float32, about 1
-    sight.act(share)                      # (1,), the action that follows
-    sight.look(measured)                  # after every sample that it is held for
+    history = ObservationHistory(observed, 1)   # of one device; many are rows
+    history.begin(measured)                 # (1, k), what is measured at the start
+    history.observation()                   # (1, size) of float32, about 1
+    history.act(share)                      # (1,), the action that follows
+    history.add(measured)                  # after every sample that it is held for
 
 Environments observe it, and a saved policy is fed it wherever it plays.
 """
@@ -186,7 +186,7 @@ class ObservationHistory:
             past[rows, 0, :-1] = self._frame()[rows]
             past[rows, 0, -1] = share[rows]
 
-    def look(self, measured: Array) -> None:
+    def add(self, measured: Array) -> None:
         """Take a new sample of the measurements (n, k)."""
         self._measured[:] = measured
         if self.observed.memory:

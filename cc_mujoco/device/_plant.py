@@ -529,12 +529,12 @@ class Plant:
             limb, place = share * WEARER_MASS, np.array(part.ipos)
             worn, limb_now = part.mass - limb, body.heavier * limb
             spread = np.array(part.inertia) / part.mass
-            apart = (body.longer - 1.0) * place
+            offset = (body.longer - 1.0) * place
             total = worn + limb_now
-            part.ipos = place + limb_now / total * apart
+            part.ipos = place + limb_now / total * offset
             part.mass = total
             part.inertia = (worn + limb_now * body.longer**2) * spread + (
-                worn * limb_now / total * (apart @ apart - apart**2)
+                worn * limb_now / total * (offset @ offset - offset**2)
             )
         for name in ("shank", "foot"):
             part = spec.body(name)

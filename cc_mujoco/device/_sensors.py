@@ -390,14 +390,14 @@ class Measuring:
             self._encode("winding", sensing.joint_steps, seen)
         if self._taps:
             # `np.stack` takes several times as long for small arrays.
-            told = np.empty((*np.shape(seen["motor_angle_rad"]), *self._shape))
+            tensions = np.empty((*np.shape(seen["motor_angle_rad"]), *self._shape))
             for place, (name, nodes) in enumerate(self._taps):
-                told[..., place, :] = columns[name][..., nodes]
-            np.maximum(told, 0.0, out=told)
+                tensions[..., place, :] = columns[name][..., nodes]
+            np.maximum(tensions, 0.0, out=tensions)
             if errors is not None:
-                told += errors[..., 1:].reshape(told.shape)
-                np.maximum(told, 0.0, out=told)
-            seen[TENSION_COLUMN] = told
+                tensions += errors[..., 1:].reshape(tensions.shape)
+                np.maximum(tensions, 0.0, out=tensions)
+            seen[TENSION_COLUMN] = tensions
         return seen
 
     def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:

@@ -63,7 +63,7 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
         raise CableError(f"{table.where}: {error}") from None
 
 
-def require_apart(pair: str, one: Table, other: Table) -> None:
+def require_distinct(pair: str, one: Table, other: Table) -> None:
     """Refuse two axes whose commands would reach the same motor.
 
     Args:
@@ -80,7 +80,7 @@ def require_apart(pair: str, one: Table, other: Table) -> None:
             "[axes.NAME.rig]."
         )
     for mine, theirs in itertools.product(_addresses(one), _addresses(other)):
-        _require_apart(pair, mine, theirs)
+        _require_distinct(pair, mine, theirs)
 
 
 def _addresses(rig: Table) -> list[Address]:
@@ -90,7 +90,7 @@ def _addresses(rig: Table) -> list[Address]:
     return [each for each in (address, joint) if each is not None]
 
 
-def _require_apart(pair: str, mine: Address, theirs: Address) -> None:
+def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
     """Refuse addresses of two axes that reach the same rig."""
     if isinstance(mine, UdpAddress) and isinstance(theirs, UdpAddress):
         if mine.port == theirs.port and _machine(mine) == _machine(theirs):

@@ -82,7 +82,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import Address, address_of
 from cc_mujoco.hardware._can_bus import CanBuses
-from cc_mujoco.hardware._connect import connect_rig, require_apart, rig_address
+from cc_mujoco.hardware._connect import connect_rig, require_distinct, rig_address
 from cc_mujoco.hardware._drive_model import device_of, drive_of
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
 from cc_mujoco.hardware._references import (
@@ -370,7 +370,7 @@ def _require_distinct(axes: Sequence[Settings]) -> None:
         CableError: They have the same address, identifiers or class with its keys.
     """
     for one, other in itertools.combinations(axes, 2):
-        require_apart(
+        require_distinct(
             f"{one.path}, axes {one.axis} and {other.axis}", one.rig, other.rig
         )
 

@@ -114,7 +114,7 @@ class Trajectory(ABC):
 class SampledMotion:
     """Motion of one episode in parts, with the bits of `Trajectory.sample`.
 
-    Only parts that are asked for are in memory if the trajectory `is_pointwise`.
+    Only parts that were requested are in memory if the trajectory `is_pointwise`.
     """
 
     def __init__(

@@ -268,7 +268,7 @@ class ExpectedHelp:
         """Return the torques expected at phases (worlds, legs) [N m]."""
         return self._expected[self._bins(phase)]
 
-    def feel(self, phase: Any, torque: Any) -> None:
+    def observe(self, phase: Any, torque: Any) -> None:
         """Take note of torques at phases, both (worlds, legs) [N m]."""
         bins = self._bins(phase)
         self._felt[bins] += torque

@@ -147,7 +147,7 @@ METRICS: dict[str, Metric] = {
                "torque against twist", torque.twist_backlash),
         Metric("spring_backlash", "rad", "between the angles at which the joint torque "
                "crosses zero on the way out and back, means over "
-               f"{1e3 * MEAN_WINDOW:g} ms; where a spring is asked for",
+               f"{1e3 * MEAN_WINDOW:g} ms; where a spring is desired",
                torque.spring_backlash),
         Metric("held_backlash", "rad", "joint held, motor torque swung slowly: width "
                "at half height of the loop of joint torque against twist",
@@ -158,7 +158,7 @@ METRICS: dict[str, Metric] = {
                "no tension",
                lambda log: float(np.mean(torque.least_tension(log) <= 0.0))),
         Metric("slack_under_load", "1", "share of the time with a slack cable where "
-               f"more than {TAUT_SHARE:g} of the largest torque is asked for; of two "
+               f"more than {TAUT_SHARE:g} of the largest torque is desired; of two "
                "cables that pull against each other, both slack",
                torque.slack_under_load, needs=(PULL_PULL,)),
         Metric("slack_time_{cable}", "s", "time for which some of cable {cable} hung "

@@ -203,8 +203,8 @@ def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
             bodies.add(int(model.site_bodyid[side]))
     chains = [_ancestors(model, body) for body in bodies]
     shared = chains[0].intersection(*chains)
-    apart = chains[0].union(*chains) - shared
-    return [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in apart]
+    separate = chains[0].union(*chains) - shared
+    return [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in separate]
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:

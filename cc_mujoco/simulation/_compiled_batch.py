@@ -121,9 +121,9 @@ class CompiledEpisodes:
         if common["task"] == compiled.OF_PHASE:
             phase = script.marks[:, 1:2]
             nothing = np.zeros_like(phase)
-            asked = np.asarray(task.torque(nothing, nothing, phase), dtype=float)
-            asked = np.broadcast_to(asked, (steps + 1, max(asked.shape[1], 1)))
-            desired = [self._hold(np.ascontiguousarray(one)) for one in asked.T]
+            torques = np.asarray(task.torque(nothing, nothing, phase), dtype=float)
+            torques = np.broadcast_to(torques, (steps + 1, max(torques.shape[1], 1)))
+            desired = [self._hold(np.ascontiguousarray(one)) for one in torques.T]
         else:
             given = np.zeros(3)
             own = dataclasses.astuple(task)  # type: ignore[call-overload]

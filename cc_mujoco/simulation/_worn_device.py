@@ -327,7 +327,7 @@ class WornDevice:
             ],
         )
 
-    def sights(self, count: int) -> tuple[ObservationHistory, ...]:
+    def histories(self, count: int) -> tuple[ObservationHistory, ...]:
         """Return the observation of every axis, of n environments."""
         return tuple(ObservationHistory(observed, count) for observed in self.observed)
 
@@ -341,7 +341,7 @@ class WornDevice:
 
         Args:
             sensors: Of every axis.
-            columns: Of `feel`.
+            columns: Of `read_with_reward`.
             going: As of `Measuring.measure`.
         """
         return [
@@ -421,7 +421,7 @@ class WornDevice:
             columns |= found
         return columns
 
-    def feel(
+    def read_with_reward(
         self,
         physics: Physics,
         marks: Array,
@@ -461,7 +461,7 @@ class WornDevice:
 
         Args:
             physics: The simulation, or several.
-            columns: Of `feel`; may be views of `physics`.
+            columns: Of `read_with_reward`; may be views of `physics`.
             step: Number of samples since the reset; may change afterwards.
             marks: Row of `ScriptPart.marks` at that sample; nothing writes to it.
         """

@@ -148,7 +148,7 @@ class Walker(ActionTerm):
         """Command the muscles, every `MUSCLE_PERIOD`."""
         if self._substep % self._every == 0:
             data, (forward, _, pitch) = self._entity.data, self._root
-            self.expected.feel(self.person.phase, self.help)
+            self.expected.observe(self.person.phase, self.help)
             control = self.person.act(
                 Senses(
                     data.joint_pos[:, self._joints].view(-1, 2, 3),

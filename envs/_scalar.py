@@ -59,7 +59,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
     | 5 | desired torque | device |
     | 6, 7 | sine and cosine of the phase of the gait, where the device knows it | 1 |
 
-    The ratio is that of motor angle to joint angle, `drive.ratio`. What friction does
+    The ratio is that of motor angle to joint angle, `Drive.ratio`. What friction does
     depends on the past, which a frame does not know. With `memory=True` six numbers
     follow in [-1, 1], the plays of `cc_mujoco.device._observation.Observed.memory`;
     with `history=n` the last n frames, each followed by the action that was taken on

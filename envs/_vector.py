@@ -49,7 +49,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
 
     With `backend="warp"` mujoco_warp takes the physics steps, in single precision;
     plants, motions, sensors, rewards and infos are worked out as before.
-    `simulations.data` and `simulations.cables` have the arrays on Warp's device.
+    `WarpWorlds.data` and `WarpWorlds.cables` have the arrays on Warp's device.
     """
 
     metadata = VECTOR_METADATA

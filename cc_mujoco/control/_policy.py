@@ -279,8 +279,8 @@ def write_policy(
     Args:
         path: Where; ends in `.safetensors`.
         network: The policy.
-        observed: What it observes of the only axis, or of every axis; `exo.observed` of
-            its environment.
+        observed: What it observes of the only axis, or of every axis:
+            `WornDevice.observed` of its environment.
 
     Raises:
         CableError: If the network is not for as many numbers as are observed, or as

@@ -103,7 +103,7 @@ def channel_sources(
 
     Raises:
         CableError: one is missing, or there are several. A torque may be missing where
-            something stands in for it, see `file.has_substitute`.
+            something stands in for it, see `DatasetFile.has_substitute`.
     """
     optional = [channel for name in names if (channel := _tension_channel(where, name))]
     optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]

@@ -206,7 +206,7 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
     """Return the design of a sampler's trial.
 
     What decides before any simulation whether a design can be is no concern of the
-    sampler's: see `_wearer_scaling.fit_profile`.
+    sampler's: see `_walking_designs.fit_profile`.
     """
     found: Design = {}
     between: dict[str, tuple[float, float, bool]] = {}

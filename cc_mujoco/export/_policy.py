@@ -116,7 +116,7 @@ def _look(
 ) -> None:
     """Follow the plays, compute the frame, and at the beginning the past.
 
-    See `device.ObservationHistory`.
+    See `_observation.ObservationHistory`.
     """
     columns, history, ratio = shape[_COLUMNS], shape[_HISTORY], tables[_RATIO]
     for play in range(_PLAYS):

@@ -96,7 +96,7 @@ RECORD = np.dtype(
             "own_arm",  # place of the joint's among them
             "wound_end",  # place of the distal end in `actuator_length`
             "columns",  # address of what is kept (columns, steps + 1)
-            "gains",  # address of `laws.GAINS`; likewise those that follow
+            "gains",  # address of `_compiled_laws.GAINS`; likewise those that follow
             "memory",
             "spring",  # of all cables at the joint, see `guard.STIFFNESS`
             "seen",
@@ -239,7 +239,7 @@ def _torque(record: EpisodeRecord, seen: FloatArray) -> float:
 
 @internal
 def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> None:
-    """Read and keep what is measured at a control step; see `Device.read_motion`."""
+    """Read and keep what is measured at a control step; see `AxisModel.read_motion`."""
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
     joint = record.joint_v

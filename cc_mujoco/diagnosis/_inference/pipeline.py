@@ -132,7 +132,7 @@ def run_inference(
     """Return the verdict on checked trials, without any file.
 
     Args:
-        dataset: trials of `intake.load`, without anything to fix.
+        dataset: trials of `_loading.load`, without anything to fix.
         bench: rig as the scene has it.
         settings: choices besides data and scene.
         progress: called with the share done and what is being done.

@@ -45,7 +45,7 @@ def repair_scene(
 
     Args:
         bench: whose scene it is; its radii become the gears.
-        cables: in place of `bench.cables`, already with what effects change in them.
+        cables: in place of `Bench.cables`, already with what effects change in them.
         effects: parameters by id; those that act in the cables are only named in the
             comment of the file.
         left_out: parameters, by id, of effects that the scene cannot have, for the

@@ -63,8 +63,8 @@ class TrialConstants(NamedTuple):
     Attributes:
         parameter: of the fit.
         trials: names, in the order of the data.
-        change: (trials,) from their mean: of the logarithm where `parameter.factor`,
-            else in its unit.
+        change: (trials,) from their mean: of the logarithm where
+            `Tuned.factor`, else in its unit.
         error: (trials,) standard errors of these.
         share: of the squared error beyond the floor that these values take.
         value: (trials,) in the unit of the parameter, of one that is no logarithm; NaN

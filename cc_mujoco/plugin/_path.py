@@ -115,7 +115,7 @@ def bend(
     segments: Floats,
     out: Floats,
 ) -> None:
-    """Wrap angle of each segment of a conduit along a tendon, see `_path_geometry.bend`.
+    """Compute the wrap of each segment of a conduit, see `_path_geometry.bend` [rad].
 
     `count` is the number of places that the conduit follows, 0 for all of them.
     """

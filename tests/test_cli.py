@@ -363,7 +363,7 @@ def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:
 HELP = """
 import contextlib, io, json, sys
 from cc_mujoco import cli
-slow = {'matplotlib', 'mujoco', 'numba', 'pyarrow', 'rerun', 'scipy', 'tqdm'}
+slow = {'matplotlib', 'mujoco', 'pyarrow', 'rerun', 'scipy', 'tqdm'}
 found = {}
 for words in WORDS:
     said = io.StringIO()
@@ -626,7 +626,7 @@ def test_an_interrupted_import_is_an_interruption(
 
 
 def test_signals_are_handled_before_anything_that_takes_long_is_imported() -> None:
-    slow = ("gymnasium", "lazy_loader", "mujoco", "numba", "numpy", "scipy", "tyro")
+    slow = ("gymnasium", "lazy_loader", "mujoco", "numpy", "scipy", "tyro")
     program = (
         "import sys; from cc_mujoco import cli\n"
         f"print(*(name for name in {slow!r} if name in sys.modules))"

@@ -31,7 +31,6 @@ mujoco.mj_step(model, mujoco.MjData(model))
 """
 SMOKE = """
 import sys
-sys.modules["numba"] = None  # no dependency
 from pathlib import Path
 import gymnasium
 import cc_mujoco

@@ -17,7 +17,7 @@ from cc_mujoco.native._kinds import (
     dtype_of,
 )  # fmt: skip
 
-MOST_PARTS = 64
+MOST_PARTS = 128
 """Most arrays, and most fields of tuples, of a call; see `python_calls.h`."""
 
 

@@ -47,7 +47,7 @@ static struct {
     PyObject *type_error;
 } api;
 
-enum { CC_MOST_VIEWS = 64, CC_MOST_ITEMS = 64 };
+enum { CC_MOST_VIEWS = 128, CC_MOST_ITEMS = 128 };
 
 /* What a call has borrowed, to be given back when it ends. */
 typedef struct {

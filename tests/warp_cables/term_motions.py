@@ -1,4 +1,4 @@
-"""Random cables of every term, moved by Numba's kernel and by that of Warp."""
+"""Random cables of every term, moved by the native kernel and by that of Warp."""
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
 
@@ -69,7 +69,7 @@ def random_runs(each: int, samples: int, seed: int = 5, terms: Any = CABLES) -> 
     return Runs(named, segments, prm, state, ends[:, 0], ends[:, 1])
 
 
-def by_numba(runs: Runs) -> np.ndarray:
+def by_native(runs: Runs) -> np.ndarray:
     """Return the tensions of both ends, (cables, samples, 2) [N]; below 0 if slack."""
     tensions = np.zeros((*runs.proximal.shape, 2))
     for i, n in enumerate(runs.segments):

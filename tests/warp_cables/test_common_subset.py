@@ -1,4 +1,4 @@
-"""The compiled functions of a cable stay inside what Numba and Warp have in common."""
+"""The compiled functions of a cable stay inside what C and Warp have in common."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernel on Warp against the same functions compiled by Numba, term by term."""
+"""The kernel on Warp against the same functions in C, term by term."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import warp as wp
 
 from cable.random_cables import CABLES
 from cc_mujoco.cable._parameters import TERMS
-from warp_cables.term_motions import Runs, by_numba, by_warp, errors, random_runs
+from warp_cables.term_motions import Runs, by_native, by_warp, errors, random_runs
 
 GUIDED_TERMS = frozenset(
     name for name, term in TERMS.items() if term.acts_on != "pulley"
@@ -32,10 +32,10 @@ def runs() -> Runs:
 
 @pytest.fixture(scope="module")
 def right(runs: Runs) -> np.ndarray:
-    return by_numba(runs)
+    return by_native(runs)
 
 
-def test_double_precision_has_the_bits_of_numba(runs, right):
+def test_double_precision_has_the_bits_of_c(runs, right):
     found = errors(by_warp(runs, wp.float64, GUIDED_TERMS), right)
     for term, off in zip(runs.terms, np.abs(found).max(axis=(1, 2)), strict=True):
         assert off <= (1e-10 if term in LIBRARY_FUNCTIONS else 0.0), term
@@ -61,7 +61,7 @@ def check_single_precision(
 @pytest.mark.parametrize("term", CABLES)
 def test_a_kernel_of_one_term_is_that_of_all(term):
     runs = random_runs(each=12, samples=600, terms=[term])
-    right = by_numba(runs)
+    right = by_native(runs)
     draws = [CABLES[term](np.random.default_rng(seed)) for seed in range(9)]
     used = {"friction"} | {n for n in TERMS if any(draw.get(n) for draw in draws)}
     double = errors(by_warp(runs, wp.float64, frozenset(used), True), right)

@@ -1,6 +1,6 @@
 """A pull-pull cable bench with something hidden in it.
 
-Independent of the package: no line of the model is used here, and the physics is put
+Independent of the package: it shares the compiler and no model, and the physics is put
 differently (massive nodes, bristles, an ordinary differential equation).
 """
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, internal
 from rig.plant import Plant
 
 Array = NDArray[np.float64]
@@ -32,35 +32,34 @@ class Cables(NamedTuple):
     Displacements are towards the motor, in the cable's own sense.
     """
 
-    place: Array
-    speed: Array
-    force: Array
+    place: FloatMatrix
+    speed: FloatMatrix
+    force: FloatMatrix
     """Force of the bristles against the cable [N]."""
-    load: Array
+    load: FloatMatrix
     """Mean tension of both sides of a node [N]."""
-    lagged: Array
+    lagged: FloatMatrix
     """Low-pass filtered speed, on which friction depends [m/s]."""
-    contact: Array
+    contact: FloatMatrix
     """Age of the contacts [s]."""
-    warmth: Array
+    warmth: FloatArray
     """Friction work stored as heat over `heating_energy`, (2,)."""
-    ahead: Array
+    ahead: FloatMatrix
     """Friction limit over load for motion towards the motor."""
-    behind: Array
+    behind: FloatMatrix
     """Friction limit over load for motion away from the motor."""
-    bristle: Array
+    bristle: FloatMatrix
     """Stiffness of the bristles [N/m]."""
-    stiffness: Array
+    stiffness: FloatMatrix
     """Stiffness of the segments (2, nodes + 1) [N/m]."""
-    seal: Array
+    seal: FloatArray
     """Load-independent friction (nodes,) [N]."""
-    work: Array
+    work: FloatMatrix
     """Friction and damping work of each cable since the start (2, 2) [J]."""
-    warmed: Array
+    warmed: FloatArray
     """Friction work already converted into `warmth` (2,) [J]."""
 
 
-@compiled
 def _segments(p: Plant) -> Array:
     """Return the stiffness of each segment; the end ones are half as long."""
     inner = p.axial_stiffness * p.nodes / p.length
@@ -70,40 +69,39 @@ def _segments(p: Plant) -> Array:
     return k
 
 
-@compiled
-def start(p: Plant, pretension: float, arc_a: float, arc_b: float) -> Cables:
-    """Return both cables at rest at pretension, without friction, moved by the arcs."""
+def at_rest(p: Plant, pretension: float) -> Cables:
+    """Return both cables at pretension, without friction, for `start`."""
     n = p.nodes
-    shape = (2, n)
-    place = np.empty(shape)
-    place[0] = arc_a
-    place[1] = -arc_b
     seal = np.zeros(n)
     seal[0] = 0.4 * p.load_free
     seal[n - 1] = 0.6 * p.load_free
-    cables = Cables(
-        place,
-        np.zeros(shape),
-        np.zeros(shape),
-        np.full(shape, pretension),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros(2),
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(shape),
-        _segments(p),
-        seal,
-        np.zeros((2, 2)),
-        np.zeros(2),
+    nodes = {name: np.zeros((2, n)) for name in Cables._fields}
+    return Cables(
+        **nodes
+        | {
+            "load": np.full((2, n), pretension),
+            "warmth": np.zeros(2),
+            "stiffness": _segments(p),
+            "seal": seal,
+            "work": np.zeros((2, 2)),
+            "warmed": np.zeros(2),
+        }
     )
+
+
+@internal
+def start(p: Plant, cables: Cables, arc_a: float, arc_b: float) -> None:
+    """Move cables at rest by the arcs, and fill the tables of their friction."""
+    cables.place[0] = arc_a
+    cables.place[1] = -arc_b
     _look_up(p, cables, 0.0)
-    limit = 0.5 * (cables.ahead + cables.behind) * p.reference_tension
-    cables.bristle[:] = limit / p.presliding
-    return cables
+    for c in range(2):
+        for i in range(p.nodes):
+            limit = 0.5 * (cables.ahead[c, i] + cables.behind[c, i])
+            cables.bristle[c, i] = limit * p.reference_tension / p.presliding
 
 
-@compiled
+@internal
 def varies(p: Plant) -> bool:
     """Return whether friction depends on anything but load."""
     return (
@@ -117,7 +115,7 @@ def varies(p: Plant) -> bool:
     )
 
 
-@compiled
+@internal
 def _wrap(p: Plant, i: int, joint_angle: float) -> float:
     """Return the wrap angle at node i; a limb bends the last third of the conduit."""
     wrap = p.wrap / p.nodes
@@ -128,7 +126,7 @@ def _wrap(p: Plant, i: int, joint_angle: float) -> float:
     return max(wrap, 0.0)
 
 
-@compiled
+@internal
 def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
     """Return the friction coefficient at a node over its plain value."""
     slowness = cables.lagged[c, i] / p.stribeck_speed
@@ -145,7 +143,7 @@ def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
     return factor
 
 
-@compiled
+@internal
 def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
     """Compute the friction limit over load at every node, in both directions."""
     for c in range(2):
@@ -159,7 +157,7 @@ def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
             cables.behind[c, i] = 2.0 * math.tanh(half * (1.0 - lean))
 
 
-@compiled
+@internal
 def update_friction(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
     """Update the variables of friction other than load, after `tick` seconds."""
     mix = tick / (p.stribeck_lag + tick)

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.cables import start, update_friction, varies
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from rig.cables import Cables, at_rest, start, update_friction, varies
 from rig.plant import Plant
 from rig.shafts import (
     HUB,
@@ -59,19 +59,20 @@ MEANS = 9
 """So many columns are means; the others hold at the end of the record."""
 
 
-@compiled
-def _between(path: Array, at: int, part: float, column: int) -> float:
+@internal
+def _between(path: FloatMatrix, at: int, part: float, column: int) -> float:
     return float(path[at, column] + part * (path[at + 1, column] - path[at, column]))
 
 
-@compiled
-def _tie(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> float:
-    """Torque of a spring and damper between a shaft and a prescribed motion."""
+@internal
+def pulled(
+    tie: FloatArray, path: FloatMatrix, at: int, part: float, x: float, v: float
+) -> float:
+    """Return the torque of a spring and damper that tie a shaft to a motion."""
     pull = tie[0] * (_between(path, at, part, 0) - x)
     return float(pull + tie[1] * (_between(path, at, part, 1) - v))
 
 
-@compiled
 def integrate(
     p: Plant,
     pretension: float,
@@ -95,22 +96,41 @@ def integrate(
     Returns:
         (5 m, 14) records, see `COLUMNS`.
     """
+    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
+    out = np.zeros((count, len(COLUMNS)))
+    _run(
+        p, at_rest(p, pretension), np.zeros(7), pretension, servo, environment,
+        command, target, refine, out,
+    )  # fmt: skip
+    return out
+
+
+@compiled
+def _run(
+    p: Plant,
+    cables: Cables,
+    shafts: FloatArray,
+    pretension: float,
+    servo: FloatArray,
+    environment: FloatArray,
+    command: FloatMatrix,
+    target: FloatMatrix,
+    refine: int,
+    out: FloatMatrix,
+) -> None:
     ticks = 2 * refine  # per record
     dt = RECORD_TIME / (ticks * STEPS)
     per_command = round(COMMAND_TIME / dt)
-    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
-    out = np.zeros((count, len(COLUMNS)))
     slow = varies(p)
-    shafts = np.zeros(7)
     shafts[MOTOR] = shafts[HUB] = shafts[JOINT] = command[0, 0]
     arc_a, _ = wound(p, shafts[MOTOR], 1.0)
     arc_b, _ = wound(p, shafts[MOTOR], -1.0)
-    cables = start(p, pretension, arc_a, arc_b)
+    start(p, cables, arc_a, arc_b)
     work_in = work_out = 0.0
     rest = pretension
     slid_a = slid_b = 0.0  # conduits in their clamps, towards the motor
     step = 0
-    for record in range(count):
+    for record in range(out.shape[0]):
         row = out[record]
         for _tick in range(ticks):
             if slow:
@@ -130,9 +150,9 @@ def integrate(
                 far = p.joint_radius * shafts[HUB]
                 far_speed = p.joint_radius * shafts[HUB_SPEED]
                 motor, speed = shafts[MOTOR], shafts[MOTOR_SPEED]
-                drive = _tie(servo, command, at, part, motor, speed)
+                drive = pulled(servo, command, at, part, motor, speed)
                 joint, speed = shafts[JOINT], shafts[JOINT_SPEED]
-                hold = _tie(environment, target, at, part, joint, speed)
+                hold = pulled(environment, target, at, part, joint, speed)
                 near_a, far_a = step_cable(
                     p, cables, 0, rest, arc_a, speed_a, far + slid_a, far_speed, dt
                 )
@@ -155,15 +175,15 @@ def integrate(
                 row[6] += near_b
                 row[7] += far_a
                 row[8] += far_b
-        row[:MEANS] /= ticks * STEPS
+        for k in range(MEANS):
+            row[k] /= ticks * STEPS
         row[9] = work_in
         row[10] = work_out
-        row[11] = cables.work[:, 0].sum()
-        row[12] = cables.work[:, 1].sum()
+        row[11] = cables.work[0, 0] + cables.work[1, 0]
+        row[12] = cables.work[0, 1] + cables.work[1, 1]
         gripped = shafts[MOTOR] - shafts[SLIP]
         arc_a, _ = wound(p, gripped, 1.0)
         arc_b, _ = wound(p, gripped, -1.0)
         far = p.joint_radius * shafts[HUB]
         ends = far + slid_a, slid_b - far
         row[13] = stored(p, cables, rest, (arc_a, -arc_b), ends)
-    return out

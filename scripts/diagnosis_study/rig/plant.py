@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatMatrix
 from rig.nominal import Rig
 
 BUMPS = 5
@@ -67,7 +67,7 @@ class Plant(NamedTuple):
     bumps: float = 0.0
     """Excess of friction where the liner is damaged, relative."""
     bump_width: float = 0.004
-    bump_places: NDArray[np.float64] = np.zeros((2, BUMPS))
+    bump_places: FloatMatrix = np.zeros((2, BUMPS))
 
     # --- elasticity and geometry ------------------------------------------------
     pretension_loss: float = 0.0

@@ -17,18 +17,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
-Array = NDArray[np.float64]
-Ways = NDArray[np.int64]
 EXIT, EYE = (-0.068, -0.04), (-0.025, 0.015)
 POST, POST_RADIUS = (-0.06, 0.0), 0.008
 KNUCKLE_RADIUS, WINCH_RADIUS = 0.012, 0.008
 INSERTION, HALF_FLEXED = (0.03, 0.008), 0.75
 PARTS = 8
 """Number of parts of every arc."""
+PIECES = 2 * PARTS + 2
+BENDS = PIECES - 1
 
 
 class Tendon(NamedTuple):
@@ -54,14 +53,61 @@ class Tendon(NamedTuple):
 class Path(NamedTuple):
     """Lengths of the four pieces [m], and wrap [rad] and contact [m] of the bends."""
 
-    pieces: Array
-    wrap: Array
-    contact: Array
+    pieces: FloatArray
+    wrap: FloatArray
+    contact: FloatArray
+
+
+class _Room(NamedTuple):
+    """Work space: arrays of the pieces (PIECES,) or the bends (BENDS,).
+
+    Attributes:
+        before: lengths of straight pieces and parts of arcs before the step [m].
+        length: the same after it, winch to finger [m].
+        held: unstretched lengths before they slip [m].
+        tension: tensions of the pieces [N].
+        soft: slope of the length by the tension [m/N].
+        near: tensions before anything slips, by straight lines [N].
+        after: tensions once all has slipped that does, by straight lines [N].
+        edges: ends of the pieces along the path (PIECES + 1,) [m].
+        whole: unstretched length up to each of them (PIECES + 1,) [m].
+        most: ratio E of the tensions of a bend that slips.
+        drag: drag of each bend [N].
+        slow: viscous force per slip of a step [N/m].
+        slip: slip away from the finger [m].
+        above: what is left of the matrix above its diagonal.
+    """
+
+    before: FloatArray
+    length: FloatArray
+    held: FloatArray
+    tension: FloatArray
+    soft: FloatArray
+    near: FloatArray
+    after: FloatArray
+    edges: FloatArray
+    whole: FloatArray
+    most: FloatArray
+    drag: FloatArray
+    slow: FloatArray
+    slip: FloatArray
+    above: FloatArray
+
+
+def path(flexed: float) -> Path:
+    """Return the path where the finger is flexed by an angle from half flexed [rad]."""
+    here = _no_path()
+    _lay(flexed, here)
+    return here
+
+
+def _no_path() -> Path:
+    return Path(np.zeros(4), np.zeros(3), np.zeros(3))
 
 
 @compiled
-def path(flexed: float) -> Path:
-    """Return the path where the finger is flexed by an angle from half flexed [rad]."""
+def _lay(flexed: float, here: Path) -> None:
+    """Fill in the path where the finger is flexed by an angle."""
     angle = HALF_FLEXED + flexed
     x, z = INSERTION
     tip = (
@@ -73,12 +119,15 @@ def path(flexed: float) -> Path:
     down, third = _tangent(EYE, (0.0, 0.0), KNUCKLE_RADIUS, 1.0)
     along, fourth = _tangent(tip, (0.0, 0.0), KNUCKLE_RADIUS, -1.0)
     over, along = over + math.pi, along + math.pi  # they leave the post, the knuckle
-    wrap = np.array([_turn(up, over), abs(_turn(over, down)), _turn(down, along)])
-    contact = np.array([POST_RADIUS * wrap[0], 0.0, KNUCKLE_RADIUS * wrap[2]])
-    return Path(np.array([first, second, third, fourth]), wrap, contact)
+    here.pieces[0], here.pieces[1] = first, second
+    here.pieces[2], here.pieces[3] = third, fourth
+    here.wrap[0], here.wrap[1] = _turn(up, over), abs(_turn(over, down))
+    here.wrap[2] = _turn(down, along)
+    here.contact[0], here.contact[1] = POST_RADIUS * here.wrap[0], 0.0
+    here.contact[2] = KNUCKLE_RADIUS * here.wrap[2]
 
 
-@compiled
+@internal
 def _tangent(
     point: tuple[float, float], centre: tuple[float, float], radius: float, side: float
 ) -> tuple[float, float]:
@@ -91,14 +140,16 @@ def _tangent(
     )
 
 
-@compiled
+@internal
 def _turn(before: float, after: float) -> float:
     """Return the angle by which the path turns clockwise [rad]."""
     turn = before - after
     return turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
 
 
-def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, Array]:
+def played(
+    rig: Tendon, dt: float, motor: FloatArray, joint: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Compute the torques of motor and joint along a motion from rest [N m].
 
     Args:
@@ -110,175 +161,192 @@ def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, A
     Raises:
         ValueError: the tendon goes slack, or no state of it fits.
     """
-    tensions, reached, fits = _run(Tendon(*map(float, rig)), dt, motor, joint)
+    sizes = [PIECES] * 7 + [PIECES + 1] * 2 + [BENDS] * 5
+    room = _Room(*map(np.zeros, sizes))
+    way, ends = np.zeros(BENDS, dtype=np.int64), np.empty((2, motor.size))
+    reached, fits = _run(
+        Tendon(*map(float, rig)), dt, motor, joint, _no_path(), way, room, ends
+    )
     if reached < motor.size:
         if fits:
             raise ValueError(f"the tendon goes slack at sample {reached}; pull more")
         raise ValueError("no state of the tendon fits; take smaller steps")
-    return WINCH_RADIUS * tensions[0], KNUCKLE_RADIUS * tensions[1]
+    return WINCH_RADIUS * ends[0], KNUCKLE_RADIUS * ends[1]
 
 
 @compiled
-def _run(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, int, bool]:
-    """Return end tensions, the first sample not reached, and whether a state fits."""
-    length = _lengths(path(-joint[0]))
-    tension = np.full(length.size, rig.pretension)
+def _run(
+    rig: Tendon,
+    dt: float,
+    motor: FloatArray,
+    joint: FloatArray,
+    here: Path,
+    way: IntArray,
+    room: _Room,
+    ends: FloatMatrix,
+) -> tuple[int, bool]:
+    """Fill in end tensions; return the first sample not reached and if a state fits."""
+    length, tension, held = room.length, room.tension, room.held
     strained = 1.0 + rig.pretension / rig.stiffness
-    way = np.zeros(length.size - 1, dtype=np.int64)
-    ends = np.empty((2, motor.size))
+    _lay(-joint[0], here)
+    _fill_lengths(here, length)
+    tension[:] = rig.pretension
     for k in range(motor.size):
         if k > 0:
-            here, held = path(-joint[k]), length / (1.0 + tension / rig.stiffness)
-            now = _lengths(here)
-            held = _carried(held, length, now)
+            _lay(-joint[k], here)
+            for i in range(PIECES):
+                held[i] = length[i] / (1.0 + tension[i] / rig.stiffness)
+            room.before[:] = length
+            _fill_lengths(here, length)
+            _carry(room)
             held[0] -= WINCH_RADIUS * (motor[k] - motor[k - 1]) / strained
-            tension, fits = _stepped(rig, here, now, held, tension, dt, way)
-            if not fits:
-                return ends, k, False
-            length = now
-        if not tension.min() > 0.0:
-            return ends, k, True
-        ends[0, k], ends[1, k] = tension[0], tension[-1]
-    return ends, motor.size, True
+            if not _step(rig, here, dt, way, room):
+                return k, False
+        for pull in tension:
+            if not pull > 0.0:
+                return k, True
+        ends[0, k], ends[1, k] = tension[0], tension[PIECES - 1]
+    return motor.size, True
 
 
-@compiled
-def _lengths(here: Path) -> Array:
-    """Return lengths of straight pieces and parts of arcs, winch to finger [m]."""
-    length = np.empty(2 * PARTS + 2)
+@internal
+def _fill_lengths(here: Path, length: FloatArray) -> None:
+    """Fill in lengths of straight pieces and parts of arcs, winch to finger [m]."""
     post, knuckle = here.contact[0] / PARTS, here.contact[2] / PARTS
     length[1:PARTS] = post
     length[PARTS + 2 : 2 * PARTS + 1] = knuckle
     length[0] = here.pieces[0] + 0.5 * post
     length[PARTS] = here.pieces[1] + 0.5 * post
     length[PARTS + 1] = here.pieces[2] + 0.5 * knuckle
-    length[-1] = here.pieces[3] + 0.5 * knuckle
-    return length
+    length[PIECES - 1] = here.pieces[3] + 0.5 * knuckle
 
 
-@compiled
-def _carried(held: Array, before: Array, now: Array) -> Array:
-    """Return the unstretched lengths along another path without slip [m].
+@internal
+def _carry(room: _Room) -> None:
+    """Carry the unstretched lengths to another path without slip.
 
     The parts move over a tendon that sticks.
     """
-    edges = np.zeros(held.size + 1)
-    edges[1:] = np.cumsum(before)
-    whole = np.zeros(held.size + 1)
-    whole[1:] = np.cumsum(held)
-    inside = whole.copy()
-    inside[1:-1] = np.interp(edges[1:-1] + np.cumsum(now - before)[:-1], edges, whole)
-    return inside[1:] - inside[:-1]
+    held, edges, whole = room.held, room.edges, room.whole
+    edges[0] = whole[0] = 0.0
+    for i in range(PIECES):
+        edges[i + 1] = edges[i] + room.before[i]
+        whole[i + 1] = whole[i] + held[i]
+    moved, last, at = 0.0, 0.0, 0
+    for i in range(1, PIECES + 1):
+        reached = whole[PIECES]
+        if i < PIECES:
+            moved += room.length[i - 1] - room.before[i - 1]
+            x = edges[i] + moved
+            while at < PIECES - 1 and edges[at + 1] <= x:
+                at += 1
+            while at > 0 and edges[at] > x:
+                at -= 1
+            if x <= 0.0:
+                reached = 0.0
+            elif x < edges[PIECES]:
+                slope = (whole[at + 1] - whole[at]) / (edges[at + 1] - edges[at])
+                reached = slope * (x - edges[at]) + whole[at]
+        held[i - 1] = reached - last
+        last = reached
 
 
-@compiled
-def _stepped(
-    rig: Tendon,
-    here: Path,
-    length: Array,
-    held: Array,
-    tension: Array,
-    dt: float,
-    way: Ways,
-) -> tuple[Array, bool]:
-    """Return the tensions once all has slipped that does, and whether a state fits.
+@internal
+def _step(rig: Tendon, here: Path, dt: float, way: IntArray, room: _Room) -> bool:
+    """Move the tensions to where all has slipped that does; return if a state fits.
 
-    `held` is the unstretched length before it slips [m]; `way`, the directions of slip,
-    is brought up to date. Straight lines near the tensions before the step give the
-    slip, the law then the tensions.
+    `way`, the directions of slip, is brought up to date. Straight lines near the
+    tensions before the step give the slip, the law then the tensions.
     """
-    ratio = 1.0 + tension / rig.stiffness
-    soft = length / (rig.stiffness * ratio**2)
-    soft[-1] += rig.compliance
-    near = tension + (length / ratio - held) / soft
-    after, fits = _settled(rig, here, 1.0 / soft, near, dt, way)
-    left = length / ratio - (after - tension) * soft
-    found = rig.stiffness * (length / left - 1.0)
+    length, tension, soft = room.length, room.tension, room.soft
+    for i in range(PIECES):
+        ratio = 1.0 + tension[i] / rig.stiffness
+        soft[i] = length[i] / (rig.stiffness * ratio**2)
+        if i == PIECES - 1:
+            soft[i] += rig.compliance
+        room.near[i] = tension[i] + (length[i] / ratio - room.held[i]) / soft[i]
+    _hold(rig, here, dt, room)
+    fits = _settle(way, room)
+    for i in range(PIECES):
+        ratio = 1.0 + tension[i] / rig.stiffness
+        left = length[i] / ratio - (room.after[i] - tension[i]) * soft[i]
+        tension[i] = rig.stiffness * (length[i] / left - 1.0)
     # The spring at the finger is drawn by the last piece, whose line is right enough.
     if rig.compliance > 0.0:
-        found[-1] = after[-1]
-    return found, fits
+        tension[PIECES - 1] = room.after[PIECES - 1]
+    return fits
 
 
-@compiled
-def _settled(
-    rig: Tendon, here: Path, spring: Array, tension: Array, dt: float, way: Ways
-) -> tuple[Array, bool]:
-    """Return the tensions once all has slipped that does, and whether a state fits."""
-    bends = _bends(rig, here, dt, way.size)
-    after = tension.copy()
+@internal
+def _settle(way: IntArray, room: _Room) -> bool:
+    """Find the tensions once all has slipped that does; return if a state fits."""
+    tension, after, slip = room.near, room.after, room.slip
     for _ in range(200):
-        slip = _slip(way, spring, tension, bends)
+        _slide(way, room)
         after[:] = tension
-        after[:-1] += spring[:-1] * slip
-        after[1:] -= spring[1:] * slip
+        for k in range(BENDS):
+            after[k] += 1.0 / room.soft[k] * slip[k]
+        for k in range(BENDS):
+            after[k + 1] -= 1.0 / room.soft[k + 1] * slip[k]
         worst, error, turned = -1, 1e-10, 0
-        for k in range(way.size):
+        for k in range(BENDS):
             near, far = after[k], after[k + 1]
             # Beyond what friction holds, towards the finger and away from it.
-            onward = (far - bends.most[k] * near - bends.drag[k]) / (near + far)
-            back = (near - bends.most[k] * far - bends.drag[k]) / (near + far)
+            onward = (far - room.most[k] * near - room.drag[k]) / (near + far)
+            back = (near - room.most[k] * far - room.drag[k]) / (near + far)
             wrong = 0.0
             if way[k] == 0:
                 wrong = max(onward, back)
             elif way[k] * slip[k] < 0.0:
-                wrong = abs(slip[k]) * spring[0] / tension[0]
+                wrong = abs(slip[k]) * (1.0 / room.soft[0]) / tension[0]
             if wrong > error:
                 worst, error, turned = k, wrong, 1 if onward > back else -1
         if worst < 0:
-            return after, True
+            return True
         way[worst] = turned if way[worst] == 0 else 0
-    return after, False
+    return False
 
 
-class Bends(NamedTuple):
-    """Hold of the bends: E, drag [N], and viscous force per slip of a step [N/m]."""
-
-    most: Array
-    drag: Array
-    slow: Array
-
-
-@compiled
-def _bends(rig: Tendon, here: Path, dt: float, count: int) -> Bends:
-    bends = Bends(np.empty(count), np.empty(count), np.empty(count))
-    for k in range(count):
+@internal
+def _hold(rig: Tendon, here: Path, dt: float, room: _Room) -> None:
+    """Fill in what the bends hold."""
+    for k in range(BENDS):
         arc = 0 if k < PARTS else 1 if k == PARTS else 2
         parts = 1 if arc == 1 else PARTS
         growth = rig.friction * here.wrap[arc] / parts
         mean = here.contact[arc] / parts * math.expm1(growth) / max(growth, 1e-12)
-        bends.most[k] = math.exp(growth)
-        bends.drag[k] = rig.drag * mean
-        bends.slow[k] = rig.viscosity * mean / dt
-    return bends
+        room.most[k] = math.exp(growth)
+        room.drag[k] = rig.drag * mean
+        room.slow[k] = rig.viscosity * mean / dt
 
 
-@compiled
-def _slip(way: Ways, spring: Array, tension: Array, bends: Bends) -> Array:
+@internal
+def _slide(way: IntArray, room: _Room) -> None:
     """Compute how far the bends slip away from the finger, if they slip these ways [m].
 
     `way` is 1 where the tension behind the bend is the higher one, and -1 before it. A
     bend shares its pieces with its neighbours alone, so that the matrix has three
     diagonals, and the middle one is the largest.
     """
-    count = way.size
-    slip, above = np.zeros(count), np.zeros(count)
-    for k in range(count):
+    tension, slip, above = room.near, room.slip, room.above
+    slip[:] = 0.0
+    above[:] = 0.0
+    for k in range(BENDS):
         if way[k] == 0:
             continue
         # The law in the tensions of the piece before and the one behind the bend.
-        before, behind = 1.0, -bends.most[k]
-        wanted = bends.most[k] * tension[k + 1] + bends.drag[k] - tension[k]
+        before, behind = 1.0, -room.most[k]
+        wanted = room.most[k] * tension[k + 1] + room.drag[k] - tension[k]
         if way[k] > 0:
-            before, behind = -bends.most[k], 1.0
-            wanted = bends.most[k] * tension[k] + bends.drag[k] - tension[k + 1]
-        left = -before * spring[k]
-        middle = before * spring[k] - behind * spring[k + 1] - way[k] * bends.slow[k]
+            before, behind = -room.most[k], 1.0
+            wanted = room.most[k] * tension[k] + room.drag[k] - tension[k + 1]
+        spring, next_spring = 1.0 / room.soft[k], 1.0 / room.soft[k + 1]
+        left = -before * spring
+        middle = before * spring - behind * next_spring - way[k] * room.slow[k]
         if k > 0:
             middle -= left * above[k - 1]
             wanted -= left * slip[k - 1]
         slip[k] = wanted / middle
-        above[k] = behind * spring[k + 1] / middle
-    for k in range(count - 2, -1, -1):
+        above[k] = behind * next_spring / middle
+    for k in range(BENDS - 2, -1, -1):
         slip[k] -= above[k] * slip[k + 1]
-    return slip

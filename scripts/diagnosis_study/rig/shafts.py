@@ -7,20 +7,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, internal
 from rig.plant import Plant
-
-Array = NDArray[np.float64]
 
 MOTOR, MOTOR_SPEED, HUB, HUB_SPEED, JOINT, JOINT_SPEED, SLIP = range(7)
 """Angles [rad] and speeds [rad/s]: motor, joint pulley (hub), handle (joint); slip of
 the cables on the motor pulley [rad]."""
 
 
-@compiled
+@internal
 def wound(p: Plant, angle: float, side: float) -> tuple[float, float]:
     """Return the arc wound onto the motor pulley from angle 0, and its slope [m/rad].
 
@@ -41,8 +36,10 @@ def wound(p: Plant, angle: float, side: float) -> tuple[float, float]:
     return p.motor_radius * arc, p.motor_radius * slope
 
 
-@compiled
-def step_motor(p: Plant, shafts: Array, load: float, drive: float, dt: float) -> float:
+@internal
+def step_motor(
+    p: Plant, shafts: FloatArray, load: float, drive: float, dt: float
+) -> float:
     """Advance the motor by dt; the torque that its sensor shows.
 
     `load` is the torque of the cables on the pulley, `drive` that of the servo.
@@ -60,7 +57,7 @@ def step_motor(p: Plant, shafts: Array, load: float, drive: float, dt: float) ->
     return load + cogging + p.motor_inertia * rate
 
 
-@compiled
+@internal
 def _taken(p: Plant, angle: float) -> float:
     """Torque that what sits on the joint pulley takes from the transmission."""
     load = p.gravity * math.sin(angle - p.gravity_phase)
@@ -72,7 +69,7 @@ def _taken(p: Plant, angle: float) -> float:
     return load
 
 
-@compiled
+@internal
 def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
     """Return the torque of the hub on the handle, by how far the hub is ahead."""
     over = abs(ahead) - 0.5 * p.backlash
@@ -83,8 +80,10 @@ def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
     return side * max(push, 0.0)
 
 
-@compiled
-def step_joint(p: Plant, shafts: Array, given: float, hold: float, dt: float) -> float:
+@internal
+def step_joint(
+    p: Plant, shafts: FloatArray, given: float, hold: float, dt: float
+) -> float:
     """Advance joint pulley and handle by dt; the torque that their sensor shows.
 
     `given` is the torque of the cables on the pulley, `hold` that of the environment

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from cc_mujoco.native import internal
 from rig.cables import Cables
-from rig.compiled import compiled
 from rig.plant import Plant
 
 
-@compiled
+@internal
 def _bedded(y: float, h: float, bend: float) -> float:
     """Return the relative tension of a strand at `y`, that of a linear strand."""
     x = abs(y) / bend
@@ -17,7 +17,7 @@ def _bedded(y: float, h: float, bend: float) -> float:
     return y + h * bend * log_cosh
 
 
-@compiled
+@internal
 def _laid(tension: float, h: float, bend: float) -> float:
     """Return where `_bedded`, which only grows, is this tension (Newton)."""
     y = tension
@@ -29,7 +29,7 @@ def _laid(tension: float, h: float, bend: float) -> float:
     return y
 
 
-@compiled
+@internal
 def _slide(cables: Cables, c: int, j: int, load: float, travel: float) -> None:
     """Step the bristle of node j by its travel."""
     ahead = cables.ahead[c, j] * load + cables.seal[j] + 1e-12
@@ -42,7 +42,7 @@ def _slide(cables: Cables, c: int, j: int, load: float, travel: float) -> None:
     cables.work[c, 0] += cables.force[c, j] * travel
 
 
-@compiled
+@internal
 def step_cable(
     p: Plant,
     cables: Cables,
@@ -98,7 +98,7 @@ def step_cable(
     return proximal, before
 
 
-@compiled
+@internal
 def stored(
     p: Plant,
     cables: Cables,

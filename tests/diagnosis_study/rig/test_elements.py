@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig import dataset
 from rig.dataset import clean_dataset, make_dataset, make_trials, run, truth_of
-from rig.elements.cables import Cables, deflected, room, start, step
+from rig.elements.cables import Cables, deflected, start, step
 from rig.elements.effects import EFFECTS
 from rig.elements.instruments import chain_of, channels
 from rig.elements.plant import Plant, plant_of
@@ -70,17 +70,16 @@ class Bench:
     def __init__(self, p: Plant, tight: float = 80.0) -> None:
         self.p, self.tight = p, tight
         self.cables: Cables = start(p, tight, (0.0, 0.0))
-        inner = p.mass.shape[1]
-        self.rooms = room(inner), np.empty(inner), np.empty(inner)
         self.at = (0.0, 0.0)
 
     def to(self, near: float, far: float) -> tuple[float, float]:
         ends = (self.at[0], near), (self.at[1], far)
         self.at = near, far
-        found = step(
-            self.p, self.cables, 0, self.tight, *ends, 0.0, 0.0, 1e-3, *self.rooms
+        *tensions, found = step(
+            self.p, self.cables, 0, self.tight, *ends, 0.0, 0.0, 1e-3
         )
-        return float(found[0]), float(found[1])
+        assert found
+        return tensions[0], tensions[1]
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.compiled import compiled
-from rig.elements.plant import Array, Plant
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from rig.elements.plant import Plant
 
 ELASTIC = 0.6
 _ENOUGH = 1e-7
@@ -29,6 +29,34 @@ _HALVINGS = 8
 """Largest number of times that a step is halved when Newton's method fails."""
 _LAG = 4e-3
 """Time constant of the filtered speed on which friction depends [s]."""
+
+
+class Row(NamedTuple):
+    """Terms of the balance of the nodes.
+
+    Attributes:
+        slope: derivative of the tension by the stretch (elements,) [N/m].
+        left: residual force (elements - 1,) [N].
+        low: negative derivative of `left` by the previous node's place [N/m].
+        mid: negative derivative by the node's own place [N/m].
+        high: negative derivative by the next node's place [N/m].
+        force: force of friction and grease [N].
+        z: deflection of the contacts [m].
+        old: place a step ago [m].
+        held: friction over load.
+        dry: load-independent friction [N].
+    """
+
+    slope: FloatArray
+    left: FloatArray
+    low: FloatArray
+    mid: FloatArray
+    high: FloatArray
+    force: FloatArray
+    z: FloatArray
+    old: FloatArray
+    held: FloatArray
+    dry: FloatArray
 
 
 class Cables(NamedTuple):
@@ -41,18 +69,22 @@ class Cables(NamedTuple):
         deflection: deflection of every contact (2, elements - 1) [m].
         age: age of every contact [s].
         tension: tension of every element (2, elements) [N].
+        elastic: the same without damping [N].
         ferrule: elongation of the fastening at the motor (2,) [m].
         work: work of friction and of damping, by cable (2, 2) [J].
+        row: work space.
     """
 
-    place: Array
-    speed: Array
-    slow: Array
-    deflection: Array
-    age: Array
-    tension: Array
-    ferrule: Array
-    work: Array
+    place: FloatMatrix
+    speed: FloatMatrix
+    slow: FloatMatrix
+    deflection: FloatMatrix
+    age: FloatMatrix
+    tension: FloatMatrix
+    elastic: FloatMatrix
+    ferrule: FloatArray
+    work: FloatMatrix
+    row: Row
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -66,8 +98,10 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
         zero.copy(),
         zero.copy(),
         np.full((2, inner + 1), pretension),
+        np.full((2, inner + 1), pretension),
         np.array([pretension * p.ferrule, 0.0]),
         np.zeros((2, 2)),
+        Row(np.zeros(inner + 1), *np.zeros((9, inner))),
     )
 
 
@@ -92,7 +126,7 @@ def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
     return way * (slides - gap), gap / room
 
 
-@compiled
+@internal
 def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float]:
     """Return an element's tension and its slope by the stretch beyond pretension."""
     if p.toe == 0.0:
@@ -108,14 +142,15 @@ def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float
     return scale * math.log(lack + grown), k * grown / (lack + grown)
 
 
-@compiled
-def _coefficients(
-    p: Plant, cables: Cables, c: int, joint: float, time: float, held: Array, dry: Array
-) -> None:
-    """Fill `held` with friction over load, `dry` with load-independent friction."""
+@internal
+def _coefficients(p: Plant, cables: Cables, c: int, joint: float, time: float) -> None:
+    """Fill in friction over load and load-independent friction."""
+    held, dry = cables.row.held, cables.row.dry
     inner = held.size
     overall = p.friction[c]
-    whole, last = np.sum(p.bend[c]), p.yielding.shape[1] - 1
+    whole, last = 0.0, p.yielding.shape[1] - 1
+    for bend in p.bend[c]:
+        whole += bend
     if p.warming != 0.0:
         overall *= 1.0 + p.warming * (1.0 - math.exp(-time / p.warming_time))
     for i in range(inner):
@@ -144,51 +179,25 @@ def _coefficients(
             dry[i] = p.tight * p.bend[c, i] / whole * (0.5 + 3.0 * s * (1.0 - s))
 
 
-class _Row(NamedTuple):
-    """Terms of the balance of the nodes.
-
-    Attributes:
-        elastic: tension of every element without damping (elements,) [N].
-        slope: derivative of the tension by the stretch [N/m].
-        left: residual force (elements - 1,) [N].
-        low: negative derivative of `left` by the previous node's place [N/m].
-        mid: negative derivative by the node's own place [N/m].
-        high: negative derivative by the next node's place [N/m].
-        force: force of friction and grease [N].
-        z: deflection of the contacts [m].
-    """
-
-    elastic: Array
-    slope: Array
-    left: Array
-    low: Array
-    mid: Array
-    high: Array
-    force: Array
-    z: Array
-
-
-@compiled
+@internal
 def _balance(
     p: Plant,
     cables: Cables,
     c: int,
-    place: Array,
-    before: tuple[Array, float, float],
+    before: tuple[float, float],
     ends: tuple[float, float, float],
-    held: Array,
-    dry: Array,
     dt: float,
-    row: _Row,
 ) -> float:
-    """Fill the row for these places and return the largest residual force [N].
+    """Fill the row for the places and return the largest residual force [N].
 
-    `before` are places and both ends a step ago, `ends` the tension at rest and the
-    displacements of both ends now.
+    `before` are the displacements of both ends a step ago, `ends` the tension at rest
+    and the displacements of both ends now.
     """
+    place, row = cables.place[c], cables.row
     inner = place.size
     tension = cables.tension[c]
-    old, old_near, old_far = before
+    old, held, dry = row.old, row.held, row.dry
+    old_near, old_far = before
     tight, near, far = ends
     soft = p.ferrule if c == 0 else 0.0
     for e in range(inner + 1):
@@ -204,11 +213,13 @@ def _balance(
             kept = cables.ferrule[c] * (1.0 - mix)
             line = k / (1.0 + k * soft * mix)
             value = line * (stretch - kept + tight / k + tight * soft)
-            value, rate = (value, line) if value > 0.0 else (0.0, 0.0)
+            rate = line
+            if not value > 0.0:
+                value, rate = 0.0, 0.0
             k = line
         else:
             value, rate = pull(k, stretch, p, tight)
-        row.elastic[e] = value
+        cables.elastic[c, e] = value
         rub = p.strand_time * k / dt
         damping = rub * (stretch - (ahead_old - behind_old))
         # A strand that is hardly taut has little to damp with.
@@ -266,11 +277,10 @@ def step(
     joint: float,
     time: float,
     dt: float,
-    row: _Row,
-    held: Array,
-    dry: Array,
-) -> tuple[float, float]:
-    """Advance a cable by dt and return the tensions of its ends [N].
+) -> tuple[float, float, bool]:
+    """Advance a cable by dt; return the tensions of its ends [N] and whether it can.
+
+    It cannot where the nodes of a step are not found, however often it is halved.
 
     Args:
         p: the plant.
@@ -282,12 +292,6 @@ def step(
         joint: angle of the joint [rad].
         time: time since the start [s].
         dt: duration of the step [s].
-        row: work space, see `room`.
-        held: work space (elements - 1,).
-        dry: work space (elements - 1,).
-
-    Raises:
-        ValueError: The nodes of a step are not found.
     """
     part, done, halved = 1.0, 0.0, 0
     while done < 1.0:
@@ -296,17 +300,17 @@ def step(
             near[0] + done * (near[1] - near[0]), near[0] + till * (near[1] - near[0]),
             far[0] + done * (far[1] - far[0]), far[0] + till * (far[1] - far[0]),
         )  # fmt: skip
-        if _advanced(p, cables, c, tight, ends, joint, time, part * dt, row, held, dry):
+        if _advanced(p, cables, c, tight, ends, joint, time, part * dt):
             done = till
             continue
         halved += 1
         if halved > _HALVINGS:
-            raise ValueError("the nodes of a cable are not found; shorten the step")
+            return 0.0, 0.0, False
         part *= 0.5
-    return cables.tension[c, 0], cables.tension[c, held.size]
+    return cables.tension[c, 0], cables.tension[c, cables.place.shape[1]], True
 
 
-@compiled
+@internal
 def _advanced(
     p: Plant,
     cables: Cables,
@@ -316,24 +320,20 @@ def _advanced(
     joint: float,
     time: float,
     dt: float,
-    row: _Row,
-    held: Array,
-    dry: Array,
 ) -> bool:
     """Return whether the nodes after dt are found; otherwise the cable is unchanged.
 
     `ends` are the displacements of both ends, before and after each.
     """
-    inner = held.size
-    place = cables.place[c]
-    old = place.copy()
-    before = (old, ends[0], ends[2])
-    after = (tight, ends[1], ends[3])
-    _coefficients(p, cables, c, joint, time, held, dry)
+    place, row = cables.place[c], cables.row
+    inner, old = place.size, row.old
+    old[:] = place
+    before, after = (ends[0], ends[2]), (tight, ends[1], ends[3])
+    _coefficients(p, cables, c, joint, time)
     for i in range(inner):
         place[i] += dt * cables.speed[c, i]
     enough = _ENOUGH * p.reference_tension
-    worst = _balance(p, cables, c, place, before, after, held, dry, dt, row)
+    worst = _balance(p, cables, c, before, after, dt)
     part, turn = 1.0, 0
     while not worst <= enough:
         turn += 1
@@ -343,7 +343,7 @@ def _advanced(
         _solved(row.low, row.mid, row.high, row.left)
         for i in range(inner):
             place[i] += part * row.left[i]
-        now = _balance(p, cables, c, place, before, after, held, dry, dt, row)
+        now = _balance(p, cables, c, before, after, dt)
         # Shorter steps where contacts go over from one side to the other for ever.
         if turn > 6:
             part = 0.5 if now > 0.7 * worst else min(1.0, 1.5 * part)
@@ -361,24 +361,18 @@ def _advanced(
     for e in range(inner + 1):
         ahead = ends[1] - ends[0] if e == 0 else place[e - 1] - old[e - 1]
         behind = ends[3] - ends[2] if e == inner else place[e] - old[e]
-        cables.work[c, 1] += (tension[e] - row.elastic[e]) * (ahead - behind)
+        cables.work[c, 1] += (tension[e] - cables.elastic[c, e]) * (ahead - behind)
     if p.ferrule != 0.0 and c == 0:
         given = dt / (dt + p.ferrule_time)
-        cables.ferrule[c] += given * (p.ferrule * row.elastic[0] - cables.ferrule[c])
+        longer = p.ferrule * cables.elastic[c, 0] - cables.ferrule[c]
+        cables.ferrule[c] += given * longer
     return True
 
 
-@compiled
-def room(inner: int) -> _Row:
-    """Return the work space of `step`."""
-    return _Row(
-        np.empty(inner + 1), np.empty(inner + 1), np.empty(inner), np.empty(inner),
-        np.empty(inner), np.empty(inner), np.empty(inner), np.empty(inner),
-    )  # fmt: skip
-
-
-@compiled
-def _solved(low: Array, mid: Array, high: Array, left: Array) -> None:
+@internal
+def _solved(
+    low: FloatArray, mid: FloatArray, high: FloatArray, left: FloatArray
+) -> None:
     """Solve a tridiagonal system in place of its right side, from the far end."""
     n = mid.size
     for i in range(n - 2, -1, -1):

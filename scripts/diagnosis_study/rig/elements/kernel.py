@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from rig.compiled import compiled
-from rig.elements.cables import Cables, room, start, step
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from rig.elements.cables import Cables, start, step
 from rig.elements.plant import Array, Plant
-from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME
+from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME, pulled
 
 STEPS = 2
 """Per record."""
@@ -39,14 +39,16 @@ def integrate(
     motor = command[0, 0]
     arcs = arc(p, motor, 1.0)[0], -arc(p, motor, -1.0)[0]
     refine *= 4 if p.striction else 2 if p.play else 1
-    motion = (servo, environment, command, target)
-    for _ in range(HALVED):
-        try:
-            cables = start(p, pretension, arcs)
-            return _run(p, cables, pretension, *motion, refine)
-        except ValueError:
-            refine *= 2
-    return _run(p, start(p, pretension, arcs), pretension, *motion, refine)
+    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
+    for _ in range(HALVED + 1):
+        cables, now = start(p, pretension, arcs), np.zeros(MEANS)
+        out = np.zeros((count, len(COLUMNS)))
+        if _run(
+            p, cables, pretension, servo, environment, command, target, refine, now, out
+        ):
+            return out
+        refine *= 2
+    raise ValueError("the nodes of a cable are not found; shorten the step")
 
 
 @compiled
@@ -66,15 +68,7 @@ def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
     return p.motor_radius * length, p.motor_radius * slope
 
 
-@compiled
-def _asked(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> float:
-    """Return the torque of a spring and damper towards a prescribed motion."""
-    there = path[at, 0] + part * (path[at + 1, 0] - path[at, 0])
-    speed = path[at, 1] + part * (path[at + 1, 1] - path[at, 1])
-    return float(tie[0] * (there - x) + tie[1] * (speed - v))
-
-
-@compiled
+@internal
 def _flanks(p: Plant, ahead: float, ahead_speed: float) -> float:
     """Return the torque of the hub on the handle: flanks that dent as they meet."""
     deep = abs(ahead) - 0.5 * p.play
@@ -85,7 +79,7 @@ def _flanks(p: Plant, ahead: float, ahead_speed: float) -> float:
     return side * p.contact * deep**1.5 * max(loss, 0.0)
 
 
-@compiled
+@internal
 def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
     """Return the torque of what sits on the joint pulley."""
     load = p.weight * math.sin(angle - p.weight_phase)
@@ -99,20 +93,19 @@ def _run(
     p: Plant,
     cables: Cables,
     pretension: float,
-    servo: Array,
-    environment: Array,
-    command: Array,
-    target: Array,
+    servo: FloatArray,
+    environment: FloatArray,
+    command: FloatMatrix,
+    target: FloatMatrix,
     refine: int,
-) -> Array:
+    now: FloatArray,
+    out: FloatMatrix,
+) -> bool:
+    """Fill the records; return whether the nodes of every step were found."""
     steps = STEPS * refine
     dt = RECORD_TIME / steps
     per_command = round(COMMAND_TIME / dt)
-    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
-    out = np.zeros((count, len(COLUMNS)))
     inner = p.mass.shape[1]
-    row_a, row_b = room(inner), room(inner)
-    held, dry, now = np.empty(inner), np.empty(inner), np.empty(MEANS)
     motor, joint, hub = command[0, 0], command[0, 0], command[0, 0]
     motor_speed = joint_speed = hub_speed = 0.0
     pulley, twist = motor, 0.0
@@ -121,7 +114,7 @@ def _run(
     near_a = near_b = far_a = far_b = pretension
     done = 0
     teeth_0 = p.teeth * math.sin(p.teeth_order * motor - p.teeth_phase)
-    for record in range(count):
+    for record in range(out.shape[0]):
         row = out[record]
         for _ in range(steps):
             at = done // per_command
@@ -134,7 +127,7 @@ def _run(
             if p.slots != 0.0:
                 phase = p.slots_order * motor - p.slots_phase
                 load += p.slots * (math.sin(phase) + math.sin(3.0 * phase) / 3.0)
-            drive = _asked(servo, command, at, part, motor, motor_speed)
+            drive = pulled(servo, command, at, part, motor, motor_speed)
             drive = min(max(drive, -p.amplifier), p.amplifier)
             rate = (drive - load) / (p.rotor_inertia + p.drum)
             shown = load + p.drum * rate
@@ -148,7 +141,7 @@ def _run(
             pulley = motor + teeth - teeth_0 - twist
             given = p.joint_radius * (far_a - far_b)
             taken = _carried(p, hub, follower, lagging)
-            hold = _asked(environment, target, at, part, joint, joint_speed)
+            hold = pulled(environment, target, at, part, joint, joint_speed)
             hold -= p.joint_damping * joint_speed
             old_hub = hub
             if p.play == 0.0:
@@ -165,9 +158,9 @@ def _run(
                 joint += joint_speed * dt
             now[3] = felt
             # What holds between two steps belongs to both of them.
-            row[:MEANS] += 0.5 / steps * now
+            _add(row, now, 0.5 / steps)
             if done > 1:
-                out[(done - 2) // steps, :MEANS] += 0.5 / steps * now
+                _add(out[(done - 2) // steps], now, 0.5 / steps)
             if p.felt != 0.0:
                 # Follows behind a play, which is what a hysteresis of form is.
                 reach = p.felt_play
@@ -185,26 +178,33 @@ def _run(
             far, old_far = p.joint_radius * hub, p.joint_radius * old_hub
             new_a, slope_a = arc(p, pulley, 1.0)
             new_b, slope_b = arc(p, pulley, -1.0)
-            near_a, far_a = step(
-                p, cables, 0, tight, (arc_a, new_a), (old_far, far), hub, time, dt,
-                row_a, held, dry,
-            )  # fmt: skip
-            near_b, far_b = step(
-                p, cables, 1, tight, (-arc_b, -new_b), (-old_far, -far), hub, time, dt,
-                row_b, held, dry,
-            )  # fmt: skip
+            near_a, far_a, found_a = step(
+                p, cables, 0, tight, (arc_a, new_a), (old_far, far), hub, time, dt
+            )
+            near_b, far_b, found_b = step(
+                p, cables, 1, tight, (-arc_b, -new_b), (-old_far, -far), hub, time, dt
+            )
+            if not (found_a and found_b):
+                return False
             cable_load = slope_a * near_a - slope_b * near_b
             work_in += 0.5 * cable_load * (pulley - old_pulley)
             work_out += 0.5 * p.joint_radius * (far_a - far_b) * (hub - old_hub)
         row[9] = work_in
         row[10] = work_out
-        row[11] = cables.work[:, 0].sum()
-        row[12] = cables.work[:, 1].sum()
+        row[11] = cables.work[0, 0] + cables.work[1, 0]
+        row[12] = cables.work[0, 1] + cables.work[1, 1]
         for c in range(2):
             for i in range(inner):
                 row[13] += 0.5 * p.mass[c, i] * cables.speed[c, i] ** 2
         for e in range(inner + 1):
-            row[13] += 0.5 * row_a.elastic[e] ** 2 / p.stiffness[0, e]
-            row[13] += 0.5 * row_b.elastic[e] ** 2 / p.stiffness[1, e]
-    out[-1, :MEANS] += 0.5 / steps * now
-    return out
+            row[13] += 0.5 * cables.elastic[0, e] ** 2 / p.stiffness[0, e]
+            row[13] += 0.5 * cables.elastic[1, e] ** 2 / p.stiffness[1, e]
+    _add(out[out.shape[0] - 1], now, 0.5 / steps)
+    return True
+
+
+@internal
+def _add(row: FloatArray, now: FloatArray, share: float) -> None:
+    """Add a share of the state between two steps to the means of a record."""
+    for k in range(MEANS):
+        row[k] += share * now[k]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatArray, FloatMatrix
 from rig.nominal import Rig
 
 Array = NDArray[np.float64]
@@ -33,22 +34,22 @@ class Plant(NamedTuple):
     # --- the bench -----------------------------------------------------------
     motor_radius: float
     joint_radius: float
-    stiffness: Array
+    stiffness: FloatMatrix
     """Stiffness of every element (2, elements) [N/m]."""
-    mass: Array
+    mass: FloatMatrix
     """Mass at every inner node (2, elements - 1) [kg]."""
-    bend: Array
+    bend: FloatMatrix
     """Bend of the conduit at every inner node (2, elements - 1) [rad]."""
-    middle: Array
+    middle: FloatArray
     """Position of the inner nodes, 0 at the motor to 1 at the joint (elements - 1,)."""
-    friction: Array
+    friction: FloatArray
     """Coefficient of friction (2,)."""
     joint_inertia: float
     joint_damping: float
     rotor_inertia: float
     strand_time: float = 1e-5
     """Damping of the strand over its stiffness [s]."""
-    yielding: Array = np.full((2, 1), 8e-7)
+    yielding: FloatMatrix = np.full((2, 1), 8e-7)
     """Deflection at which a contact slides (2, 1 or elements - 1) [m]."""
     reference_tension: float = 80.0
 

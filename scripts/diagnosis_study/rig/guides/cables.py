@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.compiled import compiled
-from rig.guides.plant import Array, Plant
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
+from rig.guides.plant import Plant
 
 SHARES = np.array([0.5, 0.3, 0.2])
 """Share of each contact in the friction of a guide."""
@@ -46,17 +46,19 @@ class Cables(NamedTuple):
         stretch: elongation of the anchorage at the joint (2,) [m].
         snapped: 1 where the conduit has given way, else 0 (2,).
         work: work of friction and dampers (2,) [J].
+        room: work space (10, guides + 1).
     """
 
-    place: Array
-    stuck: Array
-    speed: Array
-    rest: Array
-    travel: Array
-    tension: Array
-    stretch: Array
-    snapped: Array
-    work: Array
+    place: FloatMatrix
+    stuck: FloatCube
+    speed: FloatMatrix
+    rest: FloatMatrix
+    travel: FloatArray
+    tension: FloatMatrix
+    stretch: FloatArray
+    snapped: FloatArray
+    work: FloatArray
+    room: FloatMatrix
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -74,10 +76,11 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
         np.full(2, pretension * p.anchor),
         np.zeros(2),
         np.zeros(2),
+        np.zeros((10, guides + 1)),
     )
 
 
-@compiled
+@internal
 def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
     """Return the tension of a piece and its slope by the stretch; never negative."""
     if sag == 0.0:
@@ -87,7 +90,7 @@ def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
     return tension, 0.5 * stiffness * (1.0 + stretch / root)
 
 
-@compiled
+@internal
 def _held(
     p: Plant, cables: Cables, c: int, i: int, joint: float
 ) -> tuple[float, float]:
@@ -119,26 +122,31 @@ class _Row(NamedTuple):
         mid: negative derivative by the guide's own place [N/m].
         high: negative derivative by the next guide's place [N/m].
         force: force of friction and dampers [N].
+        before: place a step ago [m].
+        kept: place before a step of the search [m].
+        grips: friction over load.
+        dry: load-independent friction [N].
     """
 
-    tension: Array
-    slope: Array
-    left: Array
-    low: Array
-    mid: Array
-    high: Array
-    force: Array
+    tension: FloatArray
+    slope: FloatArray
+    left: FloatArray
+    low: FloatArray
+    mid: FloatArray
+    high: FloatArray
+    force: FloatArray
+    before: FloatArray
+    kept: FloatArray
+    grips: FloatArray
+    dry: FloatArray
 
 
-@compiled
+@internal
 def _balance(
     p: Plant,
     cables: Cables,
     c: int,
-    place: Array,
-    before: Array,
-    grips: Array,
-    dry: Array,
+    place: FloatArray,
     ends: tuple[float, float, float],
     dt: float,
     row: _Row,
@@ -150,7 +158,7 @@ def _balance(
     guides = p.bend.shape[1]
     tight, near, far = ends
     tension, slope, left, force = row.tension, row.slope, row.left, row.force
-    other = np.mean(cables.tension[1 - c])
+    other = _total(cables.tension[1 - c]) / (guides + 1)
     anchor = p.anchor
     stretched = cables.stretch[c]
     for i in range(guides + 1):
@@ -173,12 +181,12 @@ def _balance(
     worst = 0.0
     for i in range(guides):
         load = 0.5 * (tension[i] + tension[i + 1])
-        grip = grips[i]
+        grip = row.grips[i]
         if p.adhesion != 0.0:
             light = p.reference_tension / (p.reference_tension + load)
             grip *= 1.0 + p.adhesion * (2.0 * light - 1.0)
         extra = p.rubbing * p.bend[c, i] * other / p.bend.shape[1]
-        bound = grip * load + dry[i] + extra
+        bound = grip * load + row.dry[i] + extra
         share, stiff = 0.0, 0.0
         for k_ in range(SHARES.size):
             reach = SOFT[k_] * p.yield_travel
@@ -187,7 +195,7 @@ def _balance(
             if -1.0 < off < 1.0:
                 stiff += SHARES[k_] / reach
         damper = p.dashpot * 2.0 * (guides - i) / (guides * (guides + 1.0)) / dt
-        force[i] = bound * share + damper * (place[i] - before[i])
+        force[i] = bound * share + damper * (place[i] - row.before[i])
         mid = bound * stiff + damper
         if p.notches != 0.0 and c == 0 and i == guides // 2:
             phase = 2.0 * math.pi / p.notch_pitch
@@ -204,14 +212,11 @@ def _balance(
     return worst, stretched
 
 
-@compiled
+@internal
 def _crept(
     p: Plant,
     cables: Cables,
     c: int,
-    before: Array,
-    grips: Array,
-    dry: Array,
     ends: tuple[float, float, float],
     dt: float,
     row: _Row,
@@ -225,30 +230,26 @@ def _crept(
     1998).
     """
     place, left = cables.place[c], row.left
-    place[:] = before
+    place[:] = row.before
     damper = _SOFTEST
-    worst, stretched = _balance(p, cables, c, place, before, grips, dry, ends, dt, row)
+    worst, stretched = _balance(p, cables, c, place, ends, dt, row)
     for _ in range(_CREEPS):
         if worst < _ENOUGH * p.reference_tension or damper > _HARDEST:
             break
-        size = np.sum(left * left)
-        kept = place.copy()
+        size = _squares(left)
+        row.kept[:] = place
         for i in range(place.size):
             row.mid[i] += damper
         _solved(row.low, row.mid, row.high, left)
         for i in range(place.size):
             place[i] += left[i]
-        worst, stretched = _balance(
-            p, cables, c, place, before, grips, dry, ends, dt, row
-        )
-        if np.sum(left * left) < size:
+        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
+        if _squares(left) < size:
             damper = max(0.2 * damper, _SOFTEST)
             continue
         damper *= 5.0
-        place[:] = kept
-        worst, stretched = _balance(
-            p, cables, c, place, before, grips, dry, ends, dt, row
-        )
+        place[:] = row.kept
+        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
     return stretched
 
 
@@ -277,15 +278,10 @@ def settle(
     """
     guides = p.bend.shape[1]
     place, tension = cables.place[c], cables.tension[c]
-    before = place.copy()
-    grips, dry = np.empty(guides), np.empty(guides)
+    row = _row(tension, cables.room)
+    row.before[:] = place
     for i in range(guides):
-        grips[i], dry[i] = _held(p, cables, c, i, joint)
-    row = _Row(
-        tension, np.empty(guides + 1), np.empty(guides), np.empty(guides),
-        np.empty(guides), np.empty(guides), np.empty(guides),
-    )  # fmt: skip
-    left, force = row.left, row.force
+        row.grips[i], row.dry[i] = _held(p, cables, c, i, joint)
     if p.snapping != 0.0 and c == 0:
         if tension[guides // 2] > p.snap_tension:
             cables.snapped[c] = 1.0
@@ -295,19 +291,17 @@ def settle(
     ends = (tight, near, far)
     smallest, worst, stretched = 1e300, 0.0, 0.0
     for turn in range(_ITERATIONS):
-        worst, stretched = _balance(
-            p, cables, c, place, before, grips, dry, ends, dt, row
-        )
+        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
         if worst < _ENOUGH * p.reference_tension:
             break
-        _solved(row.low, row.mid, row.high, left)
+        _solved(row.low, row.mid, row.high, row.left)
         # Shorter steps where contacts go over from one side to the other for ever.
         part = 1.0 if worst < smallest or turn < 8 else 0.5
         smallest = min(smallest, worst)
         for i in range(guides):
-            place[i] += part * left[i]
+            place[i] += part * row.left[i]
     if not worst < _BEARABLE * p.reference_tension:
-        stretched = _crept(p, cables, c, before, grips, dry, ends, dt, row)
+        stretched = _crept(p, cables, c, ends, dt, row)
     if p.anchor != 0.0:
         cables.stretch[c] = stretched
     way = 0.0
@@ -317,8 +311,8 @@ def settle(
             reach = SOFT[k_] * p.yield_travel
             off = place[i] - cables.stuck[c, i, k_]
             cables.stuck[c, i, k_] += off - min(max(off, -reach), reach)
-        moved = place[i] - before[i]
-        cables.work[c] += force[i] * moved
+        moved = place[i] - row.before[i]
+        cables.work[c] += row.force[i] * moved
         way += abs(moved) / guides
         cables.speed[c, i] += mix * (moved / dt - cables.speed[c, i])
         grown = cables.rest[c, i] + (1.0 - cables.rest[c, i]) * dt / p.bonding_time
@@ -327,8 +321,35 @@ def settle(
     return tension[0], tension[guides]
 
 
-@compiled
-def _solved(low: Array, mid: Array, high: Array, left: Array) -> None:
+@internal
+def _row(tension: FloatArray, room: FloatMatrix) -> _Row:
+    n = room.shape[1] - 1
+    return _Row(
+        tension, room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n],
+        room[5, :n], room[6, :n], room[7, :n], room[8, :n], room[9, :n],
+    )  # fmt: skip
+
+
+@internal
+def _total(values: FloatArray) -> float:
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+@internal
+def _squares(values: FloatArray) -> float:
+    total = 0.0
+    for value in values:
+        total += value * value
+    return total
+
+
+@internal
+def _solved(
+    low: FloatArray, mid: FloatArray, high: FloatArray, left: FloatArray
+) -> None:
     """Solve a tridiagonal system in place of its right side (Thomas)."""
     n = mid.size
     for i in range(1, n):

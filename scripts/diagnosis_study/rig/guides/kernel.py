@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig.guides.cables import Cables, settle, start
 from rig.guides.plant import Array, Plant
-from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME
+from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME, pulled
 
 STEPS = 1
 """Per record."""
@@ -32,7 +32,10 @@ def integrate(
     motor = command[0, 0]
     arcs = arc(p, motor, 1.0)[0], -arc(p, motor, -1.0)[0]
     cables = start(p, pretension, arcs)
-    return _run(p, cables, pretension, servo, environment, command, target, refine)
+    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
+    out = np.zeros((count, len(COLUMNS)))
+    _run(p, cables, pretension, servo, environment, command, target, refine, out)
+    return out
 
 
 @compiled
@@ -48,7 +51,7 @@ def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
     return length, p.motor_radius + e * math.cos(angle - p.offcentre_phase)
 
 
-@compiled
+@internal
 def _wave(phase: float) -> float:
     """Return a wave of alternating parabolas of height 1."""
     part = (phase / math.pi) % 2.0
@@ -57,14 +60,7 @@ def _wave(phase: float) -> float:
     )
 
 
-@compiled
-def _tie(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> float:
-    asked = path[at, 0] + part * (path[at + 1, 0] - path[at, 0])
-    rate = path[at, 1] + part * (path[at + 1, 1] - path[at, 1])
-    return float(tie[0] * (asked - x) + tie[1] * (rate - v))
-
-
-@compiled
+@internal
 def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
     """Return the torque of the hub on the handle through the play, by its lead."""
     over = abs(ahead) - 0.5 * p.play
@@ -81,23 +77,22 @@ def _run(
     p: Plant,
     cables: Cables,
     pretension: float,
-    servo: Array,
-    environment: Array,
-    command: Array,
-    target: Array,
+    servo: FloatArray,
+    environment: FloatArray,
+    command: FloatMatrix,
+    target: FloatMatrix,
     refine: int,
-) -> Array:
+    out: FloatMatrix,
+) -> None:
     steps = STEPS * refine
     dt = RECORD_TIME / steps
     per_command = round(COMMAND_TIME / dt)
-    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
-    out = np.zeros((count, len(COLUMNS)))
     motor, joint, hub = command[0, 0], command[0, 0], command[0, 0]
     motor_speed = joint_speed = hub_speed = 0.0
     work_in = work_out = 0.0
     near_a = near_b = far_a = far_b = pretension
     step = 0
-    for record in range(count):
+    for record in range(out.shape[0]):
         row = out[record]
         for _ in range(steps):
             at = step // per_command
@@ -106,7 +101,7 @@ def _run(
             slope_a, slope_b = arc(p, motor, 1.0)[1], arc(p, motor, -1.0)[1]
             load = slope_a * near_a - slope_b * near_b
             load += p.detent * _wave(p.detent_order * motor - p.detent_phase)
-            drive = _tie(servo, command, at, part, motor, motor_speed)
+            drive = pulled(servo, command, at, part, motor, motor_speed)
             rate = (drive - load) / (p.rotor_inertia + p.gear_inertia)
             shown = load + p.gear_inertia * rate
             motor_speed += rate * dt
@@ -119,7 +114,7 @@ def _run(
             taken += p.bearing * math.tanh(hub_speed / 0.01)
             near = (hub - p.catch_angle) / p.catch_width
             taken += p.catch * near * math.exp(0.5 * (1.0 - near * near))
-            hold = _tie(environment, target, at, part, joint, joint_speed)
+            hold = pulled(environment, target, at, part, joint, joint_speed)
             hold -= p.joint_damping * joint_speed
             if p.play == 0.0:
                 rate = (given - taken + hold) / (p.joint_inertia + p.flywheel)
@@ -156,11 +151,11 @@ def _run(
             row[6] += near_b
             row[7] += far_a
             row[8] += far_b
-        row[:MEANS] /= steps
+        for k in range(MEANS):
+            row[k] /= steps
         row[9] = work_in
         row[10] = work_out
-        row[11] = cables.work.sum()
+        row[11] = cables.work[0] + cables.work[1]
         for c in range(2):
             for i in range(cables.tension.shape[1]):
                 row[13] += 0.5 * cables.tension[c, i] ** 2 / p.piece[c, i]
-    return out

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rig.compiled import compiled
+from cc_mujoco.native import FloatArray, compiled
 from rig.guides.cables import Cables, settle
-from rig.guides.plant import Array, Plant
+from rig.guides.plant import Plant
 
 
 @compiled
@@ -12,10 +12,10 @@ def advance(
     p: Plant,
     cables: Cables,
     pretension: float,
-    state: Array,
-    ends: Array,
+    state: FloatArray,
+    ends: FloatArray,
     torque: float,
-    hand: Array,
+    hand: FloatArray,
     steps: int,
     dt: float,
 ) -> None:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatArray, FloatMatrix
 from rig.nominal import Rig
 
 Array = NDArray[np.float64]
@@ -26,13 +27,13 @@ class Plant(NamedTuple):
     # --- the bench -----------------------------------------------------------
     motor_radius: float
     joint_radius: float
-    bend: Array
+    bend: FloatMatrix
     """Bend at every guide (2, guides) [rad]."""
-    piece: Array
+    piece: FloatMatrix
     """Stiffness of every piece (2, guides + 1) [N/m]."""
-    piece_share: Array
+    piece_share: FloatMatrix
     """Length of every piece over that of the cable (2, guides + 1)."""
-    friction: Array
+    friction: FloatArray
     """Coefficient of friction (2,)."""
     joint_inertia: float
     joint_damping: float

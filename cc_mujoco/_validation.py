@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, shown
 
 MAX_DURATION = 1e4
 """Most that an episode may last [s]; all of its motion is kept in memory."""
@@ -42,7 +42,7 @@ def require_list(label: str, given: Any) -> tuple[str, ...]:
     """
     found = tuple(given) if isinstance(given, Iterable) else (given,)
     if isinstance(given, str) or not all(isinstance(one, str) for one in found):
-        raise CableError(f"{label} must be a list of texts, not {given!r}.")
+        raise CableError(f"{label} must be a list of texts, not {shown(given)}.")
     return found
 
 
@@ -55,8 +55,8 @@ def require_dictionary(label: str, given: Any) -> Mapping[str, Any]:
     if given is None:
         return {}
     if not isinstance(given, Mapping):
-        raise CableError(f"{label} must be a dictionary, not {given!r}.")
+        raise CableError(f"{label} must be a dictionary, not {shown(given)}.")
     for name in given:
         if not isinstance(name, str):
-            raise CableError(f"{label} must have texts as names, not {name!r}.")
+            raise CableError(f"{label} must have texts as names, not {shown(name)}.")
     return given

@@ -21,6 +21,10 @@ MANY = 30
 """Names that an error lists even if one of them is near to what was given."""
 
 
+_SHOWN = 120
+"""Characters of what was given that an error shows."""
+
+
 class CableWarning(UserWarning):
     """Input that can be used, but perhaps does not mean what was intended."""
 
@@ -50,7 +54,7 @@ class CableError(ValueError):
         import difflib  # only a mistake needs it
 
         names = sorted(allowed)
-        found = f"unknown {kind} {name!r}{f' in {where}' if where else ''}"
+        found = f"unknown {kind} {shown(name)}{f' in {where}' if where else ''}"
         if not names:
             return cls(f"{found}: there is none here.")
         near = difflib.get_close_matches(str(name), names)
@@ -59,6 +63,14 @@ class CableError(ValueError):
             return cls(f"{found}: did you mean {hint}?")
         hint = f": did you mean {near[0]!r}?" if near else "."
         return cls(f"{found}{hint} Available: {', '.join(names)}.")
+
+
+def shown(given: object) -> str:
+    """Return what was given as a short text of one line, for an error."""
+    text = repr(given)
+    if "\n" in text:
+        text = " ".join(text.split())
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def require_utf8(text: str) -> None:

@@ -18,13 +18,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
 from cc_mujoco.cable._mesh import lay_segments, segment_wraps
+from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import PARAMETERS, Cable, Section
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled
+
+MAX_TRAVEL = 1e6
+"""Largest displacement of an end of a cable that is accepted [m]."""
+TIME_STEP = Parameter("time step", "s", low=0.0, high=1e6, low_open=True)
+"""Bounds of the time between two samples of a replay."""
 
 
 def packed_parameters(cable: Cable) -> FloatArray:
@@ -77,22 +84,26 @@ def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
             the cable's uniform pretension.
 
     Raises:
-        CableError: a wrong number of tensions, a negative one, or a difference between
-            two neighbours that static friction cannot hold (thesis 2.7).
+        CableError: no cable, a wrong number of tensions, a negative one, or a
+            difference between two neighbours that static friction cannot hold (thesis
+            2.7).
     """
+    require_kind("cable", cable, Cable)
     n = cable.segments
     prm = packed_parameters(cable)
     state = np.empty(kernel.state_size(n))
     kernel.initialize(prm, n, 0.0, 0.0, state)
     if tension is not None:
-        node = np.asarray(tension, dtype=np.float64)
+        node = numbers("initial tension", tension, high=MAX_FORCE, unit="N")
         if node.shape != (n + 1,):
             raise CableError(
                 f"initial tension has shape {node.shape}; a cable of {n} segments "
                 f"takes one value per node, ({n + 1},)"
             )
-        if not np.all(np.isfinite(node)) or np.any(node < 0.0):
-            raise CableError("initial tension must be finite and not negative")
+        if np.any(node < 0.0):
+            raise CableError(
+                f"initial tension is {node.min():g} N; it is never less than 0"
+            )
         _require_held_by_friction(cable, node)
         state[kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1] = node
         state[3] = kernel.total_stretch(prm, n, state)
@@ -122,7 +133,7 @@ class Conduit:
 
     def __init__(self, cable: Cable, tension: ArrayLike | None = None) -> None:
         """Set the cable at rest; arguments as in `rest_state`."""
-        self.cable = cable
+        self.cable = require_kind("cable", cable, Cable)
         self._prm = packed_parameters(cable)
         self._start = rest_state(cable, tension)
         self._state = self._start.copy()
@@ -190,6 +201,15 @@ class Conduit:
         )
         distal_kind, distal_value = _prescribed("distal", u_distal, tension_distal)
         _check_ends(proximal_kind, distal_kind, dt)
+        for end, kind, value in (
+            ("proximal", proximal_kind, proximal_value),
+            ("distal", distal_kind, distal_value),
+        ):
+            if value.shape or (kind == kernel.TENSION and value < 0.0):
+                raise CableError(
+                    f"the {end} end is driven to {shown(value)}; it must be "
+                    "one number, of a tension 0 or more"
+                )
         status = kernel.step(
             self._prm,
             self.cable.segments,
@@ -202,10 +222,10 @@ class Conduit:
             self._next,
             self._work,
         )
-        if status != kernel.OK:
+        if status != kernel.OK or not np.all(np.isfinite(self._next)):
             raise CableError(
-                f"ends of the cable are driven to {proximal_value!r} and "
-                f"{distal_value!r}; both must be finite"
+                f"ends of the cable are driven to {proximal_value:g} and "
+                f"{distal_value:g}, where its numbers overflow"
             )
         self._state, self._next = self._next, self._state
 
@@ -318,14 +338,15 @@ def replay(
         profile: also return node tensions and slip directions of every sample.
 
     Raises:
-        CableError: not exactly one quantity per end, tension at both, unequal lengths,
-            values that are not finite, or negative tensions.
+        CableError: no cable, not exactly one quantity per end, tension at both, unequal
+            lengths, values that are not finite or too large, or negative tensions.
     """
     proximal_kind, proximal_given = _prescribed(
         "proximal", u_proximal, tension_proximal
     )
     distal_kind, distal_given = _prescribed("distal", u_distal, tension_distal)
     _check_ends(proximal_kind, distal_kind, dt)
+    require_kind("cable", cable, Cable)
     proximal = _series("proximal", proximal_kind, proximal_given)
     distal = _series("distal", distal_kind, distal_given)
     if proximal.size != distal.size:
@@ -335,6 +356,7 @@ def replay(
         )
     n = cable.segments
     prm = packed_parameters(cable)
+    require_kind("profile", profile, bool)
     state = rest_state(cable, initial_tension)
     state[0] = proximal[0] if proximal_kind == kernel.POSITION else 0.0
     state[1] = distal[0] if distal_kind == kernel.POSITION else 0.0
@@ -357,6 +379,7 @@ def replay(
         tension,
         direction,
     )
+    require_no_overflow(summary, proximal, distal)
     return Replay(
         u_proximal=summary[0],
         u_distal=summary[1],
@@ -422,14 +445,32 @@ def _play(
                 direction[row, j] = np.int8(np.sign(state[t + n + 1 + j]))
 
 
+def require_no_overflow(
+    results: FloatMatrix, proximal: FloatArray, distal: FloatArray
+) -> None:
+    """Refuse a replay whose results (rows, samples) are no longer finite.
+
+    Raises:
+        CableError: some are not, naming the first sample and what drives its ends.
+    """
+    overflows = ~np.isfinite(results).all(axis=0)
+    if overflows.any():
+        row = int(np.argmax(overflows))
+        raise CableError(
+            f"numbers overflow at sample {row}, where the ends are driven to "
+            f"{proximal[row]:g} and {distal[row]:g}; drive them by less"
+        )
+
+
 def _prescribed(
     end: str, u: ArrayLike | None, tension: ArrayLike | None
 ) -> tuple[int, FloatArray]:
     """Return the quantity prescribed at an end, POSITION or TENSION, and its values."""
     if u is not None and tension is None:
-        return kernel.POSITION, np.asarray(u, dtype=np.float64)
+        return kernel.POSITION, numbers(f"u_{end}", u, high=MAX_TRAVEL, unit="m")
     if tension is not None and u is None:
-        return kernel.TENSION, np.asarray(tension, dtype=np.float64)
+        name = f"tension_{end}"
+        return kernel.TENSION, numbers(name, tension, high=MAX_FORCE, unit="N")
     raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")
 
 
@@ -438,8 +479,7 @@ def _check_ends(proximal_kind: int, distal_kind: int, dt: float) -> None:
         raise CableError(
             "both ends are driven by tension; at least one must be driven by position"
         )
-    if not (np.isfinite(dt) and dt > 0.0):
-        raise CableError(f"time step is {dt!r} s; it must be positive and finite")
+    TIME_STEP.check(dt)
 
 
 def _series(end: str, kind: int, given: FloatArray) -> FloatArray:
@@ -448,9 +488,6 @@ def _series(end: str, kind: int, given: FloatArray) -> FloatArray:
         raise CableError(
             f"the motion of the {end} end has shape {values.shape}, not (samples,)"
         )
-    if not np.all(np.isfinite(values)):
-        row = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise CableError(f"sample {row} of the {end} end is {values[row]!r}")
     if kind == kernel.TENSION and np.any(values < 0.0):
         row = int(np.flatnonzero(values < 0.0)[0])
         raise CableError(

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal, NamedTuple
 
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, look_up, shown
 
 ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
 """Target of a term: friction in proportion to tension and wrap angle, friction that
@@ -148,7 +148,7 @@ class Parameter:
 
     def _refusal(self, value: object, label: str) -> CableError:
         label = label or self.name
-        return CableError(f"{label} must be {self.allowed}, not {value!r}.")
+        return CableError(f"{label} must be {self.allowed}, not {shown(value)}.")
 
 
 def _is_number(value: object) -> bool:

@@ -15,21 +15,31 @@ into the transmission, `joint_torque` what the transmission puts into the joint.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._conduit import MAX_TRAVEL, TIME_STEP, require_no_overflow
 from cc_mujoco.cable._layout import tensions
+from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import Cable
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 ANGLE, TORQUE = 0, 1
 """Quantity prescribed on a side of the transmission."""
+
+PULLEYS = (
+    Parameter("motor_radius", "m", "radius of the motor's pulley", 1e-6, 1e3),
+    Parameter("joint_radius", "m", "radius of the joint's pulley", 1e-6, 1e3),
+    Parameter("gear_ratio", "1", "turns of the motor per turn", 1e-6, 1e6),
+    Parameter("backlash", "rad", "play of the joint in its pulley", 0.0, 1e3),
+)
+"""Bounds of the numbers of a transmission."""
 
 
 @dataclass(frozen=True)
@@ -75,16 +85,14 @@ class Transmission:
     backlash: float = 0.0
 
     def __post_init__(self) -> None:
-        if len(self.cables) not in (1, 2):
+        if not isinstance(self.cables, tuple) or len(self.cables) not in (1, 2):
             raise CableError(
-                f"a transmission has 1 or 2 cables, got {len(self.cables)}"
+                f"a transmission has a tuple of 1 or 2 cables, not {shown(self.cables)}"
             )
-        for name in ("motor_radius", "joint_radius", "gear_ratio"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise CableError(f"{name} is {value!r}; it must be positive and finite")
-        if not (math.isfinite(self.backlash) and self.backlash >= 0.0):
-            raise CableError(f"backlash is {self.backlash!r} rad; it must be 0 or more")
+        for cable in self.cables:
+            require_kind("each of `cables`", cable, Cable)
+        for described in PULLEYS:
+            described.check(getattr(self, described.name))
         for cable in self.cables:
             for name, size in (
                 ("eccentricity", cable.eccentricity),
@@ -149,7 +157,7 @@ class Transmission:
 
         Raises:
             CableError: not one quantity per side, torque on both, unequal lengths, or
-                values that are not finite.
+                values that are not finite or too large.
         """
         proximal_kind, proximal = _prescribed_side("motor", motor_angle, motor_torque)
         distal_kind, distal = _prescribed_side("joint", joint_angle, joint_torque)
@@ -167,8 +175,7 @@ class Transmission:
                 f"the motor side has {proximal.size} samples and the joint side "
                 f"{distal.size}; both must have the same number"
             )
-        if not (math.isfinite(dt) and dt > 0.0):
-            raise CableError(f"time step is {dt!r} s; it must be positive and finite")
+        TIME_STEP.check(dt)
         cables = self._stepped()
         count, most = len(self.cables), max(each.segments for each in self.cables)
         out = np.empty((2 + 4 * count, proximal.size))
@@ -185,6 +192,7 @@ class Transmission:
             np.empty(kernel.work_size(most)),
             out,
         )
+        require_no_overflow(out, proximal, distal)
         motor, joint = out[:2]
         lever, tension_proximal, tension_distal, dissipated = out[2:].reshape(
             4, count, -1
@@ -224,16 +232,19 @@ def _prescribed_side(
     side: str, angle: ArrayLike | None, torque: ArrayLike | None
 ) -> tuple[int, FloatArray]:
     if angle is not None and torque is None:
-        kind, values = ANGLE, np.ascontiguousarray(angle, dtype=np.float64)
+        kind, values = ANGLE, numbers(f"{side}_angle", angle, None, MAX_TRAVEL, "rad")
     elif torque is not None and angle is None:
-        kind, values = TORQUE, np.ascontiguousarray(torque, dtype=np.float64)
+        name = f"{side}_torque"
+        kind, values = TORQUE, numbers(name, torque, None, MAX_FORCE, "N m")
     else:
         raise CableError(
             f"prescribe either {side}_angle or {side}_torque, not both or neither"
         )
-    if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
-        raise CableError(f"the motion of the {side} must be (samples,) finite numbers")
-    return kind, values
+    if values.ndim != 1 or values.size == 0:
+        raise CableError(
+            f"the motion of the {side} has shape {values.shape}, not (samples,)"
+        )
+    return kind, np.ascontiguousarray(values)
 
 
 @compiled

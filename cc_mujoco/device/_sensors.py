@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.errors import CableError
@@ -88,17 +89,18 @@ class Sensors:
     deviation: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        for name in ("nodes", "deviation"):
+            require_kind(f"Sensors.{name}", getattr(self, name), tuple)
         if not self.nodes or len(self.nodes) != len(self.deviation):
             raise CableError(
                 f"sensors have {len(self.nodes)} nodes and {len(self.deviation)} "
                 "deviations; give one of each per sensor"
             )
         for node, deviation in zip(self.nodes, self.deviation, strict=True):
-            if not (np.isfinite(deviation) and deviation > 0.0):
-                raise CableError(
-                    f"the sensor at node {node} has deviation {deviation!r} N; "
-                    "it must be positive and finite"
-                )
+            label = f"deviation of the sensor at node {node!r:.80}"
+            numbers("Sensors.nodes", node, ())
+            if numbers(label, deviation, (), MAX_FORCE, "N") <= 0.0:
+                raise CableError(f"{label} is {deviation!r} N; it must be positive")
 
     @classmethod
     def at(
@@ -114,22 +116,33 @@ class Sensors:
         Raises:
             CableError: a place off the cable.
         """
-        for position in positions:
+        from cc_mujoco.cable import Cable
+
+        require_kind("cable", cable, Cable)
+        places = np.ravel(numbers("positions", positions))
+        for position in places:
             if not 0.0 <= position <= cable.length:
                 raise CableError(
                     f"a sensor is at {position:g} m; the cable has {cable.length:g} m"
                 )
         from cc_mujoco.cable._conduit import node_places
 
-        index = np.interp(positions, node_places(cable), np.arange(cable.segments + 1))
+        index = np.interp(places, node_places(cable), np.arange(cable.segments + 1))
         nodes = tuple(round(i) for i in index.tolist())
-        return cls(nodes, tuple(np.broadcast_to(deviation, len(nodes)).tolist()))
+        return cls(nodes, _per_sensor(deviation, len(nodes)))
 
     @classmethod
     def everywhere(cls, cable: Cable, deviation: ArrayLike) -> Sensors:
-        """Return a sensor at every node, with deviations (n + 1,) or one [N]."""
+        """Return a sensor at every node, with deviations (n + 1,) or one [N].
+
+        Raises:
+            CableError: no cable, or deviations that are not positive.
+        """
+        from cc_mujoco.cable import Cable
+
+        require_kind("cable", cable, Cable)
         nodes = range(cable.segments + 1)
-        return cls(tuple(nodes), tuple(np.broadcast_to(deviation, len(nodes)).tolist()))
+        return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
         """Return the nodes as an array, checked to be on the cable.
@@ -144,6 +157,16 @@ class Sensors:
                     f"{cable.segments}"
                 )
         return np.array(self.nodes)
+
+
+def _per_sensor(deviation: ArrayLike, count: int) -> tuple[float, ...]:
+    """Return one deviation per sensor, from as many or one for all."""
+    given = numbers("deviation", deviation)
+    if given.shape not in ((), (count,)):
+        raise CableError(
+            f"deviation has shape {given.shape}; it must be one number, or {count}"
+        )
+    return tuple(np.broadcast_to(given, count).tolist())
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cc_mujoco._utils.arguments import numbers, require_kind
+from cc_mujoco._validation import require_dictionary, require_list
 from cc_mujoco.cable import PARAMETERS, Parameter, Section, Transmission
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.cable._pulleys import PULLEYS
+from cc_mujoco.errors import CableError, look_up, shown
 from cc_mujoco.estimation._least_squares import (
     FACTOR_STEP,
     Estimate,
@@ -37,7 +40,7 @@ from cc_mujoco.estimation._least_squares import (
 from cc_mujoco.native import FloatArray
 
 SIDE_QUANTITIES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
-RADII = ("motor_radius", "joint_radius")
+RADII = tuple(parameter.name for parameter in PULLEYS[:2])
 WRAP_SCALE = "wrap"
 """Parameter that scales all wrap angles of the conduits; 1 keeps the given angles."""
 
@@ -45,8 +48,7 @@ _FREE = {
     parameter.name: replace(parameter, low=max(parameter.low, 1e-12), scale="log")
     for parameter in (
         *PARAMETERS,
-        Parameter("motor_radius", "m", "radius of the motor's pulley", 1e-6, 1e3),
-        Parameter("joint_radius", "m", "radius of the joint's pulley", 1e-6, 1e3),
+        *PULLEYS[:2],
         Parameter(
             WRAP_SCALE, "1", "scale of all wrap angles of the conduits", 1e-3, 1e3
         ),
@@ -78,6 +80,9 @@ class Measurement:
     noise: Mapping[str, float]
 
     def __post_init__(self) -> None:
+        for label in ("inputs", "outputs", "noise"):
+            given = getattr(self, label)
+            require_dictionary(f"`{label}` of a trial", [] if given is None else given)
         for name in (*self.inputs, *self.outputs):
             if name not in SIDE_QUANTITIES:
                 raise CableError.unknown("quantity of a trial", name, SIDE_QUANTITIES)
@@ -86,19 +91,19 @@ class Measurement:
                 f"a trial with inputs {sorted(self.inputs)} needs outputs other than "
                 f"these, not {sorted(self.outputs)}"
             )
-        lengths = {len(v) for v in (*self.inputs.values(), *self.outputs.values())}
-        if len(lengths) != 1:
+        columns = {**self.inputs, **self.outputs}
+        shapes = {numbers(f"`{k}` of a trial", v).shape for k, v in columns.items()}
+        if len(shapes) != 1 or len(min(shapes)) != 1:
             raise CableError(
-                f"the columns of a trial have {sorted(lengths)} samples; "
-                "all must have the same number"
+                f"the columns of a trial have the shapes {sorted(shapes)}; all must "
+                "be (samples,) of the same number"
             )
-        for name, values in self.outputs.items():
-            if not np.all(np.isfinite(values)):
-                raise CableError(f"output `{name}` of a trial has values not finite")
-            if not self.noise.get(name, 0.0) > 0.0:
+        for name in self.outputs:
+            noise = numbers(f"noise of output `{name}`", self.noise.get(name, 0.0), ())
+            if not noise > 0.0:
                 raise CableError(
-                    f"noise of output `{name}` is {self.noise.get(name)!r}; "
-                    "give its standard deviation, greater than 0"
+                    f"noise of output `{name}` is {noise:g}; give its standard "
+                    "deviation, greater than 0"
                 )
 
     def residual(self, transmission: Transmission) -> dict[str, FloatArray]:
@@ -170,8 +175,17 @@ def calibrate(
         CableError: an unknown name, no trial, or a start value of 0, which has no
             logarithm.
     """
-    if not trials:
-        raise CableError("calibrate needs at least one trial, got none")
+    if not isinstance(trials, Sequence) or not trials:
+        raise CableError(
+            f"calibrate needs a list of at least one trial, not {shown(trials)}"
+        )
+    for trial in trials:
+        require_kind("each of `trials`", trial, Measurement)
+    require_kind("transmission", transmission, Transmission)
+    if not require_list("free", free):
+        raise CableError("free is empty; it must name the parameters to fit")
+    for name, count in (("starts", starts), ("seed", seed)):
+        Parameter(name, "1", low=0.0, high=1e6, whole=True).check(count)
     model = _Model(
         trials, transmission, [_log_parameter(name, transmission) for name in free]
     )

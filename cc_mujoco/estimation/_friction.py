@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco._utils.arguments import numbers, require_kind
+from cc_mujoco._validation import require_number
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
@@ -60,9 +62,11 @@ class FrictionEstimator(SlopeEstimator):
             CableError: sensors or a cable that cannot tell, or a start, a spread or a
                 memory that is none.
         """
+        require_kind("cable", cable, Cable)
+        require_kind("sensors", sensors, Sensors)
         guess = cable.friction if start is None else start
-        if not (np.isfinite(guess) and guess >= 0.0):
-            raise CableError(f"start is {start!r}; friction must be 0 or more")
+        require_number("start", guess, 0.0, 1e3, "")
+        require_number("memory", memory, 1.0, 1e12, "samples")
         angle = wrap_angles(cable)
         require_bend_between(cable, sensors)
         fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
@@ -88,12 +92,11 @@ class FrictionEstimator(SlopeEstimator):
         Raises:
             CableError: another shape, or an angle that is negative or not finite.
         """
-        given = np.asarray(angles, dtype=float)
-        if given.shape != (self._segments,) or not np.all((given >= 0) & (given < 1e6)):
-            raise CableError(
-                f"wrap angles are {given.tolist()} rad; they must be "
-                f"{self._segments} numbers that are 0 or more."
-            )
+        given = numbers(
+            "the array of wrap angles", angles, (self._segments,), 1e6, "rad"
+        )
+        if np.any(given < 0.0):
+            raise CableError(f"wrap angles are {given.min()} rad; none is less than 0")
         self._slope.lay(np.concatenate([[0.0], np.cumsum(given)])[:, None])
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
@@ -107,8 +110,8 @@ class FrictionEstimator(SlopeEstimator):
             The estimate.
 
         Raises:
-            CableError: shapes that fit neither the sensors nor the cable, or values
-                that are not finite.
+            CableError: shapes that fit neither the sensors nor the cable, a reading
+                that is not finite, or another direction.
         """
         self._slope.update(reading, direction)
         return self.friction

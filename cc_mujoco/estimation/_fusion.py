@@ -32,10 +32,13 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
+from cc_mujoco._validation import require_number
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, look_up, shown
+from cc_mujoco.estimation._tracks import checked_noise, checked_sample, rows
 from cc_mujoco.native import FloatArray
 
 Weights = Literal["variance", "mean"]
@@ -110,14 +113,33 @@ def fuse(
 
     Returns:
         Tensions and their standard deviation, NaN at nodes that no sensor is tied to.
+
+    Raises:
+        CableError: numbers that are not finite, deviations that are not positive,
+            another number of them than of sensors, or an unknown choice.
     """
+    look_up("weights", weights, {name: name for name in get_args(Weights)})
+    readings = numbers("reading", reading, high=MAX_FORCE, unit="N")
+    spread = numbers("deviation", deviation, high=MAX_FORCE, unit="N")
+    if not np.all(spread > 0.0):
+        raise CableError(f"deviation is {spread.min():g} N; it must be positive")
     tied = np.isfinite(gain)
     ratio = np.where(tied, gain, 1.0)
-    noise = ratio * np.asarray(deviation, dtype=float)[..., None]
+    if ratio.ndim < 2 or np.any(np.abs(ratio) > 1e100):
+        raise CableError("gain must be the ratios that `tension_gains` returns")
+    sizes = (readings.shape, spread.shape, gain.shape[:-1])
+    try:
+        np.broadcast_shapes(*sizes)
+    except ValueError:
+        raise CableError(
+            f"reading, deviation and gain have shapes {sizes[0]}, {sizes[1]} and "
+            f"{gain.shape}; they must be of the same sensors"
+        ) from None
+    noise = ratio * spread[..., None]
     share = tied / (noise**2 if weights == "variance" else 1.0)
     total = np.sum(share, axis=-2)
     share = share / np.where(total > 0.0, total, np.nan)[..., None, :]
-    predicted = ratio * np.asarray(reading, dtype=float)[..., None]
+    predicted = ratio * readings[..., None]
     tension = np.sum(share * predicted, axis=-2)
     return Fused(tension, np.sqrt(np.sum((share * noise) ** 2, axis=-2)))
 
@@ -130,8 +152,6 @@ class TensionFusion:
 
     Attributes:
         tension: of every node (..., n + 1) [N].
-        noise: standard deviation of the sensors (m,) [N]; may be set at any time, as by
-            `SensorNoise`.
     """
 
     def __init__(
@@ -152,13 +172,16 @@ class TensionFusion:
                 keeps the estimate of the last moment of motion, as the thesis does.
 
         Raises:
-            CableError: a sensor off the cable, or an unknown choice.
+            CableError: no cable, no sensors, a sensor off the cable, or an unknown
+                choice.
         """
+        require_kind("cable", cable, Cable)
+        require_kind("sensors", sensors, Sensors)
         look_up("weights", weights, {name: name for name in get_args(Weights)})
         look_up("at_rest", at_rest, {name: name for name in get_args(AtRest)})
         self.cable, self.sensors = cable, sensors
         self.mesh = Mesh.of(cable)
-        self.noise = np.array(sensors.deviation)
+        self.noise = sensors.deviation
         self.weights: Weights = weights
         self.at_rest: AtRest = at_rest
         self._nodes = sensors.on(cable)
@@ -177,12 +200,37 @@ class TensionFusion:
                 the pretension.
             deviation: standard deviation of its errors [N], independent of each other.
             shape: leading axes of readings to come.
+
+        Raises:
+            CableError: a tension that is none of every node, a deviation that is
+                negative, or a shape that is none.
         """
         count = self.mesh.segments + 1
         start = self.cable.pretension if tension is None else tension
-        self.tension = np.array(np.broadcast_to(start, (*shape, count)), dtype=float)
+        given = numbers("tension", start, unit="N", high=MAX_FORCE)
+        require_number("deviation", deviation, 0.0, UNKNOWN_DEVIATION, "N")
+        try:
+            self.tension = np.array(np.broadcast_to(given, (*shape, count)))
+        except (TypeError, ValueError):
+            raise CableError(
+                f"tension has shape {given.shape} and shape is {shown(shape)}; they "
+                f"must give one number per node, (..., {count})"
+            ) from None
         spread = np.diag(np.full(count, float(deviation) ** 2))
         self._covariance = np.array(np.broadcast_to(spread, (*shape, count, count)))
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time.
+
+        Raises:
+            CableError: set to other than one positive number per sensor.
+        """
+        return self._noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        self._noise = checked_noise(deviation, len(self.sensors.nodes))
 
     @property
     def deviation(self) -> FloatArray:
@@ -202,10 +250,16 @@ class TensionFusion:
             Tension of every node (..., n + 1) [N], also kept as `tension`.
 
         Raises:
-            CableError: shapes that fit neither the sensors nor the cable.
+            CableError: shapes that fit neither the sensors nor the cable, a reading
+                that is not finite, or another direction.
         """
-        reading = self._checked("reading", reading, self._nodes.size)
-        sign = np.sign(self._checked("direction", direction, self.mesh.segments))
+        reading, sign = checked_sample(
+            reading,
+            direction,
+            self._nodes.size,
+            self.mesh.segments,
+            self.tension.shape[:-1],
+        )
         moves = np.zeros(self.tension.shape, dtype=bool)
         moves[..., :-1] |= sign != 0.0
         moves[..., 1:] |= sign != 0.0
@@ -229,12 +283,16 @@ class TensionFusion:
 
         Returns:
             Arrays (samples, ..., n + 1).
+
+        Raises:
+            CableError: unequal numbers of samples, or as `update`.
         """
-        steps = []
-        for row in zip(np.asarray(reading), np.asarray(direction), strict=True):
-            steps.append((self.update(*row), self.deviation))
-        tension, deviation = (np.array(part) for part in zip(*steps, strict=True))
-        return Fused(tension, deviation)
+        found = [
+            (self.update(*row), self.deviation)
+            for row in rows(reading=reading, direction=direction)
+        ]
+        whole = np.reshape(found, (-1, 2, *self.tension.shape))
+        return Fused(whole[:, 0], whole[:, 1])
 
     def _move(
         self,
@@ -271,13 +329,6 @@ class TensionFusion:
             self._covariance = (
                 self._covariance - gain[..., :, None] * column[..., None, :]
             )
-
-    def _checked(self, name: str, values: ArrayLike, size: int) -> FloatArray:
-        array = np.asarray(values, dtype=float)
-        expected = (*self.tension.shape[:-1], size)
-        if array.shape != expected:
-            raise CableError(f"{name} has shape {array.shape}; it must be {expected}")
-        return array
 
 
 def _cumulative_sums(values: FloatArray) -> FloatArray:

@@ -305,7 +305,7 @@ def covariance(
             Without any they are taken as independent, of variance 1.
     """
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    values = np.maximum(values, _MIN_EIGENVALUE_RATIO * max(float(values[-1]), 1e-300))
+    values = np.maximum(values, _MIN_EIGENVALUE_RATIO * max(float(values[-1]), 1e-100))
     bread = vectors / values
     if not residuals:
         found: FloatArray = bread @ vectors.T

@@ -26,6 +26,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, compiled
 
@@ -100,16 +101,25 @@ class RecursiveLeastSquares:
         """
         if not memory >= 1.0:
             raise CableError(f"memory is {memory!r} samples; it must be at least 1")
-        self._start = np.array(start, dtype=float)
-        given = np.array(spread, dtype=float)
+        self._start = numbers("start", start, high=MAX_FORCE)
+        given = numbers("spread of the start", spread, high=MAX_FORCE)
+        count = self._start.size
+        if given.shape not in ((count,), (count, count)):
+            raise CableError(
+                f"spread of the start has shape {given.shape}; it must be ({count},), "
+                f"or ({count}, {count}) of a covariance"
+            )
         self._spread = np.diag(given**2) if given.ndim == 1 else given
-        positive = np.all(np.isfinite(given)) and np.all(np.diag(self._spread) > 0.0)
+        positive = np.all(np.diag(self._spread) > 0.0)
         if not positive or (given.ndim == 1 and np.any(given < 0.0)):
             raise CableError(
                 f"spread of the start is {given.tolist()}; it must be positive"
             )
-        rate = np.broadcast_to(np.asarray(drift, dtype=float), self._start.shape)
-        if not (np.all(np.isfinite(rate)) and np.all(rate >= 0.0)):
+        each = numbers("drift", drift, high=MAX_FORCE)
+        if each.shape not in ((), (1,), (count,)):
+            raise CableError(f"drift has shape {each.shape}; it must be ({count},)")
+        rate = np.broadcast_to(each, (count,))
+        if not np.all(rate >= 0.0):
             raise CableError(f"drift is {rate.tolist()}; it must be 0 or more")
         self._rate = np.diag(rate**2)
         self._least = np.linalg.inv(self._spread)

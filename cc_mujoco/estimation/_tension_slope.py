@@ -316,8 +316,8 @@ class SlopeFit:
             direction: slip of every segment, -1, 0 or 1, (n,).
 
         Raises:
-            CableError: shapes that fit neither the sensors nor the cable, or values
-                that are not finite.
+            CableError: shapes that fit neither the sensors nor the cable, a reading
+                that is not finite, or another direction.
         """
         tensions, slip_direction = checked_sample(
             reading, direction, self._nodes.size, self._segments

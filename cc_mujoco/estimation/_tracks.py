@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco._utils.arguments import MAX_FORCE, numbers
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.cable._parameters import Cable
@@ -36,23 +37,23 @@ def wrap_angles(cable: Cable) -> FloatArray:
 
 
 def checked_sample(
-    reading: ArrayLike, direction: ArrayLike, sensors: int, segments: int
+    reading: ArrayLike,
+    direction: ArrayLike,
+    sensors: int,
+    segments: int,
+    leading: tuple[int, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the readings (m,) and the signs of the directions (n,) as arrays.
+    """Return readings (*leading, m) and directions of slip (*leading, n) as arrays.
 
     Raises:
-        CableError: other shapes, or a number that is not finite.
+        CableError: other shapes, a reading that is not finite or not below `MAX_FORCE`,
+            or a direction other than -1, 0 and 1.
     """
-    tensions = np.asarray(reading, dtype=float)
-    sign = np.sign(np.asarray(direction, dtype=float))
-    for name, array, size in (
-        ("reading", tensions, sensors),
-        ("direction", sign, segments),
-    ):
-        if array.shape != (size,):
-            raise CableError(f"{name} has shape {array.shape}; it must be {(size,)}")
-        if not np.all(np.isfinite(array)):
-            raise CableError(f"{name} is {array.tolist()}; all must be finite")
+    tensions = numbers("reading", reading, (*leading, sensors), MAX_FORCE, "N")
+    sign = numbers("direction", direction, (*leading, segments))
+    if not np.all((sign == 0.0) | (np.abs(sign) == 1.0)):
+        wrong = float(sign[(sign != 0.0) & (np.abs(sign) != 1.0)][0])
+        raise CableError(f"direction is {wrong:g}; every one must be -1, 0 or 1")
     return tensions, sign
 
 
@@ -62,22 +63,25 @@ def checked_noise(deviation: ArrayLike, sensors: int) -> FloatArray:
     Raises:
         CableError: not one positive number per sensor.
     """
-    noise = np.array(deviation, dtype=float)
-    if noise.shape != (sensors,) or not np.all((noise > 0.0) & np.isfinite(noise)):
+    noise = numbers("noise", deviation, (sensors,), MAX_FORCE, "N")
+    if not np.all(noise > 0.0):
         raise CableError(
             f"noise is {noise.tolist()} N; it must be {sensors} positive numbers, one "
             "per sensor"
         )
-    return noise
+    return noise.copy()
 
 
 def rows(**columns: ArrayLike) -> Iterator[tuple[FloatArray, ...]]:
     """Return an iterator over the samples of recorded columns.
 
     Raises:
-        CableError: columns of unequal length.
+        CableError: columns that are no numbers, or of unequal length.
     """
-    arrays = {name: np.asarray(column) for name, column in columns.items()}
+    arrays = {name: numbers(name, column) for name, column in columns.items()}
+    for name, array in arrays.items():
+        if array.ndim == 0:
+            raise CableError(f"{name} is {array}; it must have one row per sample")
     lengths = {name: len(array) for name, array in arrays.items()}
     if len(set(lengths.values())) > 1:
         listing = ", ".join(f"{name} {length}" for name, length in lengths.items())

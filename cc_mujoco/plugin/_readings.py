@@ -45,7 +45,7 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     Raises:
         CableError: the model has no cable of that name, or the data are of another one.
     """
-    _held_instance(model, data, name)
+    held_instance(model, data, name)
     reading = Reader(model, name).read(data.plugin_state)
     return CableReading(
         reading.tension,
@@ -136,7 +136,7 @@ def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
         CableError: the model has no such cable, the cable no route, or the data are of
             another model.
     """
-    _held_instance(model, data, name)
+    held_instance(model, data, name)
     tendon = route_tendon(model, name)
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     points = data.wrap_xpos.reshape(-1, 3)[start : start + count]
@@ -151,7 +151,7 @@ def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
         CableError: the model has no such cable, the cable no route, or the data are of
             another model.
     """
-    _held_instance(model, data, name)
+    held_instance(model, data, name)
     call = plugin_function("turn")
     return float(call(model._address, data._address, route_tendon(model, name)))
 
@@ -165,7 +165,7 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
     Raises:
         CableError: the model has no cable of that name, or the data are of another one.
     """
-    instance = _held_instance(model, data, name)
+    instance = held_instance(model, data, name)
     cable = cable_of(model, instance, name)
     if cable.bend == BENDS[0] and cable.path == PATHS[0]:
         return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
@@ -183,7 +183,7 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
     Raises:
         CableError: the model has no cable of that name, or the data are of another one.
     """
-    index = _held_instance(model, data, name)
+    index = held_instance(model, data, name)
     segments = cable_of(model, index, name).segments
     return float(_node_compliance(model, data, index, segments)[-1])
 
@@ -220,7 +220,7 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
     return tendon
 
 
-def _held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
+def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
     """Return the instance of a cable that data hold as the model has it.
 
     Raises:

@@ -101,14 +101,20 @@ def step_limits(
 
     Returns:
         Limits [s], infinite for what moves nothing.
+
+    Raises:
+        CableError: the data are of another model.
     """
     everywhere = data is None
     if data is None:
         data = mujoco.MjData(model)
+    # Compiled code takes seconds to load, and few need it.
+    from cc_mujoco.plugin._readings import held_instance
+
+    held = {name: held_instance(model, data, name) for name in instances(model)}
     mujoco.mj_fwdPosition(model, data)
     found = {
-        name: _limits_here(model, data, instance)
-        for name, instance in instances(model).items()
+        name: _limits_here(model, data, instance) for name, instance in held.items()
     }
     for name, limits in found.items():
         if everywhere and math.isfinite(limits.pieces):

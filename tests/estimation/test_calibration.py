@@ -127,7 +127,7 @@ def test_bad_input_is_one_sentence() -> None:
         dataclasses.replace(good, outputs={"joint_torque": TIME[1:]})
     with pytest.raises(CableError, match="greater than 0"):
         dataclasses.replace(good, noise={"joint_torque": 1.0})
-    with pytest.raises(CableError, match="not finite"):
+    with pytest.raises(CableError, match="is nan; it must be finite"):
         dataclasses.replace(
             good,
             outputs={"joint_torque": np.full_like(TIME, np.nan)},

@@ -152,7 +152,8 @@ def _use(m: mujoco.MjModel, d: mujoco.MjData, random: np.random.Generator) -> No
                 for read in READERS:
                     with suppress(CableError):
                         read(m, d, name)
-            plugin.step_limits(m, d)
+            with suppress(CableError):
+                plugin.step_limits(m, d)
 
 
 def random_state(seed: int) -> None:

@@ -22,6 +22,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._conduit import end_stiffness
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import cables, from_mjcf, read, settle, step_limits
+from plugin import damage
 from plugin.open_scenes import atwood, winch
 from plugin.scenes import (
     CONFIG,
@@ -175,6 +176,12 @@ def test_settling_at_the_reference_is_a_reset() -> None:
         fresh = d.plugin_state.copy()
         settle(m, d)
         assert np.array_equal(d.plugin_state, fresh)
+
+
+def test_data_of_another_kind_of_cable_have_no_step_limits() -> None:
+    one, other = damage.scene("guided"), damage.scene("open")
+    with pytest.raises(CableError, match="another kind of path"):
+        step_limits(one, mujoco.MjData(other))
 
 
 def test_a_keyframe_starts_at_rest_once_settled() -> None:

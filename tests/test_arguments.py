@@ -1,0 +1,201 @@
+"""Public calls of cable and estimation refuse what they cannot use, in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.cable import Cable, Conduit, Section, Transmission, replay, rest_state
+from cc_mujoco.device import Sensors
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation import (
+    FrictionEstimator,
+    Measurement,
+    TensionFusion,
+    calibrate,
+    fuse,
+)
+
+CABLE = Cable(friction=0.2, conduit=(Section(1.0, 0.2),), segments=4)
+SENSORS = Sensors((0, 2, 4), (1.0, 1.0, 1.0))
+DRIVE = Transmission.pull_pull(CABLE, 0.02, 0.1)
+ROW, SLIP = [10.0, 11.0, 12.0], [1, 1, 1, 1]
+TRIAL = {
+    "dt": 0.01,
+    "inputs": {"motor_angle": np.linspace(0.0, 0.1, 9), "joint_angle": np.zeros(9)},
+    "outputs": {"joint_torque": np.zeros(9)},
+    "noise": {"joint_torque": 0.1},
+}
+Call = tuple[Callable[..., Any], dict[str, Any]]
+
+
+def _of(make: Callable[..., Any], method: str) -> Callable[..., Any]:
+    return lambda **given: getattr(make(), method)(**given)
+
+
+def _fusion() -> TensionFusion:
+    return TensionFusion(CABLE, SENSORS)
+
+
+def _friction() -> FrictionEstimator:
+    return FrictionEstimator(CABLE, SENSORS)
+
+
+CALLS: dict[str, Call] = {
+    "replay": (
+        replay,
+        {"cable": CABLE, "dt": 1e-3, "u_proximal": [0.0, -1e-3], "u_distal": [0.0, 0]},
+    ),
+    "replay of tensions": (
+        replay,
+        {
+            "cable": CABLE,
+            "dt": 1e-3,
+            "tension_proximal": [10.0, 11.0],
+            "u_distal": [0.0, 0.0],
+            "initial_tension": [10.0] * 5,
+            "profile": True,
+        },
+    ),
+    "rest_state": (rest_state, {"cable": CABLE, "tension": [10.0] * 5}),
+    "Conduit": (Conduit, {"cable": CABLE, "tension": [10.0] * 5}),
+    "Conduit.step": (
+        _of(lambda: Conduit(CABLE), "step"),
+        {"dt": 1e-3, "u_proximal": -1e-3, "tension_distal": 10.0},
+    ),
+    "Transmission": (
+        Transmission,
+        {
+            "cables": (CABLE,),
+            "motor_radius": 0.02,
+            "joint_radius": 0.1,
+            "gear_ratio": 2.0,
+            "backlash": 0.01,
+        },
+    ),
+    "Transmission.replay": (
+        DRIVE.replay,
+        {"dt": 1e-3, "motor_torque": [0.0, 0.1], "joint_angle": [0.0, 0.01]},
+    ),
+    "Sensors": (Sensors, {"nodes": (0, 1), "deviation": (1.0, 1.0)}),
+    "Sensors.at": (
+        Sensors.at,
+        {"cable": CABLE, "positions": (0.1, 0.9), "deviation": 1.0},
+    ),
+    "fuse": (
+        partial(fuse, gain=np.ones((3, 5))),
+        {"reading": ROW, "deviation": [1.0] * 3, "weights": "mean"},
+    ),
+    "TensionFusion": (
+        TensionFusion,
+        {"cable": CABLE, "sensors": SENSORS, "weights": "mean", "at_rest": "hold"},
+    ),
+    "TensionFusion.reset": (
+        _of(_fusion, "reset"),
+        {"tension": [1.0] * 5, "deviation": 1.0, "shape": (2,)},
+    ),
+    "TensionFusion.update": (
+        _of(_fusion, "update"),
+        {"reading": ROW, "direction": SLIP},
+    ),
+    "TensionFusion.over": (
+        _of(_fusion, "over"),
+        {"reading": [ROW, ROW], "direction": [SLIP, SLIP]},
+    ),
+    "TensionFusion.noise": (
+        lambda noise: setattr(_fusion(), "noise", noise),
+        {"noise": [1.0] * 3},
+    ),
+    "FrictionEstimator": (
+        FrictionEstimator,
+        {
+            "cable": CABLE,
+            "sensors": SENSORS,
+            "start": 0.1,
+            "spread": 0.1,
+            "memory": 100.0,
+            "drift": 0.1,
+        },
+    ),
+    "FrictionEstimator.update": (
+        _of(_friction, "update"),
+        {"reading": ROW, "direction": SLIP},
+    ),
+    "FrictionEstimator.over": (
+        _of(_friction, "over"),
+        {"reading": [ROW, ROW], "direction": [SLIP, SLIP]},
+    ),
+    "FrictionEstimator.rebend": (_of(_friction, "rebend"), {"angles": [1.0] * 4}),
+    "Measurement": (Measurement, TRIAL),
+    "calibrate": (
+        calibrate,
+        {
+            "trials": [Measurement(**TRIAL)],
+            "transmission": DRIVE,
+            "free": ("friction",),
+            "starts": 1,
+            "seed": 0,
+        },
+    ),
+}
+WRONG: tuple[Any, ...] = (
+    None, "many", "1", b"1", 1e308, -1e308, float("nan"), float("inf"), -1.0, 7, 0,
+    1j, (), [], [[1.0], [1.0, 2.0]], [1e308, -1e308], [float("nan")] * 3, [7] * 4,
+    [7.0, 8.0], np.zeros((2, 2, 2)), {"a": 1}, {}, object(), True, 10**400, Cable,
+    CABLE,
+)  # fmt: skip
+
+
+def _finite(found: Any) -> bool:
+    if isinstance(found, Conduit | Sensors | Measurement) or hasattr(found, "update"):
+        return True
+    parts = (
+        [v for v in vars(found).values() if v is not None]
+        if hasattr(found, "__dict__")
+        else found
+    )
+    flat = parts if isinstance(parts, list | tuple) else [parts]
+    return all(
+        bool(np.isfinite(np.asarray(one, dtype=float)).all())
+        for one in flat
+        if isinstance(one, float | np.ndarray)
+    )
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_wrong_argument_is_one_sentence_and_never_a_number_that_is_none(
+    name: str,
+) -> None:
+    call, right = CALLS[name]
+    assert _finite(call(**right))
+    for argument in right:
+        for wrong in WRONG:
+            try:
+                found = call(**{**right, argument: wrong})
+            except CableError as error:
+                assert "\n" not in str(error) and len(str(error)) < 800
+            else:
+                assert _finite(found), (argument, wrong)
+
+
+def test_numbers_that_overflow_are_refused_with_their_place() -> None:
+    with pytest.raises(CableError, match=r"tension_proximal \[1\] is 1e\+308 N"):
+        replay(CABLE, 1e-3, tension_proximal=[1.0, 1e308], u_distal=[0.0, 0.0])
+    with pytest.raises(CableError, match=r"joint_radius must be a number in \[1e-06"):
+        Transmission.single(CABLE, 0.02, 1e308)
+
+
+def test_a_direction_of_slip_is_a_sign() -> None:
+    for estimator in (_fusion(), _friction()):
+        with pytest.raises(CableError, match="direction is 7; every one must be -1"):
+            estimator.update(ROW, [1, 7, 1, 1])
+
+
+def test_samples_of_a_recording_are_equal_in_number() -> None:
+    for estimator in (_fusion(), _friction()):
+        with pytest.raises(CableError, match="reading 2, direction 1"):
+            estimator.over([ROW, ROW], [SLIP])

@@ -33,6 +33,7 @@ def told_by(
     bench: Bench = BENCH,
     duration: float = 1.6,
     changes: Mapping[str, float] | None = None,
+    wind_up: float = 0.0,
 ) -> Dataset:
     """Return trials of `dataset` whose torques are measured by other instruments.
 
@@ -42,6 +43,7 @@ def told_by(
         bench: bench of the recording.
         duration: duration of each trial [s].
         changes: changes of the cables.
+        wind_up: turn of the motor over which its friction builds up [rad].
     """
     data = dataset(effects, duration, 3, changes, bench=bench, cells=kind == "cells")
     columns: dict[str, Source] = {}
@@ -53,7 +55,7 @@ def told_by(
         noise |= {n: Noise(CELL, 0.0, "declared") for n in trials[0].tensions}
     elif kind == "current":
         rig = MOTOR
-        trials = [driven(trial) for trial in trials]
+        trials = [driven(trial, wind_up) for trial in trials]
         noise["motor_current_a"] = Noise(0.008, 0.0, "declared")
     else:
         other = {"motor": "joint_torque_nm", "joint": "motor_torque_nm"}[kind]
@@ -70,14 +72,25 @@ def told_by(
     )
 
 
-def driven(trial: Trial) -> Trial:
+def driven(trial: Trial, wind_up: float = 0.0) -> Trial:
     """Return a trial with the motor's current in place of its torque."""
     speed = np.gradient(trial.motor_angle, DT)
     smooth = np.convolve(speed, np.ones(9) / 9.0, "same")
     own = FRICTION * np.tanh(smooth / 0.005) + DRAG * smooth
+    if wind_up > 0.0:
+        own = FRICTION * bent(trial.motor_angle, wind_up) + DRAG * smooth
     constant = MOTOR["torque_constant"].value * MOTOR["gear_ratio"].value
     current = (trial.channel("motor_torque_nm") + own) / constant
     return replace(trial, motor_current=current, motor_torque=None)
+
+
+def bent(angle: np.ndarray, wind_up: float) -> np.ndarray:
+    """Return how far a bristle is bent that slides where it is bent by 1."""
+    found = np.zeros(angle.size)
+    for k in range(1, angle.size):
+        moved = found[k - 1] + (angle[k] - angle[k - 1]) / wind_up
+        found[k] = min(max(moved, -1.0), 1.0)
+    return found
 
 
 def loaded(

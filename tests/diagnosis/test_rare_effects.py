@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis._inference.model_fitting.effect_check import check_effe
 from cc_mujoco.diagnosis._inference.model_fitting.folds import interleaved_folds
 from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, usual_effects
+from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset
 
 RARE = [name for name, effect in EFFECTS.items() if effect.rare]
@@ -61,6 +62,26 @@ def test_arms_that_change_make_no_work(effect: str, values: dict[str, float]) ->
     size = np.abs(round_[0]).max() * 2.4
     assert abs(work[0] - work[1]) < 1e-4 * size
     assert abs(work[0]) > 1e-2 * size
+
+
+@pytest.mark.parametrize("wind_up", [1e-3, 0.02])
+def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
+    """It acts with the cables off, too, where no cable can stand in for it."""
+    data = dataset(duration=2.0)
+    trials = [
+        replace(t, joint_torque=t.joint_torque - 0.3 * bent(t.joint_angle, wind_up))
+        for t in data.trials
+        if t.joint_torque is not None
+    ]
+    data = replace(data, trials=tuple(trials))
+    records, filtering = prepare(data, BENCH)
+    crossed = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).crossed
+    division = interleaved_folds(records)
+    found = search(crossed, division, ("joint_friction",), Thresholds()).after
+    assert found.problem.effects == ("joint_friction",) and found.misfit < 1.3
+    values = found.problem.values(np.mean([fit.x for fit in found.fits], axis=0))
+    assert values["joint_friction"] == pytest.approx(0.3, rel=0.05)
+    assert values["joint_wind_up"] == pytest.approx(wind_up, rel=0.3)
 
 
 def test_a_rare_effect_is_searched_where_the_error_is_not_explained() -> None:

@@ -15,6 +15,7 @@ from cc_mujoco.diagnosis.effects._drive_effects import (
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
     USUAL_CONDITIONS,
+    WIND_UP_BOUNDS,
     Effect,
     EffectError,
     EffectParameter,
@@ -22,6 +23,8 @@ from cc_mujoco.diagnosis.effects._effect import (
     Signals,
     TrialConditions,
     Values,
+    dry_friction,
+    follow_with_play,
     form_key,
 )
 from cc_mujoco.diagnosis.effects._effect_class import (
@@ -49,6 +52,7 @@ __all__ = [
     "GAIN_BOUNDS",
     "JOINT_DELAY",
     "USUAL_CONDITIONS",
+    "WIND_UP_BOUNDS",
     "CoupledNeighbour",
     "Effect",
     "EffectError",
@@ -61,8 +65,10 @@ __all__ = [
     "Values",
     "acceleration",
     "delay_signal",
+    "dry_friction",
     "effect_of_class",
     "effects_in_use",
+    "follow_with_play",
     "form_key",
     "usual_effects",
 ]

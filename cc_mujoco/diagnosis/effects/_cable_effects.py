@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from cc_mujoco.cable import Cable
-from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
     PLUGIN_KEYS,
@@ -14,6 +13,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     clamp_to_bounds,
     of_cable,
     on_all_cables,
+    sized,
 )
 
 _LOOSE_END_SHARE = 0.03
@@ -86,15 +86,9 @@ CABLE_EFFECTS = (
         equation="theta (1 + k q) in the last part of the conduit",
         where="conduit",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "wrap_per_angle",
-                    "1/rad",
-                    "relative growth of the wrap angles per joint angle",
-                    -5.0,
-                    5.0,
-                ),
-                0.1,
+            sized(
+                "wrap_per_angle", "1/rad",
+                "relative growth of the wrap angles per joint angle", -5.0, 5.0, 0.1,
             ),
             EffectParameter(of_cable("wrap_reach", 0.05, 1.0), 0.5),
         ),
@@ -104,9 +98,7 @@ CABLE_EFFECTS = (
         ),
         required_excitation="motion at different joint angles",
         confounded_with=(
-            "joint_gravity",
-            "pulley_eccentricity",
-            "tension_dependent_friction",
+            "joint_gravity", "pulley_eccentricity", "tension_dependent_friction",
         ),
         mujoco=PLUGIN_KEYS,
         source="thesis 2.4.3, Experiment 1b",
@@ -139,7 +131,7 @@ CABLE_EFFECTS = (
         parameters=(
             EffectParameter(of_cable("bedding_strain", 0.0, 0.3), 5e-4),
             EffectParameter(
-                of_cable("bedding_strain", 0.0, 0.3, "bedding_strain_antagonist"), 5e-4
+                of_cable("bedding_strain", 0.0, 0.3, "bedding_strain_antagonist"), 5e-4,
             ),
             EffectParameter(of_cable("bedding_tension", 1.0, 500.0), 20.0),
         ),
@@ -180,5 +172,5 @@ CABLE_EFFECTS = (
         source="series springs",
         cables=_set_end_compliances,
     ),
-)
+)  # fmt: skip
 """Those of the library."""

@@ -17,6 +17,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     Values,
     clamp_to_bounds,
     form_key,
+    sized,
 )
 from cc_mujoco.native import FloatArray
 
@@ -120,24 +121,17 @@ DRIVE_EFFECTS = (
         equation="|q_pulley - q| <= b/2",
         where="joint",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "backlash",
-                    "rad",
-                    "play of the joint in its pulley, from stop to stop",
-                    0.0,
-                    0.5,
-                ),
-                0.02,
-                BACKLASH_BOUNDS,
-                "motion",
+            sized(
+                "backlash", "rad", "play of the joint in its pulley, from stop to stop",
+                0.0, 0.5, 0.02, BACKLASH_BOUNDS, "motion",
             ),
         ),
         starts=({"backlash": 0.01}, {"backlash": 0.05}),
         required_excitation="reversals of torque at several loads",
         confounded_with=("presliding", "end_compliance"),
-        mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
-        "with two limits",
+        mujoco=(
+            "pulley on a hinge of its own, coupled by a fixed tendon with two limits"
+        ),
         source="Nordin and Gutman, Automatica 38, 2002",
         cables=_soft_play,
         forms=("hard", "soft"),
@@ -148,53 +142,25 @@ DRIVE_EFFECTS = (
         equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
         where="motor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "eccentricity_cosine",
-                    "m",
-                    "eccentricity of the motor pulley, cosine of its angle",
-                    -0.05,
-                    0.05,
-                ),
-                5e-4,
-                _ROUNDNESS_BOUNDS,
-                "motor_radius",
+            sized(
+                "eccentricity_cosine", "m",
+                "eccentricity of the motor pulley, cosine of its angle", -0.05, 0.05,
+                5e-4, _ROUNDNESS_BOUNDS, "motor_radius",
             ),
-            EffectParameter(
-                Parameter(
-                    "eccentricity_sine",
-                    "m",
-                    "eccentricity of the motor pulley, sine of its angle",
-                    -0.05,
-                    0.05,
-                ),
-                5e-4,
-                _ROUNDNESS_BOUNDS,
-                "motor_radius",
+            sized(
+                "eccentricity_sine", "m",
+                "eccentricity of the motor pulley, sine of its angle", -0.05, 0.05,
+                5e-4, _ROUNDNESS_BOUNDS, "motor_radius",
             ),
-            EffectParameter(
-                Parameter(
-                    "ovality_cosine",
-                    "m",
-                    "ovality of the motor pulley, cosine of twice its angle",
-                    -0.05,
-                    0.05,
-                ),
-                2e-4,
-                _ROUNDNESS_BOUNDS,
-                "motor_radius",
+            sized(
+                "ovality_cosine", "m",
+                "ovality of the motor pulley, cosine of twice its angle", -0.05, 0.05,
+                2e-4, _ROUNDNESS_BOUNDS, "motor_radius",
             ),
-            EffectParameter(
-                Parameter(
-                    "ovality_sine",
-                    "m",
-                    "ovality of the motor pulley, sine of twice its angle",
-                    -0.05,
-                    0.05,
-                ),
-                2e-4,
-                _ROUNDNESS_BOUNDS,
-                "motor_radius",
+            sized(
+                "ovality_sine", "m",
+                "ovality of the motor pulley, sine of twice its angle", -0.05, 0.05,
+                2e-4, _ROUNDNESS_BOUNDS, "motor_radius",
             ),
         ),
         starts=tuple(
@@ -220,33 +186,18 @@ DRIVE_EFFECTS = (
         equation="tau_m += a cos(n q_m - p)",
         where="motor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "cogging_cosine",
-                    "N m",
-                    "torque ripple of the motor, cosine",
-                    -100.0,
-                    100.0,
-                ),
-                0.02,
+            sized(
+                "cogging_cosine", "N m", "torque ripple of the motor, cosine", -100.0,
+                100.0, 0.02,
+            ),
+            sized(
+                "cogging_sine", "N m", "torque ripple of the motor, sine", -100.0,
+                100.0, 0.02,
             ),
             EffectParameter(
                 Parameter(
-                    "cogging_sine",
-                    "N m",
-                    "torque ripple of the motor, sine",
-                    -100.0,
-                    100.0,
-                ),
-                0.02,
-            ),
-            EffectParameter(
-                Parameter(
-                    "cogging_order",
-                    "1",
-                    "periods of the ripple per turn of the motor pulley",
-                    3.5,
-                    200.0,
+                    "cogging_order", "1",
+                    "periods of the ripple per turn of the motor pulley", 3.5, 200.0,
                     scale="log",
                 ),
                 1.0,
@@ -268,37 +219,21 @@ DRIVE_EFFECTS = (
         equation="tau_j -= a sin q + b cos q",
         where="joint",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "gravity_sine",
-                    "N m",
-                    "moment of gravity at the joint, sine of its angle",
-                    -1e3,
-                    1e3,
-                ),
-                0.1,
-                _AT_MOST_MEASURED,
-                "joint_torque",
+            sized(
+                "gravity_sine", "N m",
+                "moment of gravity at the joint, sine of its angle", -1e3, 1e3, 0.1,
+                _AT_MOST_MEASURED, "joint_torque",
             ),
-            EffectParameter(
-                Parameter(
-                    "gravity_cosine",
-                    "N m",
-                    "moment of gravity at the joint, cosine of its angle",
-                    -1e3,
-                    1e3,
-                ),
-                0.1,
-                _AT_MOST_MEASURED,
-                "joint_torque",
+            sized(
+                "gravity_cosine", "N m",
+                "moment of gravity at the joint, cosine of its angle", -1e3, 1e3, 0.1,
+                _AT_MOST_MEASURED, "joint_torque",
             ),
         ),
         starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
         required_excitation="joint angles over half a radian",
         confounded_with=(
-            "joint_stiffness",
-            "torque_sensor_gain",
-            "torque_sensor_offset",
+            "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
         ),
         mujoco="cogging of a `dcmotor` actuator on the joint, one period per turn",
         source="statics",
@@ -310,43 +245,23 @@ DRIVE_EFFECTS = (
         equation="tau_j -= k q + m, at rest where q = -m/k",
         where="joint",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "joint_stiffness",
-                    "N m/rad",
-                    "stiffness of a spring on the joint",
-                    -1e4,
-                    1e4,
-                ),
-                0.2,
-                (0.0, 1.0),
-                "joint_torque per motion",
+            sized(
+                "joint_stiffness", "N m/rad", "stiffness of a spring on the joint",
+                -1e4, 1e4, 0.2, (0.0, 1.0), "joint_torque per motion",
             ),
-            EffectParameter(
-                Parameter(
-                    "joint_stiffness_moment",
-                    "N m",
-                    "moment of that spring where the joint is at 0",
-                    -1e3,
-                    1e3,
-                ),
-                0.1,
-                _AT_MOST_MEASURED,
-                "joint_torque",
-                beside=True,
+            sized(
+                "joint_stiffness_moment", "N m",
+                "moment of that spring where the joint is at 0", -1e3, 1e3, 0.1,
+                _AT_MOST_MEASURED, "joint_torque", beside=True,
             ),
         ),
         starts=({"joint_stiffness": 0.2, "joint_stiffness_moment": 0.1},),
         required_excitation="joint angles over half a radian",
-        confounded_with=(
-            "joint_gravity",
-            "torque_sensor_gain",
-            "torque_sensor_offset",
-        ),
+        confounded_with=("joint_gravity", "torque_sensor_gain", "torque_sensor_offset"),
         mujoco="`stiffness` and `springref` of the joint",
         source="statics",
         torques=_spring,
-        form_of=("joint_gravity",),  # a band softens as a weight turns
+        form_of=("joint_gravity",),
         implausible=_far_rest,
     ),
     Effect(
@@ -355,15 +270,9 @@ DRIVE_EFFECTS = (
         equation="tau_j -= J q''",
         where="joint",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "joint_inertia",
-                    "kg m^2",
-                    "inertia between transmission and joint sensor",
-                    -10.0,
-                    10.0,
-                ),
-                1e-3,
+            sized(
+                "joint_inertia", "kg m^2",
+                "inertia between transmission and joint sensor", -10.0, 10.0, 1e-3,
                 _POSITIVE,
             ),
         ),
@@ -382,16 +291,9 @@ DRIVE_EFFECTS = (
         equation="tau_m += J q_m''",
         where="motor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "motor_inertia",
-                    "kg m^2",
-                    "inertia between motor sensor and pulley",
-                    -1.0,
-                    1.0,
-                ),
-                1e-4,
-                _POSITIVE,
+            sized(
+                "motor_inertia", "kg m^2", "inertia between motor sensor and pulley",
+                -1.0, 1.0, 1e-4, _POSITIVE,
             ),
         ),
         starts=({"motor_inertia": 1e-4},),
@@ -403,5 +305,5 @@ DRIVE_EFFECTS = (
             motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
         ),
     ),
-)
+)  # fmt: skip
 """Those of the library."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray
+from cc_mujoco.native import FloatArray, compiled
 
 if TYPE_CHECKING:
     from mujoco import MjSpec
@@ -31,6 +31,8 @@ _OF_CABLES = {parameter.name: parameter for parameter in PARAMETERS}
 
 ANTAGONIST = "antagonist"
 """Part of a parameter name that marks the second cable of a pair."""
+WIND_UP_BOUNDS = (1e-5, 0.1)
+"""Angles over which dry friction of a motor or a joint may build up [rad]."""
 PLUGIN_KEYS = "keys of the cable plugin"
 """Realisation in MuJoCo of effects in the cables."""
 
@@ -313,6 +315,22 @@ def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
     )
 
 
+def sized(
+    name: str,
+    unit: str,
+    meaning: str,
+    low: float,
+    high: float,
+    typical: float,
+    plausible: tuple[float, float] = (-math.inf, math.inf),
+    of: Any = "",
+    **more: Any,
+) -> EffectParameter:
+    """Return a parameter of an effect, with the bounds of its fits."""
+    known = Parameter(name, unit, meaning, low, high)
+    return EffectParameter(known, typical, plausible, of, **more)
+
+
 def clamp_to_bounds(name: str, value: float) -> float:
     """Return a value clamped to the bounds of a cable parameter.
 
@@ -322,3 +340,31 @@ def clamp_to_bounds(name: str, value: float) -> float:
     """
     known = _OF_CABLES[name]
     return min(max(value, known.low), known.high)
+
+
+def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
+    """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
+
+    A bristle holds the surface, as in the cables' presliding: it bends with the angle,
+    and slides where it is bent by the wind-up. It is straight at the first sample.
+
+    Args:
+        angle: of the surface (samples,) [rad].
+        wind_up: angle over which friction builds up [rad], above 0.
+    """
+    return (angle - follow_with_play(angle, wind_up)) / wind_up
+
+
+def follow_with_play(angle: FloatArray, width: float) -> FloatArray:
+    """Return the angle followed with play of this half width (samples,) [rad]."""
+    followed = np.empty(angle.size)
+    _follow_with_play(angle, width, followed)
+    return followed
+
+
+@compiled
+def _follow_with_play(angle: FloatArray, width: float, out: FloatArray) -> None:
+    x = angle[0]
+    for i in range(angle.size):
+        x = min(max(x, angle[i] - width), angle[i] + width)
+        out[i] = x

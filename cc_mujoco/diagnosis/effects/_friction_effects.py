@@ -106,9 +106,7 @@ FRICTION_EFFECTS = (
         starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
         required_excitation="speeds over two decades",
         confounded_with=(
-            "viscous_friction",
-            "load_independent_friction",
-            "stribeck_friction",
+            "viscous_friction", "load_independent_friction", "stribeck_friction",
         ),
         mujoco=PLUGIN_KEYS,
         source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
@@ -125,12 +123,8 @@ FRICTION_EFFECTS = (
             EffectParameter(of_cable("stribeck_speed", 5e-4, 0.5), 0.02),
             EffectParameter(
                 Parameter(
-                    "stribeck_slip",
-                    "m",
-                    "slip over which Stribeck friction adapts",
-                    1e-5,
-                    0.02,
-                    scale="log",
+                    "stribeck_slip", "m", "slip over which Stribeck friction adapts",
+                    1e-5, 0.02, scale="log",
                 ),
                 2e-4,
             ),
@@ -144,11 +138,7 @@ FRICTION_EFFECTS = (
             for speed in (0.003, 0.01, 0.04)
         ),
         required_excitation="slow motion and reversals",
-        confounded_with=(
-            "viscous_friction",
-            "presliding",
-            "dwell_dependent_stiction",
-        ),
+        confounded_with=("viscous_friction", "presliding", "dwell_dependent_stiction"),
         mujoco=PLUGIN_KEYS,
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         cables=_stribeck,
@@ -174,10 +164,8 @@ FRICTION_EFFECTS = (
         where="conduit",
         parameters=(
             EffectParameter(
-                of_cable("load_independent_friction", 0.0, 1e4),
-                1.0,
-                ordinary=_END_FRICTION_SHARE,
-                ordinary_of="pretension per length",
+                of_cable("load_independent_friction", 0.0, 1e4), 1.0,
+                ordinary=_END_FRICTION_SHARE, ordinary_of="pretension per length",
             ),
             *(
                 EffectParameter(
@@ -191,8 +179,7 @@ FRICTION_EFFECTS = (
         ),
         starts=(
             {
-                "load_independent_friction": 1.0,
-                "seal_proximal": 1.0,
+                "load_independent_friction": 1.0, "seal_proximal": 1.0,
                 "seal_distal": 1.0,
             },
         ),
@@ -201,7 +188,7 @@ FRICTION_EFFECTS = (
         mujoco=PLUGIN_KEYS,
         source="Palli and Melchiorri, Mechatronics 24, 2014",
         cables=on_all_cables(
-            "load_independent_friction", "seal_proximal", "seal_distal"
+            "load_independent_friction", "seal_proximal", "seal_distal",
         ),
     ),
     Effect(
@@ -211,11 +198,10 @@ FRICTION_EFFECTS = (
         where="conduit",
         parameters=(
             EffectParameter(
-                of_cable("friction_asymmetry", -0.9, 0.9), 0.1, _ASYMMETRY_BOUNDS
+                of_cable("friction_asymmetry", -0.9, 0.9), 0.1, _ASYMMETRY_BOUNDS,
             ),
             EffectParameter(
-                of_cable("friction_asymmetry", -0.9, 0.9, "asymmetry_antagonist"),
-                0.1,
+                of_cable("friction_asymmetry", -0.9, 0.9, "asymmetry_antagonist"), 0.1,
                 _ASYMMETRY_BOUNDS,
             ),
         ),
@@ -234,10 +220,7 @@ FRICTION_EFFECTS = (
         parameters=(EffectParameter(of_cable("tension_exponent", -1.0, 1.0), 0.1),),
         starts=({"tension_exponent": -0.1},),
         required_excitation="tension over a factor of 2",
-        confounded_with=(
-            "load_independent_friction",
-            "configuration_dependent_wrap",
-        ),
+        confounded_with=("load_independent_friction", "configuration_dependent_wrap"),
         mujoco=PLUGIN_KEYS,
         source="Jung, Pan, Kang, Tribology International 41, 2008",
         cables=_tension_dependent,
@@ -254,18 +237,15 @@ FRICTION_EFFECTS = (
         ),
         starts=(
             {
-                "ageing_friction": 0.02,
-                "critical_slip_distance": 2e-4,
+                "ageing_friction": 0.02, "critical_slip_distance": 2e-4,
                 "ageing_time": 0.05,
             },
             {
-                "ageing_friction": 0.05,
-                "critical_slip_distance": 3e-4,
+                "ageing_friction": 0.05, "critical_slip_distance": 3e-4,
                 "ageing_time": 1.0,
             },
             {
-                "ageing_friction": 0.05,
-                "critical_slip_distance": 3e-3,
+                "ageing_friction": 0.05, "critical_slip_distance": 3e-3,
                 "ageing_time": 1.0,
             },
         ),
@@ -274,7 +254,7 @@ FRICTION_EFFECTS = (
         mujoco=PLUGIN_KEYS,
         source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
         cables=on_all_cables(
-            "ageing_friction", "critical_slip_distance", "ageing_time"
+            "ageing_friction", "critical_slip_distance", "ageing_time",
         ),
     ),
     Effect(
@@ -288,11 +268,7 @@ FRICTION_EFFECTS = (
             EffectParameter(of_cable("cooling_time", 1.0, 1e3), 10.0),
         ),
         starts=(
-            {
-                "friction_drift": 0.01,
-                "friction_heating": 0.02,
-                "cooling_time": 10.0,
-            },
+            {"friction_drift": 0.01, "friction_heating": 0.02, "cooling_time": 10.0},
         ),
         required_excitation="trials much longer than a cycle",
         confounded_with=("pretension_loss",),
@@ -300,5 +276,5 @@ FRICTION_EFFECTS = (
         source="thesis 3.2.3",
         cables=on_all_cables("friction_drift", "friction_heating", "cooling_time"),
     ),
-)
+)  # fmt: skip
 """Those of the library, the plainest first."""

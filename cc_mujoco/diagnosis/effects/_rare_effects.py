@@ -10,11 +10,13 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
+    WIND_UP_BOUNDS,
     Effect,
     RigGeometry,
     Signals,
     Values,
     clamp_to_bounds,
+    dry_friction,
 )
 from cc_mujoco.diagnosis.effects._effect_class import Shape, Size, effect_of_class
 
@@ -246,10 +248,10 @@ class SensorCrossTalk:
 
 
 class JointFriction:
-    """Dry friction of the joint, as `frictionloss` of MJCF."""
+    """Dry friction of the joint, as `frictionloss` of MJCF, that may wind up."""
 
-    equation = "tau_j -= F tanh(q' / v), v a hundredth of the top speed"
-    source = "Coulomb friction"
+    equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1)"
+    source = "Coulomb friction with presliding, Dahl 1968"
     where = "joint"
     needs = "the cables off and the joint moved both ways"
     confused_with = ("load_independent_friction", "asymmetric_friction")
@@ -257,13 +259,16 @@ class JointFriction:
     def parameters(self) -> list[Size | Shape]:
         """See `_effect_class`."""
         meaning = "dry friction of the joint"
-        return [Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0)]
+        turn = "turn of the joint over which its friction builds up"
+        return [
+            Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0),
+            Shape("joint_wind_up", "rad", [3e-4, 5e-3], *WIND_UP_BOUNDS, turn),
+        ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
         """See `_effect_class`."""
-        speed = signals.joint_speed
-        turns = 0.01 * max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)
-        return signals.added(joint=-values["joint_friction"] * np.tanh(speed / turns))
+        share = dry_friction(signals.joint_angle, values["joint_wind_up"])
+        return signals.added(joint=-values["joint_friction"] * share)
 
 
 class CoupledNeighbour:

@@ -6,8 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.diagnosis.effects._effect import Effect, EffectParameter, Signals, Values
+from cc_mujoco.diagnosis.effects._effect import (
+    Effect,
+    Signals,
+    Values,
+    sized,
+)
 from cc_mujoco.native import FloatArray
 
 GAIN_BOUNDS = (-0.3, 0.3)
@@ -47,27 +51,15 @@ SENSOR_EFFECTS = (
         equation="tau (1 + g)",
         where="sensor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "motor_torque_gain",
-                    "1",
-                    "relative error of the gain of the motor torque sensor",
-                    -0.9,
-                    9.0,
-                ),
-                0.05,
-                GAIN_BOUNDS,
+            sized(
+                "motor_torque_gain", "1",
+                "relative error of the gain of the motor torque sensor", -0.9, 9.0,
+                0.05, GAIN_BOUNDS,
             ),
-            EffectParameter(
-                Parameter(
-                    "joint_torque_gain",
-                    "1",
-                    "relative error of the gain of the joint torque sensor",
-                    -0.9,
-                    9.0,
-                ),
-                0.05,
-                GAIN_BOUNDS,
+            sized(
+                "joint_torque_gain", "1",
+                "relative error of the gain of the joint torque sensor", -0.9, 9.0,
+                0.05, GAIN_BOUNDS,
             ),
         ),
         starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
@@ -84,57 +76,29 @@ SENSOR_EFFECTS = (
         equation="tau + b + d t",
         where="sensor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    "motor_torque_bias",
-                    "N m",
-                    "offset of the motor torque sensor",
-                    -1e3,
-                    1e3,
-                ),
-                0.1,
-                _OFFSET_BOUNDS,
-                "motor_torque",
+            sized(
+                "motor_torque_bias", "N m", "offset of the motor torque sensor", -1e3,
+                1e3, 0.1, _OFFSET_BOUNDS, "motor_torque",
             ),
-            EffectParameter(
-                Parameter(
-                    "joint_torque_bias",
-                    "N m",
-                    "offset of the joint torque sensor",
-                    -1e3,
-                    1e3,
-                ),
-                0.1,
-                _OFFSET_BOUNDS,
-                "joint_torque",
+            sized(
+                "joint_torque_bias", "N m", "offset of the joint torque sensor", -1e3,
+                1e3, 0.1, _OFFSET_BOUNDS, "joint_torque",
             ),
-            EffectParameter(
-                Parameter(
-                    "motor_torque_drift",
-                    "N m/s",
-                    "rate at which that of the motor torque sensor grows",
-                    -10.0,
-                    10.0,
-                ),
+            sized(
+                "motor_torque_drift", "N m/s",
+                "rate at which that of the motor torque sensor grows", -10.0, 10.0,
                 0.01,
             ),
-            EffectParameter(
-                Parameter(
-                    "joint_torque_drift",
-                    "N m/s",
-                    "rate at which that of the joint torque sensor grows",
-                    -10.0,
-                    10.0,
-                ),
+            sized(
+                "joint_torque_drift", "N m/s",
+                "rate at which that of the joint torque sensor grows", -10.0, 10.0,
                 0.01,
             ),
         ),
         starts=(
             {
-                "motor_torque_bias": 0.1,
-                "joint_torque_bias": 0.1,
-                "motor_torque_drift": 0.01,
-                "joint_torque_drift": 0.01,
+                "motor_torque_bias": 0.1, "joint_torque_bias": 0.1,
+                "motor_torque_drift": 0.01, "joint_torque_drift": 0.01,
             },
         ),
         required_excitation=(
@@ -155,40 +119,22 @@ SENSOR_EFFECTS = (
         equation="tau(t - d), q_j(t - d)",
         where="sensor",
         parameters=(
-            EffectParameter(
-                Parameter(
-                    JOINT_DELAY, "s", "delay of the joint angle sensor", -0.2, 0.2
-                ),
-                0.005,
+            sized(
+                JOINT_DELAY, "s", "delay of the joint angle sensor", -0.2, 0.2, 0.005,
                 _DELAY_BOUNDS,
             ),
-            EffectParameter(
-                Parameter(
-                    "motor_torque_delay",
-                    "s",
-                    "delay of the motor torque sensor",
-                    -0.2,
-                    0.2,
-                ),
-                0.005,
-                _DELAY_BOUNDS,
+            sized(
+                "motor_torque_delay", "s", "delay of the motor torque sensor", -0.2,
+                0.2, 0.005, _DELAY_BOUNDS,
             ),
-            EffectParameter(
-                Parameter(
-                    "joint_torque_delay",
-                    "s",
-                    "delay of the joint torque sensor",
-                    -0.2,
-                    0.2,
-                ),
-                0.005,
-                _DELAY_BOUNDS,
+            sized(
+                "joint_torque_delay", "s", "delay of the joint torque sensor", -0.2,
+                0.2, 0.005, _DELAY_BOUNDS,
             ),
         ),
         starts=(
             {
-                JOINT_DELAY: 0.005,
-                "motor_torque_delay": 0.005,
+                JOINT_DELAY: 0.005, "motor_torque_delay": 0.005,
                 "joint_torque_delay": 0.005,
             },
         ),
@@ -199,5 +145,5 @@ SENSOR_EFFECTS = (
         torques=_delay,
         sensor=True,
     ),
-)
+)  # fmt: skip
 """Those of the library."""

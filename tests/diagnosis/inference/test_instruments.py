@@ -140,6 +140,16 @@ def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
     assert "a few moments make that error" in found.statement
 
 
+def test_friction_of_the_motor_may_wind_up() -> None:
+    data = told_by("current", {}, duration=2.5, changes=TUNED, wind_up=0.02)
+    found = run_inference(data, BENCH, Options(FEW)).diagnosis
+    assert found.verdict == "none", found.statement
+    told = found.baseline.parameters
+    assert told["motor_friction"].value == pytest.approx(FRICTION, rel=0.05)
+    assert told["motor_wind_up"].value == pytest.approx(0.02, rel=0.1)
+    assert found.remaining < 1.2
+
+
 @pytest.mark.parametrize(
     ("share", "changes", "name", "value"),
     [

@@ -36,7 +36,6 @@ from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import (
     compared_band,
     low_pass,
 )
-from cc_mujoco.diagnosis._inference.rig_simulation.records import follow_with_play
 from cc_mujoco.diagnosis._inference.rig_simulation.replays import shift_signal
 from cc_mujoco.diagnosis._phrases import (
     NO_SCENE_PREFIX,
@@ -45,6 +44,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_number,
 )
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
+from cc_mujoco.diagnosis.effects import follow_with_play
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import (
     Estimate,

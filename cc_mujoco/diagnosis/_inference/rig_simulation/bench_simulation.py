@@ -44,11 +44,13 @@ from cc_mujoco.diagnosis.effects import (
     EFFECTS,
     JOINT_DELAY,
     USUAL_CONDITIONS,
+    WIND_UP_BOUNDS,
     EffectParameter,
     RigGeometry,
     Signals,
     TrialConditions,
     acceleration,
+    dry_friction,
 )
 from cc_mujoco.estimation._least_squares import Tuned, in_threads
 from cc_mujoco.native import FloatArray
@@ -65,8 +67,8 @@ MAX_FITTED_STIFFNESS = 0.9 * max(
 """Largest axial stiffness that is fitted, below the limit of a cable [N]."""
 MAX_FITTED_PRETENSION = 0.9 * max(p.high for p in PARAMETERS if p.name == "pretension")
 """Largest pretension that is fitted, below the limit of a cable [N]."""
-_FRICTION_SMOOTHING = 0.01
-"""Width of the tanh law of motor friction over the 95th percentile of its speed."""
+_WIND_UP = 1e-3
+"""Turn of a motor over which its friction builds up, where a fit starts [rad]."""
 TORQUE_OFFSETS = ("motor_torque_offset", "joint_torque_offset")
 """Parameters for the readings of the torque sensors at zero torque [N m]."""
 TORQUE_DELAYS = ("motor_torque_late", "joint_torque_late")
@@ -118,6 +120,12 @@ BASELINE: dict[str, Parameter] = {
         Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
         Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
         Parameter("motor_friction", "N m", "dry friction of the motor"),
+        Parameter(
+            "motor_wind_up",
+            "rad",
+            "turn of the motor over which its dry friction builds up",
+            scale="log",
+        ),
         Parameter("motor_damping", "N m s/rad", "viscous friction of the motor"),
         Parameter("torque_constant", "N m/A", "torque per current", scale="log"),
     )
@@ -234,6 +242,14 @@ def _motor_parameters(
     speed = _top_speed(records)
     found = [
         Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
+        Tuned(
+            BASELINE["motor_wind_up"],
+            _WIND_UP,
+            1.0,
+            math.log(WIND_UP_BOUNDS[0] / _WIND_UP),
+            math.log(WIND_UP_BOUNDS[1] / _WIND_UP),
+            2.0,
+        ),
         Tuned(BASELINE["motor_damping"], 0.0, 0.1 * rms / speed, 0.0, 100.0),
     ]
     known = constants["torque_constant"]
@@ -493,12 +509,12 @@ class SimulatedRig:
             motor = motor + weights[0]
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
-            turns = _FRICTION_SMOOTHING * max(
-                float(np.quantile(np.abs(speed), 0.95)), 1e-9
+            share = dry_friction(
+                record.motor_angle, values.get("motor_wind_up", _WIND_UP)
             )
             motor = (
                 motor
-                + values.get("motor_friction", 0.0) * np.tanh(speed / turns)
+                + values.get("motor_friction", 0.0) * share
                 + values.get("motor_damping", 0.0) * speed
             )
             given = self.constants["torque_constant"].value

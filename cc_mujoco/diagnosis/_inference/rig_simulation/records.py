@@ -42,8 +42,12 @@ from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import (
 from cc_mujoco.diagnosis._inference.rig_simulation.trial_conditions import (
     trial_conditions,
 )
-from cc_mujoco.diagnosis.effects import USUAL_CONDITIONS, TrialConditions
-from cc_mujoco.native import FloatArray, compiled
+from cc_mujoco.diagnosis.effects import (
+    USUAL_CONDITIONS,
+    TrialConditions,
+    follow_with_play,
+)
+from cc_mujoco.native import FloatArray
 
 MAX_MOTION_BAND = 60.0
 """Highest frequency of the angles that are played [Hz]."""
@@ -305,21 +309,6 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
         turned[part] += side * np.minimum(reach, level)
         count[part] += 1.0  # two turns may have a sample in common
     return np.where(count > 0.0, turned / np.maximum(count, 1.0), found)
-
-
-def follow_with_play(angle: FloatArray, width: float) -> FloatArray:
-    """Return the angle followed with play of this half width (samples,) [rad]."""
-    followed = np.empty(angle.size)
-    _follow_with_play(angle, width, followed)
-    return followed
-
-
-@compiled
-def _follow_with_play(angle: FloatArray, width: float, out: FloatArray) -> None:
-    x = angle[0]
-    for i in range(angle.size):
-        x = min(max(x, angle[i] - width), angle[i] + width)
-        out[i] = x
 
 
 def _passed_share(trial: Trial, band: float) -> float:

@@ -126,7 +126,7 @@ def test_bad_input_is_refused() -> None:
         estimator.at([0.0, 2.1])
     with pytest.raises(CableError, match="reading has shape"):
         estimator.update(np.ones(20), np.ones(20))
-    with pytest.raises(CableError, match="noise is"):
+    with pytest.raises(CableError, match=r"noise has shape \(1,\)"):
         estimator.noise = [1.0]
     with pytest.raises(CableError, match="unequal in number"):
         estimator.over(np.ones((2, 21)), np.ones((3, 20)), MIDDLES)

@@ -80,3 +80,12 @@ if [ -z "$stamp" ] || [ "$stamp" != "$(cat "$root/.venv/stamp" 2>/dev/null)" ]; 
     fi
 fi
 python=$(venv_python)
+
+# The native library is compiled by Zig where this machine has no compiler.
+if [ -z "${CC:-}" ] && ! command -v cc clang gcc >/dev/null &&
+    ! "$python" -c 'import ziglang' 2>/dev/null; then
+    echo "There is no C compiler: installing Zig's, about 100 MB (once) ..." >&2
+    "$python" -m pip install --quiet --disable-pip-version-check --no-compile \
+        --no-deps --only-binary :all: --require-hashes \
+        --requirement "$root/scripts/compiler.lock" >&2 || exit 1
+fi

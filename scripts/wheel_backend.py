@@ -98,12 +98,13 @@ def build_wheel(
             archive.extractall(tree)
         if choice is None:
             print(
-                "cc_mujoco: compiling the plugin, for one to two minutes",
+                "cc_mujoco: compiling, for about 20 s",
                 file=sys.stderr,
                 flush=True,
             )
             try:
-                _run(tree, _COMPILE, made / Path(_LIBRARY).name)
+                made.mkdir()
+                _run(tree, _COMPILE, made)
             except subprocess.CalledProcessError as error:
                 return _without(name, _last_line(error))
             library = (made / Path(_LIBRARY).name).read_bytes()

@@ -44,15 +44,26 @@ class Listing:
         """
         from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._columns import DATASET_FILE
-        from cc_mujoco.device import find_device
-        from cc_mujoco.device._device_files import is_device_file
 
         if self.word == DATASET_FILE:
             from cc_mujoco.datasets import _dataset_file
 
             print(inspect.getdoc(_dataset_file))
             return
+        from cc_mujoco.native import _library as native_library
+
+        if not native_library.is_at_hand():
+            native_library.do_without()
+        from cc_mujoco.device import find_device
+        from cc_mujoco.device._device_files import is_device_file
+
         groups = _groups()
+        if self.word in groups:
+            _print_meanings({self.word: groups[self.word]})
+            return
+        native_library.library()  # of which models of devices have a need
+        devices = {name: _plays(find_device(name)) for name in SCENES}
+        groups = {"devices": devices} | groups
         if not self.word:
             _print_names(groups)
         elif self.word in groups:
@@ -65,17 +76,15 @@ class Listing:
 
 
 def _groups() -> dict[str, Mapping[str, str]]:
-    """Return the meaning of every name, by group."""
-    from cc_mujoco.assets import SCENES
+    """Return the meaning of every name but those of devices, by group."""
     from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
     from cc_mujoco.control._axes import DECOUPLED
-    from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES, find_device
+    from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.metrics import METRICS
 
     return {
-        "devices": {name: _plays(find_device(name)) for name in SCENES},
         "trajectories": _summaries(TRAJECTORIES),
         "tasks": _summaries(TASKS),
         "controllers": {

@@ -34,7 +34,7 @@ endif()
 
 
 def write_plugin(folder: str | os.PathLike[str]) -> Path:
-    """Write the engine plugin as a shared library for this version of MuJoCo.
+    """Write the engine plugin as a shared library for MuJoCo 3.17 and newer.
 
     Args:
         folder: Where; no file of that name may be there.
@@ -59,7 +59,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
 
 
 def write_plugin_source(folder: str | os.PathLike[str]) -> Path:
-    """Write the engine plugin as C99 with a CMake file, for this version of MuJoCo.
+    """Write the engine plugin as C99 with a CMake file.
 
     Args:
         folder: Where; no files of these names may be there.

@@ -36,6 +36,7 @@ from cc_mujoco.native._kinds import (
     Array,
     FunctionTypes,
     Kind,
+    LoadedInt,
     Scalar,
     Structure,
     UnknownTypeError,
@@ -824,6 +825,8 @@ class _Writer:
         return value.text
 
     def _constant(self, found: Any, node: ast.expr) -> Value:
+        if isinstance(found, LoadedInt):
+            return Value(found.c, INT)
         if is_number(found) or isinstance(found, np.floating | np.integer):
             value = literal(found)
             named = getattr(node, "named", None)

@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cc_mujoco.native._kinds import LoadedInt
+
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt,
     ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
@@ -92,7 +94,7 @@ def _separate(node: ast.Assign) -> list[ast.stmt] | None:
 
 def is_number(found: Any) -> bool:
     """Return whether an object is a constant of compiled code."""
-    return isinstance(found, bool | int | float)
+    return isinstance(found, bool | int | float) and not isinstance(found, LoadedInt)
 
 
 def fold(

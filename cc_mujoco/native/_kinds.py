@@ -78,6 +78,16 @@ _SHORT = {
 }  # fmt: skip
 
 
+class LoadedInt(int):
+    """An integer whose value in Python is that of this process.
+
+    Attributes:
+        c: expression by which C reads its value when it runs.
+    """
+
+    c: str
+
+
 def dtype_of(kind: Scalar) -> np.dtype[Any]:
     """Return the type of a number as NumPy names it."""
     return np.dtype(kind.c.removesuffix("_t"))

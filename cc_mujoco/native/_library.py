@@ -12,14 +12,17 @@ import hashlib
 import json
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache
-from importlib.metadata import version
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,13 +38,17 @@ DIGEST_NAME = "cc_mujoco_digest"
 """Name of the text in the library that identifies the code that it was made of."""
 FLAGS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv",
-    "-fno-math-errno", "-fvisibility=hidden",
+    "-fno-math-errno", "-fvisibility=hidden", "-g0",
 )  # fmt: skip
 """Flags of the compiler. Nothing is contracted: every machine gives the same bits."""
 _ELSEWHERE = "assets", "envs"
 """Folders of an installed package that lie elsewhere in a checkout."""
-BUILDING = "CC_MUJOCO_BUILDING"
-"""Variable of the process that writes the library, which must not need it."""
+_BUILD = "building-"
+"""First letters of the names of folders in which a library is compiled."""
+_STALE = 3600.0
+"""Age at which what an interrupted build has left is removed [s]."""
+_lock = threading.RLock()
+_does_without = False
 
 
 def entry(key: str) -> Callable[..., Any] | None:
@@ -82,15 +89,21 @@ class _Method(ctypes.Structure):
     )
 
 
-@cache
 def library() -> ctypes.CDLL:
     """Return the native library of this code, compiled if need be.
 
     Raises:
         NativeLibraryError: there is none and no compiler, or it does not load.
     """
-    if is_being_written():
-        raise NativeLibraryError("the native library is being written.")
+    with _lock:
+        return _library()
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    if _does_without:
+        compiler()  # says what to install
+        raise NativeLibraryError("this process does without the native library.")
     path = CARRIED if _is_carried() else _kept() or _keep()
     try:
         return ctypes.CDLL(str(path))
@@ -115,25 +128,77 @@ def _is_carried() -> bool:
 
 def _kept() -> Path | None:
     """Return the library of this code in the folder of this user, if it is whole."""
-    for path in folder().glob(f"libcc_mujoco-{digest()[:20]}-*{SUFFIX}"):
+    for path in folder().glob(f"{_kept_name()}-*{SUFFIX}"):
         if path.stem.endswith(f"-{path.stat().st_size}"):
             return path
     return None
 
 
+def _kept_name() -> str:
+    return f"libcc_mujoco-{digest()[:20]}-{platform.machine().lower()}"
+
+
 def _keep() -> Path:
     """Compile the library into that folder; its name has its size in bytes."""
-    made = folder() / f"libcc_mujoco-{digest()[:20]}-{os.getpid()}.partial"
-    build(made)
-    size = made.stat().st_size
-    return made.replace(
-        made.with_name(f"{made.stem.rpartition('-')[0]}-{size}{SUFFIX}")
-    )
+    with workplace() as place:
+        if sys.stderr is not None:
+            sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
+        made = build(place)
+        size = made.stat().st_size
+        return made.replace(folder() / f"{_kept_name()}-{size}{SUFFIX}")
 
 
-def is_being_written() -> bool:
-    """Return whether this process writes the library, and must not need it."""
-    return bool(os.environ.get(BUILDING))
+@contextmanager
+def workplace() -> Iterator[Path]:
+    """Give a folder to compile in, beside the libraries that are kept.
+
+    Raises:
+        NativeLibraryError: there is no compiler, or the folder cannot be written.
+    """
+    compiler()
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        _remove_stale_builds()
+        with tempfile.TemporaryDirectory(dir=folder(), prefix=_BUILD) as place:
+            yield Path(place)
+    except OSError as error:
+        raise NativeLibraryError(
+            f"cc_mujoco keeps its native library in {folder()}, which cannot be "
+            f"written ({error.strerror}); set CC_MUJOCO_CACHE_DIR to another folder."
+        ) from None
+
+
+def _remove_stale_builds() -> None:
+    """Remove what processes that were killed have left behind."""
+    for left in folder().glob(f"{_BUILD}*"):
+        with suppress(FileNotFoundError):  # another process has removed it
+            if time.time() - left.stat().st_mtime > _STALE:
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def does_without() -> bool:
+    """Return whether this process neither compiles nor loads the library."""
+    return _does_without
+
+
+def is_at_hand() -> bool:
+    """Return whether there is a library of this code, or a compiler to make it."""
+    try:
+        return _is_carried() or _kept() is not None or bool(compiler())
+    except NativeLibraryError:
+        return False
+
+
+def do_without() -> None:
+    """Leave the library out of this process, which then has no cables in MuJoCo."""
+    global _does_without
+    _does_without = True
+
+
+def write(path: str) -> None:
+    """Write the library's source in C, in a process that does nothing else."""
+    do_without()
+    import_module("cc_mujoco.plugin._native").write(path)
 
 
 def folder() -> Path:
@@ -149,28 +214,23 @@ def folder() -> Path:
 
 @cache
 def digest() -> str:
-    """Return what identifies the code of the library: sources, MuJoCo, machine."""
+    """Return what identifies the code of the library."""
     known = _Index()
-    whole = _machine()
+    whole = hashlib.sha256()
     for name, content in _sources():
         meaning = known.meaning(content) if name.endswith(".py") else content.hex()
         whole.update(f"{name} {meaning}\n".encode())
     known.keep()
-    return str(whole.hexdigest())
+    return whole.hexdigest()
 
 
 @cache
 def sources_digest() -> str:
     """Return the digest of the same files byte by byte, comments included."""
-    whole = _machine()
+    whole = hashlib.sha256()
     for name, content in _sources():
         whole.update(name.encode() + hashlib.sha256(content).digest())
-    return str(whole.hexdigest())
-
-
-def _machine() -> Any:
-    whole = " ".join([version("mujoco"), platform.machine(), *FLAGS])
-    return hashlib.sha256(whole.encode())
+    return whole.hexdigest()
 
 
 def _sources() -> Iterator[tuple[str, bytes]]:
@@ -236,13 +296,22 @@ def _is_text(node: Any) -> bool:
 
 
 def compiler() -> list[str]:
-    """Return the command of a C compiler.
+    """Return the command of a C compiler, that of the variable `CC` first.
 
     Raises:
         NativeLibraryError: there is none.
     """
-    for name in (os.environ.get("CC", ""), "cc", "clang", "gcc"):
-        found = shutil.which(name) if name else None
+    chosen = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    if chosen:
+        found = shutil.which(chosen[0])
+        if found is None:
+            raise NativeLibraryError(
+                f"the variable CC names a compiler that is not found, `{chosen[0]}`; "
+                "name another or unset it."
+            )
+        return [found, *chosen[1:]]
+    for name in ("cc", "clang", "gcc"):
+        found = shutil.which(name)
         if found:
             return [found]
     if find_spec("ziglang") is not None:
@@ -253,38 +322,16 @@ def compiler() -> list[str]:
     )
 
 
-def build(path: Path) -> None:
-    """Compile the library into a file, which appears whole or not at all.
+def build(place: Path) -> Path:
+    """Compile the library in a folder; return its path.
 
     Raises:
-        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
-            written.
+        NativeLibraryError: there is no compiler, or it fails.
     """
-    if sys.stderr is not None:
-        sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
-    build_source(path, write_source)
-
-
-def build_source(path: Path, write: Callable[[Path], Any]) -> None:
-    """Compile a source that a function writes to a file, whole or not at all.
-
-    Raises:
-        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
-            written.
-    """
-    compiler()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent) as place:
-            source, made = Path(place) / f"{path.stem}.c", Path(place) / path.name
-            write(source)
-            compile_library(source, made)
-            made.replace(path)
-    except OSError as error:
-        raise NativeLibraryError(
-            f"cc_mujoco keeps its native library in {path.parent}, which cannot be "
-            f"written ({error.strerror}); set CC_MUJOCO_CACHE_DIR to another folder."
-        ) from None
+    source, made = place / "cc_mujoco.c", place / CARRIED.name
+    write_source(source)
+    compile_library(source, made)
+    return made
 
 
 def compile_library(source: Path, path: Path) -> None:
@@ -300,14 +347,9 @@ def compile_library(source: Path, path: Path) -> None:
 
 def write_source(path: Path) -> None:
     """Write the library's source in C, in a process of its own."""
-    code = (
-        "import sys; from cc_mujoco.plugin import _native; _native.write(sys.argv[1])"
-    )
-    environment = {**os.environ, BUILDING: "1"}
-    root = str(PACKAGE.parent)
-    environment["PYTHONPATH"] = os.pathsep.join(
-        [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    )
+    code = "import sys; from cc_mujoco.native._library import write; write(sys.argv[1])"
+    paths = filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     run([sys.executable, "-c", code, str(path)], environment)
 
 

@@ -41,5 +41,9 @@ def own_entries(
     name = f"lib{first.__module__.replace('.', '_')}-{digest}{native_library.SUFFIX}"
     path = native_library.folder() / name
     if not path.is_file():
-        native_library.build_source(path, lambda place: place.write_text(text))
+        with native_library.workplace() as place:
+            source, library = place / f"{path.stem}.c", place / path.name
+            source.write_text(text)
+            native_library.compile_library(source, library)
+            library.replace(path)
     return native_library.methods(ctypes.CDLL(str(path)))

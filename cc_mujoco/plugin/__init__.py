@@ -11,10 +11,10 @@ from importlib import import_module
 import lazy_loader
 
 from cc_mujoco._mujoco_import import require_plugin_support
-from cc_mujoco.native._library import is_being_written
+from cc_mujoco.native._library import does_without
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 require_plugin_support()  # first, as the modules of the plugin use what is new in it
-if not is_being_written():
+if not does_without():
     import_module("cc_mujoco.plugin._registration").register()

@@ -22,7 +22,7 @@ from cc_mujoco.native._functions import callback as callback
 from cc_mujoco.native._functions import reinterpret as reinterpret
 from cc_mujoco.native._kinds import CInt as CInt
 from cc_mujoco.plugin._engine import LIBRARY
-from cc_mujoco.plugin._mj_offsets import offset, structure
+from cc_mujoco.plugin._mj_offsets import offset, size, structure
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -65,9 +65,9 @@ ENGINE = (
 )  # fmt: skip
 """In the order of the table in `native_plugin.h`."""
 
-_MESSAGE_SIZE = ctypes.sizeof(structure("mjLogMessage"))
-_LEVEL = offset("mjLogMessage", "level")
-_SUBJECT = offset("mjLogMessage", "subject")
+_MESSAGE_SIZE = size("mjLogMessage")
+_LEVEL = offset("mjLogMessage.level")
+_SUBJECT = offset("mjLogMessage.subject")
 _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])
 MESSAGE_CAPACITY = structure("mjLogMessage").subject.size
 """Longest message in bytes, its final zero included."""

@@ -10,11 +10,17 @@ from __future__ import annotations
 
 import ctypes
 import math
+import operator
+import textwrap
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import mujoco
+import numpy as np
 from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerType
 from mujoco.introspect.structs import STRUCTS
+
+from cc_mujoco.native._kinds import LoadedInt
 
 _SCALARS: dict[str, Any] = {
     "char": ctypes.c_char,
@@ -38,9 +44,52 @@ def structure(name: str) -> type[ctypes.Structure]:
     return _structures[name]
 
 
-def offset(struct: str, field: str) -> int:
-    """Return the offset of a field in bytes."""
-    return int(getattr(structure(struct), field).offset)
+def offset(path: str) -> LoadedInt:
+    """Return the offset of a field, such as `mjModel.opt.timestep` [bytes]."""
+    return _loaded(path, _find(path)[0])
+
+
+def size(name: str) -> LoadedInt:
+    """Return the size of a structure, such as `mjContact` [bytes]."""
+    return _loaded(name, ctypes.sizeof(structure(name)))
+
+
+def place(path: str) -> LoadedInt:
+    """Return an offset or, of a name alone, a size."""
+    return offset(path) if "." in path else size(path)
+
+
+LOADED: dict[str, LoadedInt] = {}
+"""Offsets and sizes that compiled code reads from its table `layout`, by path."""
+
+
+def _loaded(path: str, value: int) -> LoadedInt:
+    found = LOADED[path] = LoadedInt(value)
+    found.c = f"layout.{member(path)}"
+    return found
+
+
+def _find(path: str) -> tuple[int, Any]:
+    """Return the offset and the type of a field."""
+    name, *fields = path.split(".")
+    found: Any = structure(name)
+    total = 0
+    for field in fields:
+        total += getattr(found, field).offset
+        found = dict(found._fields_)[field]
+    return total, found
+
+
+def member(path: str) -> str:
+    """Return the name of an offset or size in the table of compiled code."""
+    return path.replace(".", "_")
+
+
+def row() -> str:
+    """Return the row of the installed MuJoCo in `native_layouts.h`."""
+    given = ", ".join(f".{member(path)}={LOADED[path]}" for path in sorted(LOADED))
+    text = f"{{{mujoco.mj_version()}, {{{given}}}}},"
+    return textwrap.fill(text, 90, subsequent_indent="  ")
 
 
 def _build(name: str, fields: Any) -> type[ctypes.Structure]:
@@ -83,94 +132,63 @@ _PROBE_XML = """
   <sensor><clock/></sensor>
 </mujoco>
 """
-_MODEL_ARRAYS = (
-    "qpos0", "jnt_type", "geom_type", "geom_bodyid", "site_bodyid", "tendon_adr",
-    "tendon_num", "tendon_length0", "wrap_type", "wrap_objid", "body_pos", "body_quat",
-    "body_mocapid", "body_weldid", "actuator_forcelimited", "actuator_trntype",
-    "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
-    "actuator_plugin", "actuator_outnum", "actuator_biastype", "actuator_biasprm",
-    "actuator_gaintype", "actuator_gainprm", "actuator_ctrladr", "actuator_forcerange",
-    "jnt_dofadr", "jnt_actgravcomp", "jnt_actfrclimited", "jnt_actfrcrange",
-    "jnt_bodyid", "body_parentid", "actuator_group", "tendon_actfrclimited",
-    "tendon_armature", "eq_type", "eq_obj1id", "eq_obj2id",
-    "dof_damping", "dof_armature", "dof_invweight0", "tendon_invweight0",
-    "tendon_damping",
-    "tendon_stiffness", "tendon_frictionloss", "tendon_limited",
-    "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind", "plugin", "plugin_attr",
-    "plugin_attradr", "plugin_stateadr",
-    "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",
-    "name_bodyadr", "body_treeid", "tree_sleep_policy", "jnt_qposadr", "jnt_limited",
-    "jnt_range", "actuator_ctrllimited", "actuator_ctrlrange",
-)  # fmt: skip
-_DATA_ARRAYS = (
-    "qpos", "mocap_pos", "mocap_quat", "qfrc_passive", "qvel", "qacc_warmstart",
-    "qfrc_bias", "qfrc_applied", "qfrc_gravcomp", "xfrc_applied", "xipos",
-    "actuator_velocity", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
-    "site_xpos",
-    "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
-    "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
-    "moment_rowadr", "moment_colind", "ten_J", "efc_type", "efc_id", "efc_J",
-    "efc_J_rownnz", "efc_J_rowadr", "efc_J_colind", "efc_frictionloss", "efc_D",
-    "efc_aref", "qfrc_actuator", "qfrc_spring", "qfrc_damper", "userdata", "qacc",
-)  # fmt: skip
 
 
-def verify() -> None:
+def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
     """Compare the layout with the addresses that the bindings report.
 
     `mjData.plugin_state` is empty in the probe and `plugin_data` has no address in
     Python; the fields on both sides of them do, and the latter must hold an address.
 
+    Args:
+        paths: offsets and sizes that compiled code uses, see `place`.
+        enumerators: values that it was compiled with, as of `mjtTrn.mjTRN_JOINT`.
+
     Raises:
-        ImportError: it differs, so the engine plugin cannot run on this MuJoCo.
+        ImportError: something differs, so the plugin cannot run on this MuJoCo.
     """
     model = mujoco.MjModel.from_xml_string(_PROBE_XML)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    m = structure("mjModel").from_address(model._address)
+    model.opt.disableflags, model.opt.enableflags = 1 << 11, 1 << 3
+    model.opt.disableactuator, data.time = 1 << 5, 0.75
+    addresses = {"mjModel": model._address, "mjData": data._address}
     d = structure("mjData").from_address(data._address)
-    seen = {name: getattr(m, name) for name in _MODEL_ARRAYS}
-    seen |= {f"mjData.{name}": getattr(d, name) for name in _DATA_ARRAYS}
-    true = {name: getattr(model, name).ctypes.data for name in _MODEL_ARRAYS}
-    true |= {f"mjData.{name}": getattr(data, name).ctypes.data for name in _DATA_ARRAYS}
-    for name in (
-        "signature",
-        "nq",
-        "nv",
-        "nbody",
-        "njnt",
-        "nactuator",
-        "ntendon",
-        "neq",
-        "nmocap",
-        "nplugin",
-        "npluginstate",
-        "nuserdata",
-    ):
-        seen[name], true[name] = getattr(m, name), getattr(model, name)
-    seen["nefc"], true["nefc"] = d.nefc, data.nefc
-    contact = structure("mjContact").from_address(d.contact)
-    for name in ("dist", "dim", "efc_address"):
-        seen[f"mjContact.{name}"] = getattr(contact, name)
-        true[f"mjContact.{name}"] = getattr(data.contact[0], name)
-    seen["names"] = ctypes.string_at(m.names, len(model.names))
-    true["names"] = model.names
-    seen["timestep"], true["timestep"] = m.opt.timestep, model.opt.timestep
-    seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
-    model.opt.disableflags = flags = 1 << 11
-    seen["disableflags"], true["disableflags"] = m.opt.disableflags, flags
-    model.opt.enableflags = flags = 1 << 3
-    seen["enableflags"], true["enableflags"] = m.opt.enableflags, flags
-    model.opt.disableactuator = groups = 1 << 5
-    seen["disableactuator"], true["disableactuator"] = m.opt.disableactuator, groups
-    data.time = 0.75
-    seen["time"], true["time"] = d.time, data.time
-    held = ctypes.c_size_t.from_address(d.plugin_data).value
-    seen["plugin_data"], true["plugin_data"] = held != 0, True
-    wrong = [name for name in true if seen[name] != true[name]]
+    addresses["mjContact"] = d.contact
+    objects = {"mjModel": model, "mjData": data, "mjContact": data.contact[0]}
+    wrong = [
+        name
+        for name, value in enumerators.items()
+        if int(operator.attrgetter(name)(mujoco)) != value
+    ]
+    for path in paths:
+        name, _, fields = path.partition(".")
+        if not fields or name not in objects:
+            continue
+        try:
+            shown = operator.attrgetter(fields)(objects[name])
+        except AttributeError:
+            continue  # such as `plugin_data`
+        at, kind = _find(path)
+        if not _is_at(addresses[name] + at, kind, shown):
+            wrong.append(path)
+    if not ctypes.c_size_t.from_address(d.plugin_data).value:
+        wrong.append("mjData.plugin_data")
     if wrong:
         raise ImportError(
             f"cc_mujoco cannot run on mujoco {mujoco.__version__}: its structures are "
-            f"laid out differently than described (fields {', '.join(wrong)}); "
+            f"laid out differently than described ({', '.join(wrong)}); "
             "install a mujoco of a release that cc_mujoco supports"
         )
+
+
+def _is_at(address: int, kind: Any, shown: Any) -> bool:
+    """Return whether what the bindings show of a field lies at an address."""
+    held = kind.from_address(address)
+    if isinstance(shown, np.ndarray):
+        inside = kind is not ctypes.c_void_p
+        first = address if inside else held.value
+        return shown.size == 0 or shown.ctypes.data == first
+    if isinstance(shown, bytes):
+        return ctypes.string_at(held.value, len(shown)) == shown
+    return not isinstance(shown, int | float) or held.value == shown

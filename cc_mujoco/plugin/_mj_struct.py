@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 
 from cc_mujoco.plugin._ffi import (
@@ -16,23 +15,22 @@ from cc_mujoco.plugin._ffi import (
     store_word,
     text,
 )
-from cc_mujoco.plugin._mj_offsets import offset, structure
+from cc_mujoco.plugin._mj_offsets import offset, size
 
 
 def _model(field: str) -> int:
-    return offset("mjModel", field)
+    return offset(f"mjModel.{field}")
 
 
 def _data(field: str) -> int:
-    return offset("mjData", field)
+    return offset(f"mjData.{field}")
 
 
-_OPTION = _model("opt")
-_TIMESTEP = _OPTION + structure("mjOption").timestep.offset
-_INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
-_DISABLED = _OPTION + structure("mjOption").disableflags.offset
-_ENABLED = _OPTION + structure("mjOption").enableflags.offset
-_DISABLED_GROUPS = _OPTION + structure("mjOption").disableactuator.offset
+_TIMESTEP = _model("opt.timestep")
+_INTEGRATOR = _model("opt.integrator")
+_DISABLED = _model("opt.disableflags")
+_ENABLED = _model("opt.enableflags")
+_DISABLED_GROUPS = _model("opt.disableactuator")
 _SIGNATURE = _model("signature")
 _NQ = _model("nq")
 _NV = _model("nv")
@@ -145,9 +143,9 @@ EFC_FRICTIONLOSS = _data("efc_frictionloss")
 EFC_D = _data("efc_D")
 EFC_AREF = _data("efc_aref")
 CONTACT = _data("contact")
-CONTACT_SIZE = ctypes.sizeof(structure("mjContact"))
-CONTACT_FRICTION = offset("mjContact", "friction")
-CONTACT_EFC = offset("mjContact", "efc_address")
+CONTACT_SIZE = size("mjContact")
+CONTACT_FRICTION = offset("mjContact.friction")
+CONTACT_EFC = offset("mjContact.efc_address")
 GEOM_TYPE = _model("geom_type")
 GEOM_XPOS = _data("geom_xpos")
 SITE_XPOS = _data("site_xpos")

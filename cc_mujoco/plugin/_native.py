@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import operator
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from cc_mujoco.native._entries import entries_text, has_entry
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
 from cc_mujoco.native._kinds import BYTE, INT, INT32, NOTHING, REAL, Scalar
 from cc_mujoco.plugin import _ffi as ffi
+from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin import _registration as registration
 from cc_mujoco.plugin._engine import PLUGIN
 
@@ -33,6 +35,8 @@ _DECLARES = re.compile(
     rb"^\s*@(compiled|internal|callback)\b|= (compiled|internal)\(", re.MULTILINE
 )
 _NATIVE = native_library.PACKAGE / "native"
+_HERE = Path(__file__).parent
+_ENUMERATOR = re.compile(r"\bmujoco\.(mjt\w+\.mj\w+)")
 
 
 def write(path: str) -> None:
@@ -45,7 +49,7 @@ def write(path: str) -> None:
 
 
 def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
-    """Return a library in C99 with the plugin, for the installed MuJoCo.
+    """Return a library in C99 with the plugin, for every known MuJoCo.
 
     Args:
         functions: those that it holds, beside what they call.
@@ -64,16 +68,17 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
     calls = (
         [_read("python_calls.h"), entries_text(made, entries)] if with_python else []
     )
-    here = Path(__file__).parent
     return "\n".join(
         [
             "#define _GNU_SOURCE",
             f"#define CC_LOADS_ITSELF {int(not with_python)}",
             *(f"#define {name} {value}" for name, value in _constants().items()),
             _read("native.h"),
-            (here / "native_plugin.h").read_text().replace('#include "native.h"\n', ""),
+            *_layout_lines(),
+            _own("native_plugin.h").replace('#include "native.h"\n', ""),
+            _known_layouts(),
             text,
-            (here / "native_plugin.c").read_text(),
+            _own("native_plugin.c"),
             *calls,
         ]
     )
@@ -83,23 +88,56 @@ def _read(name: str) -> str:
     return (_NATIVE / name).read_text()
 
 
+def _own(name: str) -> str:
+    return (_HERE / name).read_text()
+
+
 def _constants() -> dict[str, Any]:
-    other = (
-        f"{registration.PLUGIN_LIBRARY} is for MuJoCo {mujoco.__version__}, not for "
-        "this version; it registers no cables."
-    )
     return {
         "CC_DIGEST_SLOTS": ffi.DIGEST_SLOTS,
         "CC_DIGEST": _quoted(native_library.digest()),
         "CC_SOURCES": _quoted(native_library.sources_digest()),
         "CC_ENGINE_NAMES": ", ".join(map(_quoted, registration.ENGINE_NAMES)),
         "CC_KEYS": ", ".join(map(_quoted, KEYS)),
-        "CC_VERSION": mujoco.mj_version(),
-        "CC_OTHER_VERSION": _quoted(other),
+        "CC_OTHER_VERSION": _quoted(_other_version()),
+        "CC_ENUMERATORS": _quoted(" ".join(_enumerators())),
+        "CC_LAYOUT": _quoted(" ".join(mj_offsets.LOADED)),
         "CC_PLUGIN": _quoted(PLUGIN),
         "CC_CAPABILITIES": registration.plugin_capabilities(),
         "CC_STAGE": registration.NEEDED_STAGE,
     }
+
+
+def _other_version() -> str:
+    numbers = sorted(map(int, re.findall(r"^ *\{(\d+),", _known_layouts(), re.M)))
+    known = ", ".join(f"{n // 1000000}.{n // 1000 % 1000}.{n % 1000}" for n in numbers)
+    return (
+        f"{registration.PLUGIN_LIBRARY} is for MuJoCo {known}, not for this version; "
+        "write it anew with `cc-mujoco plugin` beside it. It registers no cables."
+    )
+
+
+def _enumerators() -> Iterator[str]:
+    """Return the constants of MuJoCo that the plugin's modules name, with values."""
+    names: set[str] = set()
+    for file in _HERE.glob("*.py"):
+        names.update(_ENUMERATOR.findall(file.read_text()))
+    for name in sorted(names):
+        yield f"{name}={int(operator.attrgetter(name)(mujoco))}"
+
+
+def _layout_lines() -> list[str]:
+    """Return the type of the table of offsets, which the functions read."""
+    members = [f"    int64_t {mj_offsets.member(path)};" for path in mj_offsets.LOADED]
+    return ["typedef struct {", *members, "} Layout;", "static Layout layout;", ""]
+
+
+def _known_layouts() -> str:
+    """Return the offsets of known releases of MuJoCo, and of the installed one."""
+    known = _own("native_layouts.h").rstrip()
+    row = mj_offsets.row()
+    head, _, tail = known.rpartition("};")
+    return known if row in known else f"{head}{row}\n}};{tail}"
 
 
 def _quoted(text: str) -> str:

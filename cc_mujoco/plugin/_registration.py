@@ -73,6 +73,11 @@ def register() -> None:
         *(ctypes.cast(getattr(LIBRARY, n), ctypes.c_void_p).value for n in ENGINE_NAMES)
     )
     library.cc_mujoco_use_engine(addresses)
+    from cc_mujoco.plugin import _mj_offsets as mj_offsets
+
+    paths = _text(library, "cc_mujoco_layout").split()
+    layout = (ctypes.c_int64 * len(paths))(*map(mj_offsets.place, paths))
+    library.cc_mujoco_use_layout(layout)
     LIBRARY.mjp_getPlugin.restype = ctypes.POINTER(PluginRecord)
     LIBRARY.mjp_getPlugin.argtypes = (ctypes.c_char_p, ctypes.POINTER(ctypes.c_int))
     present = LIBRARY.mjp_getPlugin(PLUGIN.encode(), None)
@@ -87,11 +92,17 @@ def register() -> None:
         file = file_of(plugin.init)
         _holder = library if file is None else _require_same_code(file)
         return
-    from cc_mujoco.plugin import _mj_offsets as mj_offsets
-
-    mj_offsets.verify()
+    compiled_with = _text(library, "cc_mujoco_enumerators").split()
+    pairs = (each.split("=") for each in compiled_with)
+    mj_offsets.verify(paths, {name: int(value) for name, value in pairs})
     library.cc_mujoco_register(addresses)
     _holder = library
+
+
+def _text(library: ctypes.CDLL, name: str) -> str:
+    """Return a text that a library holds."""
+    found = ctypes.c_char.in_dll(library, name)
+    return ctypes.string_at(ctypes.addressof(found)).decode()
 
 
 def plugin_function(name: str) -> Any:
@@ -136,15 +147,10 @@ def _require_same_code(file: str) -> ctypes.CDLL:
     """
     library = ctypes.CDLL(file)
     try:
-        made_of = ctypes.c_char.in_dll(library, native_library.DIGEST_NAME)
+        made_of = _text(library, native_library.DIGEST_NAME)
     except ValueError:
-        same = False
-    else:
-        same = (
-            ctypes.string_at(ctypes.addressof(made_of)).decode()
-            == native_library.digest()
-        )
-    if not same:
+        made_of = ""
+    if made_of != native_library.digest():
         raise ImportError(
             f"the plugin `{PLUGIN}` of this process is that of {file}, written by "
             "another version of cc_mujoco; write it anew with `cc-mujoco plugin`, or "

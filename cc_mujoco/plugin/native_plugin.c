@@ -40,7 +40,30 @@ CC_EXPORT void cc_mujoco_use_engine(const Address *found)
     memcpy(&engine, found, sizeof engine);
 }
 
-/* Register the plugin; return MuJoCo's number of it, or -1 for another version. */
+/* Offsets and sizes in MuJoCo's structures, in the order of `Layout`. */
+CC_EXPORT const char cc_mujoco_layout[] = CC_LAYOUT;
+/* Values of MuJoCo's constants that the functions were compiled with. */
+CC_EXPORT const char cc_mujoco_enumerators[] = CC_ENUMERATORS;
+
+/* Take the offsets of MuJoCo's structures from a host that knows them. */
+CC_EXPORT void cc_mujoco_use_layout(const int64_t *found)
+{
+    memcpy(&layout, found, sizeof layout);
+}
+
+/* Return whether the offsets for this version of MuJoCo are known, and take them. */
+static bool find_layout(int version)
+{
+    for (size_t i = 0; i < sizeof known_layouts / sizeof known_layouts[0]; i++) {
+        if (known_layouts[i].version == version) {
+            layout = known_layouts[i].layout;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Register the plugin; return MuJoCo's number of it, or -1 for an unknown version. */
 CC_EXPORT int cc_mujoco_register(const Address *found)
 {
     static const char *const keys[] = {CC_KEYS};
@@ -52,8 +75,8 @@ CC_EXPORT int cc_mujoco_register(const Address *found)
     memcpy(&version, &found[ENGINE_COUNT - 3], sizeof version);
     memcpy(&put, &found[ENGINE_COUNT - 2], sizeof put);
     memcpy(&warning, &found[ENGINE_COUNT - 1], sizeof warning);
-    if (version() != CC_VERSION) {
-        warning("%s", CC_OTHER_VERSION);
+    if (layout.mjModel_nv == 0 && !find_layout(version())) {
+        warning(CC_OTHER_VERSION);
         return -1;
     }
     record.name = CC_PLUGIN;

@@ -137,6 +137,16 @@ for file in sys.argv[2:]:
     mujoco.mj_step(model, data, 2)
 """
 
+OTHER_RELEASE = """
+import ctypes, sys
+library = ctypes.CDLL(sys.argv[1])
+version = ctypes.CFUNCTYPE(ctypes.c_int)(lambda: 5_001_000)
+warning = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(lambda text: print(text.decode()))
+found = (ctypes.c_void_p * int(sys.argv[2]))()
+found[-3], found[-1] = (ctypes.cast(f, ctypes.c_void_p) for f in (version, warning))
+assert library.cc_mujoco_register(found) == -1
+"""
+
 HOST = """
 #include <stdio.h>
 #include <mujoco/mujoco.h>
@@ -226,6 +236,14 @@ def test_library_warns_as_python_does(library: Path, tmp_path: Path) -> None:
         said.append([line.partition("plugin")[2] for line in log])
     assert any("stable only with a `timestep` below" in line for line in said[0])
     assert said[0] == said[1]
+
+
+def test_library_refuses_a_release_that_it_does_not_know(
+    library: Path, tmp_path: Path
+) -> None:
+    count = str(len(registration.ENGINE_NAMES))
+    said = run(sys.executable, "-P", "-c", OTHER_RELEASE, library, count, cwd=tmp_path)
+    assert said.startswith(f"{PLUGIN_LIBRARY} is for MuJoCo 3.17.0, 4.0.0, not for")
 
 
 def test_source_builds_with_cmake(library: Path, tmp_path: Path) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from cc_mujoco.native._library import compiler, library
 from plugin.processes import Ended, processes
 from plugin.scenes import pull_pull
 
@@ -107,72 +110,107 @@ def test_process(name: str, ended: dict[str, Ended]) -> None:
     assert not (folder / "MUJOCO_LOG.TXT").exists()
 
 
-def load(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run code in a process whose native library is not compiled yet."""
-    return subprocess.run(
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the command of a compiler that does not optimise, with an argument."""
+    if os.name == "nt":
+        return ""
+    script = tmp_path_factory.mktemp("compiler") / "quick.sh"
+    command = " ".join(map(shlex.quote, compiler()))
+    script.write_text(f'exec {command} "$@" -O0\n')
+    return f"{shutil.which('sh')} {shlex.quote(str(script))}"
+
+
+def start(code: str, cache: Path, **environment: str) -> subprocess.Popen[str]:
+    """Run code in a process with a folder of its own for the native library."""
+    return subprocess.Popen(
         [sys.executable, "-P", "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
+        env=os.environ | {"CC_MUJOCO_CACHE_DIR": str(cache)} | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=300,
     )
+
+
+def said(process: subprocess.Popen[str]) -> list[str]:
+    """Return what a process says on standard error."""
+    return process.communicate(timeout=300)[1].splitlines()
+
+
+NOTICE = "cc_mujoco: compiling, once, for about 20 s"
+WITHOUT = {"PATH": "", "CC": ""}
+NO_ZIG = "import sys; sys.modules['ziglang'] = None; "
 
 
 def test_library_that_cannot_be_kept_is_one_sentence(tmp_path: Path) -> None:
     """As of a read-only home, or of a file where the folder would be."""
     taken = tmp_path / "taken"
     taken.write_text("mine")
-    done = load("import cc_mujoco.plugin", CC_MUJOCO_CACHE_DIR=str(taken))
-    last = done.stderr.splitlines()[-1]
+    done = start("import cc_mujoco.plugin", taken)
+    last = said(done)[-1]
     assert done.returncode == 1
     assert f"in {taken}, which cannot be written" in last
     assert "CC_MUJOCO_CACHE_DIR" in last
     assert taken.read_text() == "mine"
 
 
-def test_machine_without_a_compiler_is_told_what_to_install(tmp_path: Path) -> None:
-    code = "import sys; sys.modules['ziglang'] = None; import cc_mujoco.plugin"
-    done = load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path), PATH="", CC="")
-    last = done.stderr.splitlines()[-1]
+@pytest.mark.parametrize(
+    ("named", "reason"),
+    [
+        ("", "needs a C compiler once and finds none; install `gcc`"),
+        ("nocc -m64", "the variable CC names a compiler that is not found, `nocc`"),
+    ],
+)
+def test_machine_without_a_compiler_is_told_what_to_install(
+    named: str, reason: str, tmp_path: Path
+) -> None:
+    code = NO_ZIG + "import cc_mujoco.plugin"
+    done = start(code, tmp_path, **WITHOUT | {"CC": named})
+    assert reason in said(done)[-1]
     assert done.returncode == 1
-    assert "needs a C compiler once and finds none; install `gcc`" in last
     assert not list(tmp_path.glob("libcc_mujoco*"))
 
 
-def test_two_processes_compile_one_library(tmp_path: Path) -> None:
-    """Neither sees half a file of the other, and nothing else is left."""
-    both = [
-        subprocess.Popen(
-            [sys.executable, "-P", "-c", "import cc_mujoco.plugin"],
-            env=os.environ | {"CC_MUJOCO_CACHE_DIR": str(tmp_path)},
-        )
-        for _ in range(2)
-    ]
-    assert [one.wait(timeout=300) for one in both] == [0, 0]
+def test_two_processes_and_their_threads_compile_one_library(
+    quick: str, tmp_path: Path
+) -> None:
+    """Nobody sees half a file of another, and of the killed nothing is left."""
+    old, young = tmp_path / "building-old", tmp_path / "building-young"
+    for left in (old, young):
+        (left / "part").mkdir(parents=True)
+    os.utime(old, (0, 0))
+    code = """
+from concurrent.futures import ThreadPoolExecutor
+from cc_mujoco.native._library import library
+with ThreadPoolExecutor(4) as pool:
+    assert len({each._handle for each in pool.map(lambda _: library(), range(4))}) == 1
+import cc_mujoco.plugin
+"""
+    both = [start(code, tmp_path, CC=quick) for _ in range(2)]
+    assert [said(one) for one in both] == [[NOTICE], [NOTICE]]
+    assert [one.returncode for one in both] == [0, 0]
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert len(left) == 2
-    assert left[0].startswith("libcc_mujoco-")
-    assert left[1] == "trees.json"
+    assert left == [young.name, left[1], "trees.json"]
+    assert left[1].startswith("libcc_mujoco-")
 
 
-def test_library_that_is_not_whole_is_compiled_anew(tmp_path: Path) -> None:
+def test_library_that_is_not_whole_is_compiled_anew(quick: str, tmp_path: Path) -> None:
     """As of a disk that was full, or a copy that was cut off."""
-    code = "import cc_mujoco.plugin"
-    assert load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path)).returncode == 0
-    (library,) = tmp_path.glob("libcc_mujoco-*")
-    content = library.read_bytes()
-    library.write_bytes(content[:1000])
+    file = tmp_path / Path(library()._name).name
+    file.write_bytes(Path(library()._name).read_bytes()[:1000])
     (tmp_path / "trees.json").write_text("[]")
-    assert load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path)).returncode == 0
-    assert library.stat().st_size == len(content)
+    assert said(start("import cc_mujoco.plugin", tmp_path, CC=quick)) == [NOTICE]
+    assert said(start("import cc_mujoco.plugin", tmp_path, **WITHOUT)) == []
 
 
 def test_command_without_a_compiler_is_one_sentence(tmp_path: Path) -> None:
-    code = (
-        "import sys; sys.modules['ziglang'] = None; from cc_mujoco.cli import main; "
-        "sys.exit(main(['play', 'wrist']))"
-    )
-    done = load(code, CC_MUJOCO_CACHE_DIR=str(tmp_path), PATH="", CC="")
-    assert done.returncode == 2
-    assert done.stderr.startswith("cc-mujoco: cc_mujoco needs a C compiler once")
-    assert done.stderr.count("\n") == 1
+    """Names of what is no model are listed all the same."""
+    code = NO_ZIG + "from cc_mujoco.cli import main; sys.exit(main(%r))"
+    listing = start(code % ["list", "controllers"], tmp_path, **WITHOUT)
+    playing = start(code % ["play", "wrist"], tmp_path, **WITHOUT)
+    listed, error = listing.communicate(timeout=300)
+    assert (listing.returncode, error) == (0, "")
+    assert "predictive" in listed
+    (error,) = said(playing)
+    assert playing.returncode == 2
+    assert error.startswith("cc-mujoco: cc_mujoco needs a C compiler once")

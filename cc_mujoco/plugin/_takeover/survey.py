@@ -26,8 +26,9 @@ MOVED_SENSORS = (
     _SENSOR.mjSENS_TENDONACTFRC,
 )
 """Sensors that read the winch of a tendon instead of the tendon."""
+_YIELDS = hasattr(mujoco.MjsTendon, "springyield")  # from MuJoCo 4.0
 CARRIED = (
-    "stiffness", "springlength", "springyield", "damping", "frictionloss",
+    "stiffness", "springlength", *["springyield"] * _YIELDS, "damping", "frictionloss",
     "solref_friction", "solimp_friction", "limited", "range", "margin", "solref_limit",
     "solimp_limit", "actfrclimited", "actfrcrange", "armature",
 )  # fmt: skip
@@ -120,7 +121,7 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
     index = model.tendon(tendon).id
     features = {
         "stiffness": bool(np.any(own.stiffness)),
-        "springyield": bool(np.any(own.stiffness)) and own.springyield != 0.0,
+        "springyield": _YIELDS and np.any(own.stiffness) and own.springyield != 0.0,
         "damping": bool(np.any(own.damping)),
         "frictionloss": own.frictionloss != 0.0,
         "range": bool(model.tendon_limited[index]),

@@ -463,7 +463,7 @@ def pose_keyframes(spec: mujoco.MjSpec, original: mujoco.MjModel, taken: Taken) 
                 length = data.ten_length[model.tendon(branch.name).id]
                 pose[model.joint(name).qposadr[0]] = length / winch.lever
         key.qpos = pose
-        if original.nplastic:
+        if getattr(original, "nplastic", 0):  # from MuJoCo 4.0
             key.plastic = _moved_plastic(original, model, taken, i)
 
 

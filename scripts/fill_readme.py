@@ -146,12 +146,12 @@ def structure(path: Path) -> str:
             of[law] / min(of.values()) for at, of in errors.items() if at[0] == scene
         ]
         own = [r for r in rows if (r["scene"], r["controller"]) == (scene, law)]
-        chatter, motor = (
+        chatter, peak = (
             float(np.median([float(row[name]) for row in own]))
-            for name in ("chatter", "rms_motor_torque")
+            for name in ("chatter", "peak_motor_torque")
         )
         spread = f"{np.median(ratios):.2f}/{max(ratios):.2f}"
-        return f"{spread}, {1e3 * chatter:.0f}, {motor:.2g}"
+        return f"{spread}, {1e3 * chatter:.0f}, {peak:.2g}"
 
     def worse(scene: str) -> str:
         own = {name: of for (at, name), of in errors.items() if at == scene}

@@ -38,7 +38,8 @@ MAX_EQUALS = 3
 """Controllers that it names of a device besides the best one."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
-    "seeds with its 95 % interval; and failed episodes, if any:"
+    "seeds with its 95 % interval, chatter [mN m] and motor peak [N m]; and failed "
+    "episodes, if any:"
 )
 """Heading of `overview_table`."""
 RANKS_HEADING = (

@@ -23,6 +23,7 @@ SCORES = tuple(
         "torque_lag",
         "spring_backlash",
         "rms_motor_torque",
+        "peak_motor_torque",
         "chatter",
         "slack_under_load",
         "failed",
@@ -36,6 +37,7 @@ ANGLE_SCORES = tuple(
         "rms_angle_error",
         "peak_angle_error",
         "rms_motor_torque",
+        "peak_motor_torque",
         "chatter",
         "failed",
     )

@@ -68,12 +68,12 @@ def format_mean_interval(values: Array) -> Interval:
 
 
 def overview_table(results: Results) -> Cells:
-    """Return the normalised error and any failures of every controller and device."""
+    """Return error, chatter, motor peak, any failures, of controllers and devices."""
     errors = rms_errors(results)
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
     for scene, own in errors.items():
-        failed = {law: float(np.mean(_failures(results, scene, law))) for law in own}
+        failed = {law: _mean_score(results, scene, law, "failed") for law in own}
         some = any(failed.values())
         head += [scene, f"{scene}, failed"] if some else [scene]
         places = {
@@ -84,7 +84,7 @@ def overview_table(results: Results) -> Cells:
         }
         for law, row in rows.items():
             known = law in own
-            row.append(_score_with_interval(places[law]) if known else "-")
+            row.append(_with_price(results, scene, places[law]) if known else "-")
             if some:
                 row.append(f"{failed[law]:.0%}" if known else "-")
     return head, list(rows.values())
@@ -221,15 +221,25 @@ def times_table(results: Results) -> Cells:
     return ["controller", *heads], rows
 
 
-def _failures(results: Results, scene: str, law: str) -> Array:
-    """Return whether the episodes of a controller on a device failed."""
-    return np.concatenate(
-        [
-            played.scores["failed"]
-            for cell, played in results
-            if (cell.condition.label, cell.controller) == (scene, law)
-        ]
+def _mean_score(results: Results, scene: str, law: str, name: str) -> float:
+    """Return the mean of a score of a controller on a device, without NaN."""
+    values = [
+        played.scores[name]
+        for cell, played in results
+        if (cell.condition.label, cell.controller) == (scene, law)
+    ]
+    known = np.concatenate(values)
+    known = known[np.isfinite(known)]
+    return float(np.mean(known)) if known.size else math.nan
+
+
+def _with_price(results: Results, scene: str, place: Place) -> str:
+    """Return an error with what it costs: chatter [mN m] and motor peak [N m]."""
+    chatter, peak = (
+        _mean_score(results, scene, place.name, name)
+        for name in ("chatter", "peak_motor_torque")
     )
+    return f"{_score_with_interval(place)}, {1e3 * chatter:.3g}, {peak:.2g}"
 
 
 def plant_names(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:

@@ -71,6 +71,8 @@ _QUIET_SAMPLES = 10
 _FROZEN_SAMPLES, _EQUAL_SHARE = 20, 2e-3
 """Equal readings from which a sensor may be frozen, and relative change of a torque
 that is none: it is divided by the arm of a lever."""
+_STRETCH_FACTOR = 3.0
+"""Stiffness over the believed one, and its inverse, that cables may have."""
 _PUSH_TIME, _PUSH_PERIODS, _PUSH_SHARE, _PUSH_FRICTION = 0.02, 6.0, 0.3, 3.0
 """Time, more than readings may be late, and periods, for which a motor may stand still
 under a command above a share of what the safe torque needs, beyond the measured torque
@@ -78,6 +80,8 @@ against such a multiple of the believed friction."""
 _GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
 """Difference between the torques of sensor and stretch that is a fault: share of the
 safe torque, plus share of the larger one, for so long [s]."""
+_GAP_RATE = 5.0
+"""Most by which that time is shorter where the motor is far beyond the sensor."""
 _MOTOR_TIME, _HOLD_TIME, _MOTOR_SHARE = 0.02, 0.1, 0.1
 """Times over which the torque of the motor is filtered and its greatest is forgotten
 [s], and difference to what the measured torque explains, as a share of the safe torque.
@@ -366,8 +370,15 @@ def _check_frozen(
             continue
         expected = predicted - memory[_AT_PREDICTED + i]
         change = torque - memory[_AT + i]
-        is_far = abs(change - expected) > least + _GAP_FACTOR * abs(expected)
-        if is_far and _explains(memory, _MAX_DOUBT):
+        if _explains(memory, _MAX_DOUBT):
+            is_far = abs(change - expected) > least + _GAP_FACTOR * abs(expected)
+        elif i == TORQUE:
+            given = memory[_GIVEN]
+            is_far = _beyond(limits, spring, given, torque, spring[FRICTION]) != 0.0
+        else:  # one of both stands still: no other radius explains the torque
+            low, high = expected / _STRETCH_FACTOR, expected * _STRETCH_FACTOR
+            is_far = max(min(low, high) - change, change - max(low, high)) > least
+        if is_far:
             _stop(memory, STOPPED if i == TORQUE else LIMP)
     load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
     load += _PUSH_SHARE * limits.safe
@@ -393,7 +404,7 @@ def _watch_motor(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> N
 
 @internal
 def _behind_friction(
-    limits: GuardLimits, spring: FloatArray, torque: float, sense: float
+    limits: GuardLimits, spring: FloatArray, torque: float, friction: float
 ) -> float:
     """Return the torque at one end of cables that slip, from that at the other [N m].
 
@@ -401,11 +412,10 @@ def _behind_friction(
         limits: see `admit`.
         spring: see `admit`.
         torque: at the one end, of springs between both [N m].
-        sense: 1 where it is the greater at the other end, or -1.
+        friction: friction coefficient times wrap, negative where the torque at the
+            other end is the smaller.
     """
-    grown = np.exp(
-        sense * (0.5 * _FRICTION_FACTOR * spring[FRICTION] + 0.5 * _MORE_FRICTION)
-    )
+    grown = np.exp(0.5 * friction)
     if limits.one_way != 0.0:
         sign = np.sign(limits.ratio)
         return float(sign * max(sign * torque, 0.0) * grown ** (2.0 * sign))
@@ -419,19 +429,24 @@ def _behind_friction(
 
 
 @internal
-def _differs(
-    limits: GuardLimits, spring: FloatArray, torque: float, other: float
-) -> float:
-    """Return the side on which a torque is beyond what friction makes of another.
+def _most_friction(spring: FloatArray) -> float:
+    """Return the greatest friction coefficient times wrap that a motor may meet."""
+    return float(_FRICTION_FACTOR * spring[FRICTION] + _MORE_FRICTION)
 
-    It is 1 above, -1 below, and 0 between.
-    """
+
+@internal
+def _beyond(
+    limits: GuardLimits,
+    spring: FloatArray,
+    torque: float,
+    other: float,
+    friction: float,
+) -> float:
+    """Return by how much a torque is beyond what friction makes of another [N m]."""
     least = _MOTOR_SHARE * limits.safe
-    if torque > _behind_friction(limits, spring, other, 1.0) + least:
-        return 1.0
-    if torque < _behind_friction(limits, spring, other, -1.0) - least:
-        return -1.0
-    return 0.0
+    above = torque - _behind_friction(limits, spring, other, friction) - least
+    below = torque - _behind_friction(limits, spring, other, -friction) + least
+    return float(max(above, 0.0) + min(below, 0.0))
 
 
 @internal
@@ -468,15 +483,18 @@ def _compare(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> Non
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _GAP_FACTOR * max(abs(torque), abs(scaled))
     given = memory[_GIVEN]
-    beyond = _differs(limits, spring, given, torque)
-    agrees = beyond != 0.0 and beyond == np.sign(scaled - torque)
+    friction = _most_friction(spring)
+    beyond = _beyond(limits, spring, given, torque, friction)
+    agrees = beyond * (scaled - torque) > 0.0
     denied = agrees and gap > _DENIED_SHARE * limits.safe
-    if memory[_MISFIT] >= _MAX_MISFIT and memory[_AGREED] > _AGREED_TIME:
+    if memory[_MISFIT] >= _MAX_DOUBT and memory[_AGREED] > _AGREED_TIME:
         denied |= beyond != 0.0
     doubted = gap > _GAP_SHARE * limits.safe and _explains(memory, _MAX_DOUBT)
-    doubted &= _differs(limits, spring, given, scaled) != -np.sign(scaled - torque)
+    opposed = _beyond(limits, spring, given, scaled, friction) * (scaled - torque)
+    doubted &= opposed >= 0.0
     if denied or doubted:
-        memory[_GAP] += limits.period
+        size = abs(beyond) / (_MOTOR_SHARE * limits.safe) if denied else 1.0
+        memory[_GAP] += limits.period * min(max(size, 1.0), _GAP_RATE)
         if memory[_GAP] > _GAP_TIME:
             _stop(memory, STOPPED if denied else LIMP)
         return
@@ -524,8 +542,9 @@ def _credible(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> fl
     if _explains(memory, _MAX_MISFIT):
         return float(memory[_GAIN] * memory[_PREDICTED])
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
-    high = _behind_friction(limits, spring, memory[_MOST], 1.0)
-    low = _behind_friction(limits, spring, -memory[_MOST], -1.0)
+    friction = _most_friction(spring)
+    high = _behind_friction(limits, spring, memory[_MOST], friction)
+    low = _behind_friction(limits, spring, -memory[_MOST], -friction)
     return float(min(max(predicted, low), high))
 
 

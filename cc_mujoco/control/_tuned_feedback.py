@@ -37,13 +37,14 @@ _MAX_PROPORTIONAL = 2.0
 _DEAD_SIGMAS = 6.0
 """Error at no desired torque that a single cable does not answer, in standard
 deviations of the torque sensor: three times those of its bias in the benchmark."""
+_NOISE_TIME = 0.5
+"""Time over which the noise of the torque sensor is measured [s]."""
 _RATE_FILTER = 0.2
 """Share of a new value in the filtered rate of the desired torque."""
-_SMOOTH_SPEED = 0.3
-"""Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
 
-_KNOWN, _DESIRED, _RATE, _SENSE_SIZE = 0, 1, 2, 3
-"""Places in the memory of the sense of slip, and its size."""
+_KNOWN, _DESIRED, _RATE, _TORQUE, _CHANGE, _POWER, _SIGNAL_SIZE = range(7)
+"""Places in the memory of the signals, and its size: desired torque and its filtered
+rate; measured torque, its change in the last step, and the power of its noise."""
 
 
 class LoopGains(NamedTuple):
@@ -105,12 +106,15 @@ class TunedFeedback(ProportionalIntegral):
 
     with the gains of `loop_gains`. It is stable on a light winch, where the gains of
     the thesis are not. Where a single cable is to pull nothing, an error e within six
-    standard deviations of the sensor is none: its bias would wind the cable in and out
-    in a limit cycle. The dead zone is gone at a desired torque of twice its width.
+    standard deviations of the sensor, as `Drive` has it or as measured, is none: its
+    bias would wind the cable in and out in a limit cycle. The dead zone is gone at a
+    desired torque of twice its width.
     """
 
-    _capstan = False
-    """True if friction of slipping cables is fed forward."""
+    friction_share = 0.0
+    """Share of the friction of slipping cables that is fed forward."""
+    slip_speed = 0.3
+    """Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
 
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
@@ -124,19 +128,18 @@ class TunedFeedback(ProportionalIntegral):
         found = loop_gains(drive)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
-        noise = drive.torque_noise if drive.one_way else 0.0
-        self.dead_zone = _DEAD_SIGMAS * noise
-        """Error at no desired torque that is none [N m]."""
+        self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
+        """Error at no desired torque that is none, over the sensor's noise."""
         self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
-        self._sense: FloatArray = np.zeros((0, _SENSE_SIZE))
+        self._signals: FloatArray = np.zeros((0, _SIGNAL_SIZE))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Empty the integral; see `Controller.reset`."""
         super().reset(where)
         if where is None:
-            self._sense = np.zeros((0, _SENSE_SIZE))
-        elif len(self._sense):
-            self._sense[where] = 0.0
+            self._signals = np.zeros((0, _SIGNAL_SIZE))
+        elif len(self._signals):
+            self._signals[where] = 0.0
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
@@ -151,17 +154,19 @@ class TunedFeedback(ProportionalIntegral):
     def answer(self, seen: FloatArray) -> FloatArray:
         """Return the torque of the motor (rows,) [N m]; see `ProportionalIntegral`."""
         rows = len(seen)
-        if len(self._sense) != rows:
-            self._sense = np.zeros((rows, _SENSE_SIZE))
+        if len(self._signals) != rows:
+            self._signals = np.zeros((rows, _SIGNAL_SIZE))
         found = np.empty(rows)
         _torques(
             self.gains.packed,
             self.rows_of_springs(rows),
             np.resize(self._cables, (rows, *self._cables.shape[1:])),
-            self._capstan,
-            self.dead_zone,
+            self.friction_share,
+            self.slip_speed,
+            self.dead_sigmas,
+            self.drive.torque_noise,
             self.memory(rows),
-            self._sense,
+            self._signals,
             seen,
             found,
         )
@@ -177,22 +182,38 @@ class FrictionFeedForward(TunedFeedback):
     rad/s: it is 0 at rest, so that nothing chatters there.
     """
 
-    _capstan = True
+    friction_share = 1.0
 
 
 @compiled
 def _sense_of_slip(
-    gains: FloatArray, memory: FloatArray, seen: FloatArray, stiffness: float
+    gains: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    stiffness: float,
+    slip_speed: float,
 ) -> float:
     """Return the smooth sense in which the motor has to turn, -1 to 1."""
     desired = seen[compiled_laws.DESIRED]
-    if memory[_KNOWN] == 0.0:
-        memory[_KNOWN], memory[_DESIRED] = 1.0, desired
     rate = (desired - memory[_DESIRED]) / gains[compiled_laws.PERIOD]
     memory[_DESIRED] = desired
     memory[_RATE] += _RATE_FILTER * (rate - memory[_RATE])
     speed = seen[compiled_laws.JOINT_VELOCITY] + memory[_RATE] / stiffness
-    return float(np.tanh(speed / _SMOOTH_SPEED))
+    return float(np.tanh(speed / slip_speed))
+
+
+@compiled
+def _noise(gains: FloatArray, memory: FloatArray, torque: float) -> float:
+    """Return the standard deviation of the noise of the torque sensor [N m].
+
+    It is that of second differences: no motion bends a torque within three samples.
+    """
+    change = torque - memory[_TORQUE]
+    power = (change - memory[_CHANGE]) ** 2 / 6.0
+    memory[_TORQUE], memory[_CHANGE] = torque, change
+    share = min(gains[compiled_laws.PERIOD] / _NOISE_TIME, 1.0)
+    memory[_POWER] += share * (power - memory[_POWER])
+    return float(np.sqrt(memory[_POWER]))
 
 
 @compiled
@@ -200,22 +221,30 @@ def _torques(
     gains: FloatArray,
     springs: FloatMatrix,
     cables: FloatCube,
-    capstan: bool,
-    dead: float,
+    friction_share: float,
+    slip_speed: float,
+    dead_sigmas: float,
+    least_noise: float,
     memory: FloatMatrix,
-    senses: FloatMatrix,
+    signals: FloatMatrix,
     seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
         desired = seen[row, compiled_laws.DESIRED]
         ahead = compiled_laws.feed_forward(gains, desired)
-        if capstan:
+        if signals[row, _KNOWN] == 0.0:
+            signals[row, _KNOWN], signals[row, _DESIRED] = 1.0, desired
+            signals[row, _TORQUE] = seen[row, compiled_laws.TORQUE]
+        if friction_share > 0.0:
             stiffness = springs[row, guard.STIFFNESS]
-            sense = _sense_of_slip(gains, senses[row], seen[row], stiffness)
+            sense = friction_share * _sense_of_slip(
+                gains, signals[row], seen[row], stiffness, slip_speed
+            )
             ahead = full_slip_balance(cables[row], sense, desired)[0]
         off = seen[row, compiled_laws.TORQUE] - desired
-        width = dead - 0.5 * abs(desired)
+        noise = _noise(gains, signals[row], seen[row, compiled_laws.TORQUE])
+        width = dead_sigmas * max(noise, least_noise) - 0.5 * abs(desired)
         if width > 0.0:
             off = np.sign(off) * max(abs(off) - width, 0.0)
             seen[row, compiled_laws.TORQUE] = desired + off

@@ -70,7 +70,7 @@ def law_of(controller: Controller | None) -> int | None:
     """
     if controller is None:
         return compiled.UNPOWERED
-    if isinstance(controller, TunedFeedback) and controller.dead_zone:
+    if isinstance(controller, TunedFeedback) and controller.dead_sigmas:
         return None
     return LAWS.get(type(controller))
 

@@ -6,7 +6,7 @@
 Plays suite `v2` (or `v2-known`) and prints, for every device and condition, the RMS
 error of the torque, the mean over the seeds, and that of the first controller over the
 best of the others. Unlike `cc-mujoco benchmark` it plays no references. A row is
-printed once it is played. `--out` keeps errors, chatter and motor torque, of which
+printed once it is played. `--out` keeps errors, chatter and motor peak, of which
 `fill_readme.py structure` makes the tables of the pages.
 """
 
@@ -23,7 +23,7 @@ from cc_mujoco.benchmark import SUITES, Cell, Condition, play
 from cc_mujoco.errors import look_up
 
 BASELINES = "pi_tuned", "pi_feed_forward", "inverse", "lqg"
-SCORES = "rms_torque_error", "chatter", "rms_motor_torque"
+SCORES = "rms_torque_error", "chatter", "peak_motor_torque"
 """Scores that are kept [N m], means over the seeds."""
 
 

@@ -46,6 +46,7 @@ from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Fleet, Trace, WornDevice, run
 from control.devices import pull_pull, single
 from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
+from control.rigs import FAULTS as RIG_FAULTS
 
 SAFE = 8.0
 GUARDED = [name for name in CONTROLLERS if name != "none"]  # which measures nothing
@@ -330,13 +331,18 @@ RIGS = {
 
 
 def driven(
-    believed: Believed, truth: Truth, name: str, fault: str = "", duration: float = 2.5
+    believed: Believed,
+    truth: Truth,
+    name: str,
+    fault: str = "",
+    duration: float = 2.5,
+    onset: float = 1.2,
 ) -> Ride:
     """Return an episode of a rig."""
     law = controller(name, believed.drive())
     law.name = name
     law.reset()
-    return ride(believed, truth, law, states, fault, duration=duration)
+    return ride(believed, truth, law, states, fault, onset, duration)
 
 
 @pytest.mark.parametrize(
@@ -359,7 +365,9 @@ def test_a_rig_that_is_not_as_believed_is_not_stopped(
 
 @pytest.mark.parametrize("fault", ["dead", "frozen", "reversed"])
 @pytest.mark.parametrize(
-    ("believed", "rig"), [(ANKLE, "rough"), (ANKLE, "small"), (HANDLE, "stiff")]
+    ("believed", "rig"),
+    # Where only the motor's torque tells, 2.2 times the safe torque.
+    [(ANKLE, "rough"), (ANKLE, "small"), (ANKLE, "large"), (HANDLE, "stiff")],
 )
 def test_a_torque_sensor_that_fails_is_caught_on_a_rig_that_is_not_as_believed(
     believed: Believed, rig: str, fault: str
@@ -368,6 +376,29 @@ def test_a_torque_sensor_that_fails_is_caught_on_a_rig_that_is_not_as_believed(
     assert found.state[: round(1.2 / 0.001)].max() < guard.STOPPED
     assert found.state[-1] == guard.STOPPED
     assert np.abs(found.torque).max() <= 1.1 * believed.safe
+
+
+@pytest.mark.parametrize("fault", ["motor-frozen", "joint-frozen"])
+def test_a_frozen_encoder_is_caught_on_a_rig_of_another_radius(fault: str) -> None:
+    found = driven(ANKLE, RIGS["large"], "inverse", fault)  # 1.4 by size of the gap
+    assert found.state[: round(1.2 / 0.001)].max() < guard.STOPPED
+    assert found.state[-1] == guard.LIMP
+    assert np.abs(found.torque).max() <= 1.1 * ANKLE.safe
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("believed", [ANKLE, HANDLE])
+@pytest.mark.parametrize("name", ["pi_tuned", "lqg", "inverse", "predictive"])
+def test_no_fault_is_unsafe_on_a_rig_of_another_radius(
+    believed: Believed, name: str
+) -> None:
+    found = {}
+    for fault in (one for one in RIG_FAULTS if one != "slipped"):
+        for onset in (1.2, 1.37, 1.61, 1.83):
+            course = driven(believed, RIGS["large"], name, fault, onset=onset)
+            found[fault, onset] = np.abs(course.torque).max() / believed.safe
+            assert course.state[-1] >= guard.STOPPED, (fault, onset)
+    assert max(found.values()) <= 1.1, found
 
 
 @pytest.mark.study

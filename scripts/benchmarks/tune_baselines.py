@@ -19,17 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco._utils.compilation import FloatArray
+from cc_mujoco.native import FloatArray
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
 
 SEEDS = 40, 41
 """Development seeds of suite `v2`."""
 SCENES = "wrist", "ankle", "finger", "exosuit"
-STRUCTURES = "stribeck", "presliding", "soft-ends", "varied-lag", "rotor-inertia"
+STRUCTURES = "presliding", "rotor-inertia"
 """Conditions of suite `v2`, beside `noise-loud`."""
 DURATION = 1.6
 """Length of an episode [s]."""
-FACTORS = 0.5, 0.7, 1.4, 2.0
+FACTORS = 0.5, 2.0
 """Of a number that is tried."""
 SCORES = "rms_torque_error", "chatter"
 _LOOP = "tuned_feedback._DELAY_SHARE", "tuned_feedback._INTEGRAL_SHARE"

@@ -1,4 +1,4 @@
-"""Which free numbers of the baselines are best over many devices?
+"""Search the free numbers of the baselines that are best over many devices.
 
     python scripts/benchmarks/tune_baselines.py --controllers pi_tuned lqg
 
@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco.native import FloatArray
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
+from cc_mujoco.native import FloatArray
 
 SEEDS = 40, 41
 """Development seeds of suite `v2`."""
@@ -30,7 +30,7 @@ STRUCTURES = "presliding", "rotor-inertia"
 DURATION = 1.6
 """Length of an episode [s]."""
 FACTORS = 0.5, 2.0
-"""Of a number that is tried."""
+"""Factors of a number that are tried."""
 SCORES = "rms_torque_error", "chatter"
 _LOOP = "tuned_feedback._DELAY_SHARE", "tuned_feedback._INTEGRAL_SHARE"
 NUMBERS = {

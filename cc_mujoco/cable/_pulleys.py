@@ -266,7 +266,8 @@ def _drive(
     pulley, count = joint, cables.n.size
     stepper.set_rest(cables, motor, joint, state)
     for k in range(count):
-        new[k][:] = state[k]
+        for i in range(state.shape[1]):
+            new[k, i] = state[k, i]
     free = np.inf
     for row in range(proximal.size):
         if proximal_kind == ANGLE:

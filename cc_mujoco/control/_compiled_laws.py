@@ -207,7 +207,7 @@ def closed_loop_torque(
         memory[INTEGRAL_TORQUE] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     )
     if gains[_ONE_WAY] != 0.0:
-        following = np.maximum(following, -np.maximum(feedforward, 0.0))
+        following = max(following, -max(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
     limited = _limited(gains, torque)
     if abs(limited) > most:

@@ -100,9 +100,11 @@ def _predict(
 ) -> float:
     """Advance `room` over the applied torques; return the model's joint angle."""
     dt, memory, state = tune[PERIOD], scratch.memory, scratch.state
-    for torque in applied:
+    for k in range(applied.size):
         load = stepper.torque(cables, state, False, memory[ANGLE])[0]
-        force = torque - load - tune[DAMPING] * memory[VELOCITY] + memory[DISTURBANCE]
+        force = (
+            applied[k] - load - tune[DAMPING] * memory[VELOCITY] + memory[DISTURBANCE]
+        )
         memory[VELOCITY] += dt * force / tune[INERTIA]
         memory[ANGLE] += dt * memory[VELOCITY]
         joint += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]

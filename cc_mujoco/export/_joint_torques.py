@@ -90,8 +90,6 @@ def own_readings(
         ratios = rows_of(memory, count, joints, axes)
         torques = rows_of(memory, place, 4, axes)
         place += 4 * axes
-        matrices = decoupling.WORK_MATRICES, axes, axes
-        vectors = decoupling.WORK_VECTORS, axes
         size = decoupling.WORK_MATRICES * axes * axes
         ratios[:] = 0.0
         for i in range(axes):
@@ -117,8 +115,8 @@ def own_readings(
             torques[0],
             torques[1],
             decoupling.CouplingWorkspace(
-                tables_of(memory, place, *matrices),
-                rows_of(memory, place + size, *vectors),
+                tables_of(memory, place, decoupling.WORK_MATRICES, axes, axes),
+                rows_of(memory, place + size, decoupling.WORK_VECTORS, axes),
             ),
             torques[2],
             torques[3],

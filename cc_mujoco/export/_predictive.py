@@ -176,15 +176,15 @@ def plan(
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
     scratch, packed, first, after, work, end = memory_places(shape)
     size, width = kernel.parameter_size(most), kernel.state_size(most)
-    kept, states = planner_memory.FRICTION + cables, (cables, width)
+    kept = planner_memory.FRICTION + cables
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
     device = planner_memory.PlannerMemory(
         part(memory, law, kept),
         rows_of(memory, law + kept, delays, planner_memory.OBSERVER_SIZE),
         part(memory, scratch - delays, delays),
-        rows_of(memory, scratch - delays - cables * width, *states),
+        rows_of(memory, scratch - delays - cables * width, cables, width),
     )
-    state = rows_of(memory, first, *states)
+    state = rows_of(memory, first, cables, width)
     arm = part(memory, _ARMS, cables)
     distal = part(memory, _ARMS + cables, cables)
     n = whole_part(shape, 1, cables)
@@ -224,10 +224,10 @@ def plan(
         memory[entry_points.JOINT_ANGLE], memory[entry_points.FIRST_STEP] = 0.0, 0.0
     own = packed - knots * (4 + knots + planner_memory.WORK_ROWS)
     plan_scratch = planner_memory.PlannerWorkspace(
-        rows_of(memory, after, *states),
-        rows_of(memory, free, *states),
-        rows_of(memory, free + cables * width, *states),
-        rows_of(memory, free + 2 * cables * width, *states),
+        rows_of(memory, after, cables, width),
+        rows_of(memory, free, cables, width),
+        rows_of(memory, free + cables * width, cables, width),
+        rows_of(memory, free + 2 * cables * width, cables, width),
         part(memory, scratch + SCALARS, knots + 1),
         part(memory, scratch + SCALARS + knots + 1, knots + 1),
         part(memory, scratch + SCALARS + 2 * (knots + 1), kept),

@@ -15,6 +15,7 @@ from cc_mujoco.native._kinds import (
     Scalar,
     Structure,
     dtype_of,
+    holds_array,
 )  # fmt: skip
 
 MOST_PARTS = 128
@@ -23,13 +24,7 @@ MOST_PARTS = 128
 
 def has_entry(function: Function) -> bool:
     """Return whether Python can call it in C: views of arrays are made by Python."""
-    return not _holds_array(function.signature.result)
-
-
-def _holds_array(kind: Kind) -> bool:
-    if isinstance(kind, Structure):
-        return any(_holds_array(each) for _, each in kind.fields)
-    return isinstance(kind, Array)
+    return not holds_array(function.signature.result)
 
 
 def entries_text(library: CLibrary, functions: Sequence[tuple[str, Function]]) -> str:

@@ -8,6 +8,7 @@ it, and what follows from that is removed. The order of all other operations sta
 from __future__ import annotations
 
 import ast
+import copy
 import operator
 import types
 from collections.abc import Callable, Mapping
@@ -176,10 +177,8 @@ class _Folder(ast.NodeTransformer):
             return self.statements(parts)
         node.value = self.visit(node.value)
         node.targets = [self.visit(target) for target in node.targets]
-        target = node.targets[0]
-        if isinstance(target, ast.Name) and target.id in self._constants:
-            return None
-        return node
+        names = [t.id if isinstance(t, ast.Name) else "" for t in node.targets]
+        return None if all(name in self._constants for name in names) else node
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> Any:
         assert node.value is not None
@@ -225,8 +224,7 @@ class _Folder(ast.NodeTransformer):
                 self._scope, self._known, {**self._constants, **given},
                 self._constant_result,
             )  # fmt: skip
-            copies = ast.parse(ast.unparse(ast.Module(node.body, []))).body
-            repeated += inner.statements(copies)
+            repeated += inner.statements(copy.deepcopy(node.body))
         return repeated
 
     def visit_Name(self, node: ast.Name) -> ast.expr:

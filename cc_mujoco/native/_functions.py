@@ -148,7 +148,7 @@ def reinterpret(function: Function) -> Function:
 
     Its arguments are the address and, of an array, its size in each dimension.
     """
-    function.reinterprets = True  # type: ignore[attr-defined]
+    function.views = "memory"  # type: ignore[attr-defined]
     return function
 
 
@@ -157,5 +157,5 @@ def reinterpret_part(function: Function) -> Function:
 
     Its arguments are the array, the place of its first number and its dimensions.
     """
-    function.reinterprets_part = True  # type: ignore[attr-defined]
+    function.views = "array"  # type: ignore[attr-defined]
     return function

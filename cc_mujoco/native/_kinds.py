@@ -61,6 +61,15 @@ class Structure:
 
 
 Kind = Scalar | Array | Structure
+
+
+def holds_array(kind: Kind) -> bool:
+    """Return whether values of a type view memory that another owns."""
+    if isinstance(kind, Structure):
+        return any(holds_array(each) for _, each in kind.fields)
+    return isinstance(kind, Array)
+
+
 REAL, INT, BOOL, NOTHING = (
     Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void"),
 )  # fmt: skip
@@ -196,10 +205,10 @@ def signature_of(function: types.FunctionType) -> FunctionTypes:
 
 def python_function(found: Any) -> types.FunctionType | None:
     """Return the Python function of a compiled one, or the function itself."""
-    inner = getattr(found, "py_func", None)
-    if inner is not None:
-        found = getattr(found, "__wrapped__", inner)
-    return found if isinstance(found, types.FunctionType) else None
+    found = getattr(found, "py_func", found)
+    if not isinstance(found, types.FunctionType) or found.__module__[:6] == "numpy.":
+        return None
+    return found
 
 
 def tree_of(function: Callable[..., Any]) -> ast.FunctionDef:

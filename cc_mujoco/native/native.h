@@ -16,6 +16,11 @@
 #else
 #define CC_EXPORT
 #endif
+#if defined(__GNUC__)
+#define CC_INLINE __attribute__((unused)) static inline
+#else
+#define CC_INLINE static inline
+#endif
 
 typedef struct { double *p; int64_t n; } Reals;
 typedef struct { double *p; int64_t n; int64_t columns; } RealMatrix;
@@ -28,60 +33,57 @@ typedef struct { int8_t *p; int64_t n; } Int8s;
 typedef struct { int8_t *p; int64_t n; int64_t columns; } Int8Matrix;
 typedef struct { bool *p; int64_t n; } Bools;
 
-static inline double min_real(double a, double b) { return b < a ? b : a; }
-static inline double max_real(double a, double b) { return b > a ? b : a; }
-static inline int64_t min_int(int64_t a, int64_t b) { return b < a ? b : a; }
-static inline int64_t max_int(int64_t a, int64_t b) { return b > a ? b : a; }
-static inline int64_t abs_int(int64_t a) { return a < 0 ? -a : a; }
-static inline double cc_sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
-static inline double cc_square(double x) { return x * x; }
-static inline int64_t cc_square_int(int64_t x) { return x * x; }
+CC_INLINE double min_real(double a, double b) { return b < a ? b : a; }
+CC_INLINE double max_real(double a, double b) { return b > a ? b : a; }
+CC_INLINE int64_t min_int(int64_t a, int64_t b) { return b < a ? b : a; }
+CC_INLINE int64_t max_int(int64_t a, int64_t b) { return b > a ? b : a; }
+CC_INLINE int64_t abs_int(int64_t a) { return a < 0 ? -a : a; }
+CC_INLINE double cc_sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
+CC_INLINE double cc_square(double x) { return x * x; }
+CC_INLINE int64_t cc_square_int(int64_t x) { return x * x; }
+CC_INLINE double cc_single(double x) { return (double)(float)x; }
+CC_INLINE double cc_ldexp(double x, int64_t n) { return ldexp(x, (int)n); }
+CC_INLINE int64_t floor_int(double x) { return (int64_t)floor(x); }
+CC_INLINE int64_t ceil_int(double x) { return (int64_t)ceil(x); }
+CC_INLINE int64_t round_int(double x) { return (int64_t)rint(x); }
+CC_INLINE bool is_finite(double x) { return isfinite(x) != 0; }
+CC_INLINE bool is_nan(double x) { return isnan(x) != 0; }
+CC_INLINE bool is_inf(double x) { return isinf(x) != 0; }
 
 /* Quotient rounded down and remainder of the divisor's sign, as in Python. */
-static inline int64_t floor_div(int64_t a, int64_t b)
+CC_INLINE int64_t floor_div(int64_t a, int64_t b)
 {
     const int64_t q = a / b;
     return q - ((a % b != 0 && (a < 0) != (b < 0)) ? 1 : 0);
 }
 
-static inline int64_t floor_mod(int64_t a, int64_t b)
+CC_INLINE int64_t floor_mod(int64_t a, int64_t b)
 {
     const int64_t r = a % b;
     return r + ((r != 0 && (r < 0) != (b < 0)) ? b : 0);
 }
 
-static inline double floor_mod_real(double a, double b)
+CC_INLINE double floor_mod_real(double a, double b)
 {
     const double r = fmod(a, b);
     return (r < 0.0) != (b < 0.0) && (r < 0.0 || r > 0.0) ? r + b : r;
 }
 
-#define CC_ARRAY(Name, Element)                                           \
-    static inline void fill_##Name(Name a, Element value)                 \
+#define CC_FILL(Name, Element, size)                                      \
+    CC_INLINE void fill_##Name(Name a, Element value)                     \
     {                                                                     \
-        for (int64_t i = 0; i < a.n; i++) {                               \
+        for (int64_t i = 0; i < size; i++) {                              \
             a.p[i] = value;                                               \
         }                                                                 \
-    }                                                                     \
-    static inline void copy_##Name(Name a, Name from)                     \
-    {                                                                     \
-        memmove(a.p, from.p, sizeof(Element) * (size_t)a.n);              \
     }
-CC_ARRAY(Reals, double)
-CC_ARRAY(Ints, int64_t)
-CC_ARRAY(Bytes, uint8_t)
-CC_ARRAY(Words, uint64_t)
-CC_ARRAY(Int8s, int8_t)
-#undef CC_ARRAY
+CC_FILL(Reals, double, a.n)
+CC_FILL(RealMatrix, double, a.n * a.columns)
+CC_FILL(Ints, int64_t, a.n)
+CC_FILL(Bytes, uint8_t, a.n)
+CC_FILL(Words, uint64_t, a.n)
+#undef CC_FILL
 
-static inline void fill_RealMatrix(RealMatrix a, double value)
-{
-    for (int64_t i = 0; i < a.n * a.columns; i++) {
-        a.p[i] = value;
-    }
-}
-
-static inline int64_t cc_argmin(Reals a)
+CC_INLINE int64_t cc_argmin(Reals a)
 {
     int64_t best = 0;
     for (int64_t i = 1; i < a.n; i++) {
@@ -92,13 +94,13 @@ static inline int64_t cc_argmin(Reals a)
 
 /* Values at an address that need not be aligned. */
 #define CC_MEMORY(name, Type)                                             \
-    static inline Type load_##name(int64_t address)                       \
+    CC_INLINE Type load_##name(int64_t address)                           \
     {                                                                     \
         Type value;                                                       \
         memcpy(&value, (const void *)(intptr_t)address, sizeof value);    \
         return value;                                                     \
     }                                                                     \
-    static inline void store_##name(int64_t address, Type value)          \
+    CC_INLINE void store_##name(int64_t address, Type value)              \
     {                                                                     \
         memcpy((void *)(intptr_t)address, &value, sizeof value);          \
     }

@@ -231,7 +231,8 @@ def route(model: int, instance: CInt) -> CInt:
 @callback
 def turn(model: int, data: int, tendon: CInt) -> float:
     """Return the total turning angle of a tendon at the last position [rad]."""
-    whole, total = np.ones(1), np.empty(1)
+    whole, total = np.empty(1), np.empty(1)
+    whole[0] = 1.0
     length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
     path.bend(model, data, tendon, 0, length, whole, total)
     return float(total[0])
@@ -681,7 +682,7 @@ def advance(model: int, data: int, instance: CInt) -> None:
         copy_words(new_at(block, n), state, kernel.state_size(n))
         store_real(committed_time_at(state, n), time)
         store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
-        save_ends(data, block, state, n, *ends)
+        save_ends(data, block, state, n, ends[0], ends[1])
         if is_open(block):
             seen = floats(shape, open_path.shape_size(n))
             open_path.save_path(seen, n, path_memory(state, n))

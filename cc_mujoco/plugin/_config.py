@@ -139,10 +139,10 @@ def segment_count(block: int) -> int:
     if key_text(block, SEGMENTS).size == 0:
         return _DEFAULT_SEGMENTS
     count = 0
-    for character in written:
-        if not is_digit(character):
+    for k in range(written.size):
+        if not is_digit(written[k]):
             return 0
-        count = min(10 * count + (character - 48), MAX_SEGMENTS + 1)
+        count = min(10 * count + (written[k] - 48), MAX_SEGMENTS + 1)
     return count if count <= MAX_SEGMENTS else 0
 
 

@@ -77,7 +77,8 @@ def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
     assign(kept, present)
     assign(present, floats(rest, present.size))
     reach = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
-    seed, tried = np.ones(1, np.uint64), 0
+    seed, tried = np.zeros(1, np.uint64), 0
+    seed[0] = 1
     while missing > 0 and tried <= RANDOM_POSES:
         if tried > 0:
             _random_pose(model, present, reach, seed)

@@ -91,8 +91,8 @@ def position_changed(model: int, data: int, led: float) -> bool:
     """
     positions = load_word(data + mj_struct.QPOS)
     size = 1.0
-    for value in floats(positions, mj_struct.positions(model)):
-        size += abs(value)
+    for k in range(mj_struct.positions(model)):
+        size += abs(load_real(positions + 8 * k))
     return not abs(checksum(model, positions) - led) <= _POSE_TOLERANCE * size
 
 

@@ -70,7 +70,8 @@ def evaluate_prediction(
         Whether the new state, in the block, is finite.
     """
     n = load_word(block + SEGMENTS)
-    new, used, left = new_at(block, n), np.empty(4), np.ones(2)
+    new, used, left = new_at(block, n), np.empty(4), np.empty(2)
+    left[:] = 1.0
     resolved = np.zeros(2)
     tried = mj_struct.integrator(model) == RK4
     if tried and not evaluate(block, state, aim[0], aim[1], 0.0, 0.0, dt):

@@ -246,8 +246,8 @@ def warn_jump(
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     node = layout.tensions(floats(state, kernel.state_size(n)), n)
     most = prm[_PRETENSION]
-    for tension in node:
-        most = max(most, tension)
+    for i in range(node.size):
+        most = max(most, node[i])
     soft = most * prm[layout.LENGTH] / prm[_STIFFNESS]
     for what in range(3):
         tendon, share = route, 1.0
@@ -442,8 +442,9 @@ def _conduit_span(
     tendons.
     """
     written, first = config.key_text(attributes, config.ROUTE), np.zeros(2, np.int64)
-    count, leeway = np.ones(2, np.int64), 0.0
+    count, leeway = np.zeros(2, np.int64), 0.0
     of = np.zeros(2, np.int64)
+    count[:] = 1
     if written.size > 0:
         instance = load_word(block + INSTANCE)
         tendon = attachments.find_route(model, instance, written)

@@ -25,8 +25,7 @@ typedef struct {
 
 typedef void (*Address)(void);
 
-static const char *const engine_names[] = {CC_ENGINE_NAMES};
-enum { ENGINE_COUNT = sizeof engine_names / sizeof engine_names[0] };
+enum { ENGINE_COUNT = sizeof(Engine) / sizeof(Address) + 3 };
 
 CC_EXPORT const char cc_mujoco_digest[] = CC_DIGEST;
 CC_EXPORT const char cc_mujoco_sources[] = CC_SOURCES;
@@ -34,7 +33,7 @@ CC_EXPORT const char cc_mujoco_sources[] = CC_SOURCES;
 /* Clock that stands still, for `mjcb_time`. */
 CC_EXPORT double cc_mujoco_stopped_clock(void) { return 0.0; }
 
-/* Take MuJoCo's functions, in the order of `engine_names`. */
+/* Take MuJoCo's functions, in the order of `CC_ENGINE_NAMES`. */
 CC_EXPORT void cc_mujoco_use_engine(const Address *found)
 {
     memcpy(&engine, found, sizeof engine);
@@ -158,6 +157,7 @@ static Address find(const char *name)
 
 static void load(void)
 {
+    static const char *const engine_names[ENGINE_COUNT] = {CC_ENGINE_NAMES};
     Address found[ENGINE_COUNT];
     for (int i = 0; i < ENGINE_COUNT; i++) {
         found[i] = find(engine_names[i]);

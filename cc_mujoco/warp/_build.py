@@ -10,8 +10,8 @@ from typing import Any
 
 import warp as wp
 
+from cc_mujoco.native._warp import translate
 from cc_mujoco.warp._runtime import PRELUDE
-from cc_mujoco.warp._translate import translate
 from cc_mujoco.warp._variants import (
     FUNCTIONS,
     GUIDED,

@@ -54,7 +54,8 @@ def _play(
 ) -> None:
     for row in range(proximal.size):
         kernel.advance(prm, n, state, proximal[row], distal[row], 1e-3, new, work)
-        state[:] = new
+        for i in range(state.size):
+            state[i] = new[i]
 
 
 def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 import sys
@@ -71,6 +72,25 @@ def cube(x: float) -> float:
     return x**3
 
 
+def divided(x: float) -> float:
+    return x // 0.1
+
+
+def itself(n: int) -> int:
+    return itself(n - 1) if n > 0 else 0
+
+
+def last(values: FloatArray) -> float:
+    return float(values[-1])
+
+
+def over_values(values: FloatArray) -> float:
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
 def text(x: float) -> float:
     return x if str(x) else 0.0
 
@@ -92,6 +112,10 @@ REFUSED: dict[Callable[..., Any], str] = {
     by_name: "an argument given by name",
     changes: "total changes its type",
     cube: "a power of an integer; multiply",
+    divided: "use math.floor",
+    itself: "a call that ends in the function itself",
+    last: "an index from the end; subtract from the size",
+    over_values: "a loop that is not over a range",
     text: "a call of what is not compiled",
     exits: "outside the subset",
 }
@@ -115,7 +139,7 @@ def test_refusal_names_file_line_and_reason(function: Any) -> None:
 def arithmetic(a: int, b: int, x: float, y: float, out: FloatArray) -> None:
     out[0] = a // b
     out[1] = a % b
-    out[2] = x // y
+    out[2] = math.floor(x / y)
     out[3] = x % y
     out[4] = x**2
     out[5] = abs(y) ** x
@@ -126,6 +150,19 @@ def arithmetic(a: int, b: int, x: float, y: float, out: FloatArray) -> None:
     out[10] = round(x)
     out[11] = a << 2 | b & 3 ^ 5
     out[12] = 1.0 if a < b < 3 or not x > y else -1.0
+
+
+def chained(x: float) -> float:
+    a = b = 1.5
+    if x > 0.0:
+        b = x
+    return a + b
+
+
+def test_a_constant_is_kept_where_one_of_its_names_changes() -> None:
+    library = CLibrary({}, Path(__file__).parents[2])
+    library.require(chained)
+    assert re.search(r"\bb = \w+;\n    if", library.text())
 
 
 def test_arithmetic_is_that_of_python(tmp_path: Path) -> None:

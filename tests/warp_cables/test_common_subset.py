@@ -17,7 +17,7 @@ from cc_mujoco.cable._parameters import TERMS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import compiled
 from cc_mujoco.native._fold import Known
-from cc_mujoco.warp._translate import translate
+from cc_mujoco.native._warp import translate
 from cc_mujoco.warp._variants import FUNCTIONS, PATH_FUNCTIONS, Paths, known_values
 
 OTHERS = (

@@ -693,7 +693,7 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
 
 RUNS = {
     "export": (
-        "export wrist --controller pi --allow-active".split(),
+        "export wrist --controller pi --no-check".split(),
         EXPORTED_FILES,
     ),
     "play": (["play", "wrist", "--duration", "0.1"], EPISODE_FILES),
@@ -751,7 +751,7 @@ def test_an_exported_controller_has_the_parameters_of_a_variant(
         "model",
         "--model",
         variant.name,
-        "--allow-active",
+        "--no-check",
     ]
     assert cli.main(words) == 0
     parameters = (tmp_path / "x" / "cc_parameters.c").read_text()

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
@@ -141,6 +142,7 @@ class Conduit:
         self._work = np.empty(kernel.work_size(cable.segments))
         self._bent = False
 
+    @exclusive
     def reset(self) -> None:
         """Return to the initial rest state, in the conduit it was made with."""
         self._state[:] = self._start
@@ -148,6 +150,7 @@ class Conduit:
             self._prm[:] = packed_parameters(self.cable)
             self._bent = False
 
+    @exclusive
     def rebend(self, conduit: Sequence[Section]) -> None:
         """Lay the conduit in another path of the same length, at once.
 
@@ -174,6 +177,7 @@ class Conduit:
         kernel.expect_change(self._prm)
         self._bent = True
 
+    @exclusive
     def step(
         self,
         dt: float,

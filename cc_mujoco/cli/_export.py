@@ -29,7 +29,8 @@ class Export:
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Device whose cables the controller knows: a name, or an MJCF file."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Controller: pi, feedback, model, stiction, predictive, adaptive or a policy."""
+    """Controller: none, feedback, pi, pi_tuned, pi_feed_forward, inverse, lqg, model,
+    stiction, disturbance, predictive, adaptive or a policy."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
     target: Annotated[str, tyro.conf.arg(metavar="KIND")] = C
@@ -40,8 +41,8 @@ class Export:
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
     ros2_control: Flag = False
     """Write a package of ROS 2 with a plugin of ros2_control around it."""
-    allow_active: Flag = False
-    """Write also a controller that gives a passive wearer energy in simulation."""
+    no_check: Flag = False
+    """Write it without finding out whether it gives passive wearers energy."""
     allow: Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
@@ -59,6 +60,7 @@ class Export:
         from cc_mujoco.device._device import bare_model
         from cc_mujoco.export import (
             ExportPlan,
+            measure,
             require_ours,
             require_ros2_states,
             write,
@@ -90,17 +92,21 @@ class Export:
         )
         if self.ros2_control:
             require_ros2_states(plan)
-        if not self.allow_active:
-            self._require_passive(device, places)
+        notes = ["passivity: NOT CHECKED"]
+        if not self.no_check:
+            notes = self._require_passive(device, places)
+        notes += measure(plan).lines()
         scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}"
-        write(self.out, plan, what, ros2_control=self.ros2_control)
+        write(self.out, plan, what, notes, ros2_control=self.ros2_control)
         build = f"cmake -B build {self.out} && cmake --build build"
         if self.ros2_control:
             build = f"colcon build --base-paths {self.out}"
         print(
-            f"{len(plan.fields)} parameters, {8 * plan.memory_size} bytes of memory\n"
-            f"build with:  {build}"
+            f"{len(plan.fields)} parameters, {8 * plan.memory_size} bytes of memory",
+            *notes,
+            f"build with:  {build}",
+            sep="\n",
         )
 
     def _write_onnx(self) -> None:
@@ -117,10 +123,10 @@ class Export:
         write_onnx(self.controller, path)
         print(path)
 
-    def _require_passive(self, device: Device, places: list[int]) -> None:
+    def _require_passive(self, device: Device, places: list[int]) -> list[str]:
         print(
-            "simulating 24 passive wearers of each axis, for minutes where the "
-            "controller plans; --allow-active leaves that out",
+            "simulating 24 passive wearers of each axis once, for minutes where the "
+            "controller plans; --no-check leaves that out",
             file=sys.stderr,
             flush=True,
         )
@@ -131,17 +137,23 @@ class Export:
         laws = [self.controller] * len(places)
         if len(places) > 1 and not is_decoupled(self.controller):
             laws = list(map(str, by_axis(self.controller, about.prefixes)))
+        notes = []
         for place, law in zip(places, laws, strict=True):
             axis = about.axes[place].name if len(about.axes) > 1 else None
             with progress_bar(EPISODE_TIME, axis or "") as progress:
                 found = activity(device, law, axis=axis, progress=progress)
-            if found.energy <= found.allowed:
-                continue
             limb, where = found.limb, f" at axis {axis}" if axis else ""
+            if found.energy <= found.allowed:
+                notes.append(
+                    f"passivity{where}: {1e3 * found.energy:.3g} mJ into the worst of "
+                    f"24 wearers in simulation, of {1e3 * found.allowed:.3g} allowed"
+                )
+                continue
             raise CableError(
                 f"controller {law!r} is not passive on {self.scene!r}{where}: in "
                 f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who "
                 f"holds still ({limb.stiffness:.3g} N m/rad, {limb.damping:.3g} "
                 f"N m s/rad), more than the {1e3 * found.allowed:.3g} mJ allowed; "
-                "--allow-active writes it nevertheless."
+                "--no-check writes it nevertheless."
             )
+        return notes

@@ -22,7 +22,7 @@ from cc_mujoco.control._tuned_feedback import (
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 
 _MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
 _DELAY_SHARE = 0.2
@@ -38,12 +38,14 @@ _BAND_SIGMAS = 6.0
 _SLACK_SHARE = 1.0
 """Most that the integral pays out of a single cable, over its stretch."""
 
-(
-    _RATIO, _LOW, _HIGH, _PERIOD, _LATE, _ONE_WAY, _POSITION, _DAMPING, _INTEGRAL,
-    _STIFFNESS, _BAND, _SAFE, _INERTIA, _RELEASE, _SPEED_LIMIT, _POWER_LIMIT, _GAINS,
-) = range(17)  # fmt: skip
-_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, _GUARD = range(7)
-_SIZE = _GUARD + guard.MEMORY_SIZE
+_LATE, _POSITION, _DAMPING, _INTEGRAL, _STIFFNESS, _BAND, _RELEASE, GAINS = range(
+    guard.LIMITS, guard.LIMITS + 8
+)
+"""Places of the gains behind `MotorLimits`, and their number."""
+_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, GUARD = range(7)
+LAST_COMMAND = GUARD + guard.COMMAND
+MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
+"""Place of the last torque in the memory, and its size."""
 
 
 class BacklashInverse(Controller):
@@ -72,47 +74,46 @@ class BacklashInverse(Controller):
         require_known_motor(drive)
         stiffness = max(map(joint_stiffness, drive.cable_drives))
         bandwidth = min(_DELAY_SHARE / total_delay(drive), _MAX_BANDWIDTH)
-        self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
-        self._gains = np.zeros(_GAINS)
-        self._gains[_RATIO], self._gains[_LATE] = drive.ratio, total_delay(drive)
-        self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
-        self._gains[_PERIOD], self._gains[_ONE_WAY] = drive.period, drive.one_way
-        self._gains[_POSITION] = drive.inertia * bandwidth**2
-        self._gains[_DAMPING] = 2.0 * drive.inertia * bandwidth
-        self._gains[_INTEGRAL] = _INTEGRAL_SHARE * bandwidth
-        self._gains[_STIFFNESS] = stiffness
+        self.limits = guard.motor_limits(drive)
+        self.cables = np.stack([cable_table(row) for row in drive.cable_drives])
+        """See `cable_table`, (environments, cables, numbers)."""
+        self.gains = np.zeros(GAINS)
+        """Numbers of the law, `MotorLimits` first."""
+        self.gains[: guard.LIMITS] = self.limits
+        self.gains[_LATE] = total_delay(drive)
+        self.gains[_POSITION] = drive.inertia * bandwidth**2
+        self.gains[_DAMPING] = 2.0 * drive.inertia * bandwidth
+        self.gains[_INTEGRAL] = _INTEGRAL_SHARE * bandwidth
+        self.gains[_STIFFNESS] = stiffness
         noise = _BAND_SIGMAS * drive.torque_noise / stiffness
-        self._gains[_BAND] = max(noise, _ENCODER_STEP)
-        self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
-        self._gains[_INERTIA] = drive.inertia
-        self._gains[_SPEED_LIMIT] = min(drive.safe_speed, guard.NO_SPEED_LIMIT)
-        self._gains[_POWER_LIMIT] = min(drive.safe_power, guard.NO_POWER_LIMIT)
-        self._springs = np.array([joint_spring(row) for row in drive.cable_drives])
-        self._gains[_RELEASE] = loop_gains(drive).settling * stiffness / drive.ratio**2
-        self._memory: FloatArray = np.zeros((0, _SIZE))
+        self.gains[_BAND] = max(noise, _ENCODER_STEP)
+        self.springs = np.array([joint_spring(row) for row in drive.cable_drives])
+        """See `guard.STIFFNESS`, (environments, 3)."""
+        self.gains[_RELEASE] = loop_gains(drive).settling * stiffness / drive.ratio**2
+        self._memory: FloatArray = np.zeros((0, MEMORY_SIZE))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Start at rest in the pretension; see `Controller.reset`."""
         if where is None:
-            self._memory = np.zeros((0, _SIZE))
+            self._memory = np.zeros((0, MEMORY_SIZE))
         elif len(self._memory):
             self._memory[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got, if finite; see `Controller.given`."""
-        kept = self._memory[:, _GUARD + guard.COMMAND]
-        np.copyto(kept, torque, where=np.isfinite(torque))
+        """Accept the torque that the motor got; see `Controller.given`."""
+        kept = self._memory[:, LAST_COMMAND]
+        np.copyto(kept, torque, where=guard.is_heard(torque))
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
         seen = readings(as_round_pulley(observation, self.drive), LAW_INPUTS)
         rows = len(seen)
         if len(self._memory) != rows:
-            self._memory = np.zeros((rows, _SIZE))
+            self._memory = np.zeros((rows, MEMORY_SIZE))
         found = np.empty(rows)
-        cables = np.resize(self._cables, (rows, *self._cables.shape[1:]))
-        springs = np.resize(self._springs, (rows, guard.SPRING_SIZE))
-        _torques(self._gains, springs, cables, self._memory, seen, found)
+        cables = np.resize(self.cables, (rows, *self.cables.shape[1:]))
+        springs = np.resize(self.springs, (rows, guard.SPRING_SIZE))
+        _torques(self.gains, springs, cables, self._memory, seen, found)
         numbers = np.ndim(observation[LAW_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
@@ -132,20 +133,25 @@ def _turn(memory: FloatArray, wanted: float, band: float) -> float:
     return float(memory[_SENSE])
 
 
-@compiled
-def _torque(
+@internal
+def motor_torque(
     gains: FloatArray,
     spring: FloatArray,
     cables: FloatMatrix,
     memory: FloatArray,
     seen: FloatArray,
 ) -> float:
-    """Return the torque of the motor of one device [N m]."""
-    ratio, stiffness, own = gains[_RATIO], gains[_STIFFNESS], memory[_GUARD:]
-    limits = guard.GuardLimits(
-        ratio, gains[_PERIOD], gains[_ONE_WAY], gains[_INERTIA], gains[_SAFE],
-        gains[_SPEED_LIMIT], gains[_POWER_LIMIT],
-    )  # fmt: skip
+    """Return the torque of the motor of one device [N m].
+
+    Args:
+        gains: see `BacklashInverse.gains`.
+        spring: see `guard.STIFFNESS`.
+        cables: see `cable_table`.
+        memory: (`MEMORY_SIZE`,), 0 at the start.
+        seen: in the order of `LAW_INPUTS`; changed.
+    """
+    limits, stiffness, own = guard.limits_of(gains), gains[_STIFFNESS], memory[GUARD:]
+    ratio = limits.ratio
     guard.admit(limits, spring, own, seen)
     if memory[_STARTED] == 0.0:
         memory[_STARTED], memory[_MOTOR_0] = 1.0, seen[_MOTOR]
@@ -155,8 +161,7 @@ def _torque(
     if guard.state(limits, spring, own, ahead, seen[_DESIRED]) != guard.FREE:
         memory[_OFFSET] = 0.0
         torque = guard.let_go_torque(own, gains[_RELEASE], ahead)
-        torque = min(max(torque, gains[_LOW]), gains[_HIGH])
-        return guard.bounded(limits, spring, own, torque)
+        return guard.bounded(limits, spring, own, guard.limited(gains, torque))
     joint = seen[_JOINT] - memory[_JOINT_0] + gains[_LATE] * seen[_JOINT_SPEED]
     motor = seen[_MOTOR] - memory[_MOTOR_0] + gains[_LATE] * seen[_MOTOR_SPEED]
     sense = _turn(memory, joint + seen[_DESIRED] / stiffness, gains[_BAND])
@@ -165,11 +170,10 @@ def _torque(
     error = (seen[_DESIRED] - seen[_TORQUE]) / stiffness
     torque = balance + gains[_POSITION] * (relative + ratio * joint - motor)
     torque += gains[_DAMPING] * (ratio * seen[_JOINT_SPEED] - seen[_MOTOR_SPEED])
-    limited = min(max(torque, gains[_LOW]), gains[_HIGH])
-    limited = guard.bounded(limits, spring, own, limited)
+    limited = guard.bounded(limits, spring, own, guard.limited(gains, torque))
     if not (torque - limited) * error * ratio > 0.0:
-        memory[_OFFSET] += gains[_INTEGRAL] * gains[_PERIOD] * error
-    if gains[_ONE_WAY] != 0.0:
+        memory[_OFFSET] += gains[_INTEGRAL] * limits.period * error
+    if limits.one_way != 0.0:
         # A torque that no paying out ends would pay out without an end.
         least = -_SLACK_SHARE * abs(stretch) - _BAND_SIGMAS * gains[_BAND]
         memory[_OFFSET] = max(memory[_OFFSET], least)
@@ -186,4 +190,6 @@ def _torques(
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        found[row] = _torque(gains, springs[row], cables[row], memory[row], seen[row])
+        found[row] = motor_torque(
+            gains, springs[row], cables[row], memory[row], seen[row]
+        )

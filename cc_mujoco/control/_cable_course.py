@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import joint_stiffness
@@ -84,6 +85,7 @@ class CableCourse:
         self._work = stepper.scratch(self._cables)
         self._motor, self._joint, self._reach = 0.0, 0.0, 1e-3
 
+    @exclusive
     def advance(self, joint: float) -> float:
         """Return the motor angle, over the ratio, for the next joint angle [rad].
 

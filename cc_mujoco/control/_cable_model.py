@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -30,7 +31,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 
 _STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
 _FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC
@@ -94,6 +95,7 @@ class CableModel:
         self._angles: list[FloatArray] = []
         self._allocate(len(drive.cable_drives))
 
+    @exclusive
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Take the next observation for the start of an episode: rest, pretension.
 
@@ -104,6 +106,7 @@ class CableModel:
         if where is None:
             self._angles = []
 
+    @exclusive
     def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
         """Take the measurements at the next instant, a number or (rows,) each.
 
@@ -153,6 +156,7 @@ class CableModel:
         for row, cable in np.argwhere(factors != self.factor).tolist():
             self._pack(row, cable, float(factors[row, cable]))
 
+    @exclusive
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Set another path of the conduits in the model, until all are reset.
 
@@ -453,11 +457,18 @@ def _follow_all(
         )  # fmt: skip
 
 
+@internal
+def motor_torque(n: stepper.Counts, arm: FloatArray, state: FloatMatrix) -> float:
+    """Return the torque of the motor on the cables of one environment [N m]."""
+    total = 0.0
+    for k in range(n.size):
+        total -= arm[k] * max(tensions(state[k], n[k])[0], 0.0)
+    return total
+
+
 @compiled
 def _motor_torques(
     n: stepper.Counts, arm: FloatMatrix, state: FloatCube, found: FloatArray
 ) -> None:
     for row in range(found.size):
-        found[row] = 0.0
-        for k in range(n.size):
-            found[row] -= arm[row, k] * max(tensions(state[row, k], n[k])[0], 0.0)
+        found[row] = motor_torque(n, arm[row], state[row])

@@ -44,7 +44,7 @@ MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
 
 @dataclass(frozen=True)
 class FeedbackGains:
-    """Parameters of motor and feedback that a law uses."""
+    """Parameters of motor and feedback that a law uses; `MotorLimits` first."""
 
     ratio: float = parameter(
         unit="1",
@@ -77,6 +77,33 @@ class FeedbackGains:
         default=0.0,
         meaning="1 where the cables only transmit positive motor torque, else 0",
     )
+    inertia: float = parameter(
+        unit="kg m^2",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="of the motor with its pulley; 0 is not known",
+    )
+    safe_torque: float = parameter(
+        unit="N m",
+        bounds=(0.0, guard.NO_TORQUE_LIMIT),
+        default=guard.NO_TORQUE_LIMIT,
+        low_open=True,
+        meaning="most that the cables may put into the joint",
+    )
+    safe_speed: float = parameter(
+        unit="rad/s",
+        bounds=(0.0, guard.NO_SPEED_LIMIT),
+        default=guard.NO_SPEED_LIMIT,
+        low_open=True,
+        meaning="speed of the joint beyond which it is let go",
+    )
+    safe_power: float = parameter(
+        unit="W",
+        bounds=(0.0, guard.NO_POWER_LIMIT),
+        default=guard.NO_POWER_LIMIT,
+        low_open=True,
+        meaning="power into the joint beyond which it is let go",
+    )
     feed_forward: float = parameter(
         unit="1",
         bounds=(0.0, 1.0),
@@ -107,19 +134,6 @@ class FeedbackGains:
         default=0.0,
         meaning="torque at the joint below which the sense does not turn",
     )
-    safe_torque: float = parameter(
-        unit="N m",
-        bounds=(0.0, guard.NO_TORQUE_LIMIT),
-        default=guard.NO_TORQUE_LIMIT,
-        low_open=True,
-        meaning="most that the cables may put into the joint",
-    )
-    inertia: float = parameter(
-        unit="kg m^2",
-        bounds=(0.0, 1e6),
-        default=0.0,
-        meaning="of the motor with its pulley; 0 is not known",
-    )
     stiffness: float = parameter(
         unit="N m/rad",
         bounds=(0.0, 1e12),
@@ -138,20 +152,6 @@ class FeedbackGains:
         default=0.0,
         meaning="friction coefficient times wrap of the cables, for the guard",
     )
-    safe_speed: float = parameter(
-        unit="rad/s",
-        bounds=(0.0, guard.NO_SPEED_LIMIT),
-        default=guard.NO_SPEED_LIMIT,
-        low_open=True,
-        meaning="speed of the joint beyond which it is let go",
-    )
-    safe_power: float = parameter(
-        unit="W",
-        bounds=(0.0, guard.NO_POWER_LIMIT),
-        default=guard.NO_POWER_LIMIT,
-        low_open=True,
-        meaning="power into the joint beyond which it is let go",
-    )
 
     @property
     def packed(self) -> FloatArray:
@@ -162,27 +162,17 @@ class FeedbackGains:
 GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
 """The gains, in the order in which the laws have them."""
 
+_RATIO, PERIOD = guard.RATIO, guard.PERIOD
 (
-    _RATIO, _LOW, _HIGH, PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
-    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE, _INERTIA, STIFFNESS, REST_TORQUE,
-    WRAP_FRICTION, _SAFE_SPEED, _SAFE_POWER,
-) = range(len(GAINS))  # fmt: skip
-
-
-@internal
-def _limited(gains: FloatArray, torque: float) -> float:
-    """Return a torque within the limits of the motor [N m]; no number stays none."""
-    if torque < gains[_LOW]:
-        return float(gains[_LOW])
-    if torque > gains[_HIGH]:
-        return float(gains[_HIGH])
-    return float(torque)
+    _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE,
+    STIFFNESS, REST_TORQUE, WRAP_FRICTION,
+) = range(guard.LIMITS, len(GAINS))  # fmt: skip
 
 
 @compiled
 def feed_forward(gains: FloatArray, desired: float) -> float:
     """Return the motor torque of `FeedForward` from that at the joint [N m]."""
-    return _limited(gains, desired / gains[_RATIO])
+    return guard.limited(gains, desired / gains[_RATIO])
 
 
 @compiled
@@ -206,10 +196,10 @@ def closed_loop_torque(
     following = (
         memory[INTEGRAL_TORQUE] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     )
-    if gains[_ONE_WAY] != 0.0:
+    if guard.limits_of(gains).one_way != 0.0:
         following = max(following, -max(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
-    limited = _limited(gains, torque)
+    limited = guard.limited(gains, torque)
     if abs(limited) > most:
         limited = math.copysign(most, limited)
     # Beyond a limit, and the error would push further.
@@ -247,25 +237,12 @@ def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> 
     return float(damping * ahead)
 
 
-@internal
-def _limits(gains: FloatArray) -> guard.GuardLimits:
-    return guard.GuardLimits(
-        gains[_RATIO],
-        gains[PERIOD],
-        gains[_ONE_WAY],
-        gains[_INERTIA],
-        gains[_SAFE],
-        gains[_SAFE_SPEED],
-        gains[_SAFE_POWER],
-    )
-
-
 @compiled
 def admit(
     gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Check what is measured, and replace it where needed; see `guard.admit`."""
-    guard.admit(_limits(gains), spring, memory[GUARD:], seen)
+    guard.admit(guard.limits_of(gains), spring, memory[GUARD:], seen)
 
 
 @internal
@@ -275,7 +252,10 @@ def _releases_joint(
     """Return whether the law is not to drive the motor; then it begins anew."""
     ahead = _relative_velocity(gains, seen)
     own = memory[GUARD:]
-    if guard.state(_limits(gains), spring, own, ahead, seen[DESIRED]) == guard.FREE:
+    if (
+        guard.state(guard.limits_of(gains), spring, own, ahead, seen[DESIRED])
+        == guard.FREE
+    ):
         return False
     memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
     return True
@@ -289,8 +269,8 @@ def _let_go(
     own, ratio = memory[GUARD:], gains[_RATIO]
     damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
     ahead = _relative_velocity(gains, seen)
-    torque = _limited(gains, guard.let_go_torque(own, damping, ahead))
-    return guard.bounded(_limits(gains), spring, own, torque)
+    torque = guard.limited(gains, guard.let_go_torque(own, damping, ahead))
+    return guard.bounded(guard.limits_of(gains), spring, own, torque)
 
 
 @internal
@@ -302,7 +282,7 @@ def _driven(
     error: float,
 ) -> float:
     """Return the motor torque of feedback within the limit of the guard [N m]."""
-    limits = _limits(gains)
+    limits = guard.limits_of(gains)
     most = guard.command_limit(limits, spring)
     torque = closed_loop_torque(gains, memory, feedforward, error, most)
     return guard.bounded(limits, spring, memory[GUARD:], torque)

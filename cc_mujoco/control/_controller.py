@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -26,10 +27,20 @@ from cc_mujoco.native import FloatArray
 
 
 class Controller(ABC):
-    """A law for the motor torque; subclasses are small and may keep a state."""
+    """A law for the motor torque; subclasses are small and may keep a state.
+
+    One thread at a time may call one; another meanwhile is a `CableError`.
+    """
 
     name = ""
     """Name in error messages; that of its class where it is empty."""
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        """Refuse calls by several threads at once, see `exclusive`."""
+        super().__init_subclass__(**given)
+        for name in ("reset", "torque", "given"):
+            if name in cls.__dict__:
+                setattr(cls, name, exclusive(cls.__dict__[name]))
 
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
@@ -64,7 +75,8 @@ class Controller(ABC):
     def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
         """Accept the torque that the motor got instead of the last one [N m].
 
-        Of several axes it is that of every motor, (axes,).
+        Of several axes it is that of every motor, (axes,). What no motor can have got,
+        as it is no number or beyond `guard.MAX_READING`, is not heard.
 
         A host calls this if its limits (of rate, a soft start) are not those of the
         drive. Otherwise a model would continue from the wrong torque.
@@ -117,13 +129,11 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
             )
         return observation
     angle, velocity, leverage = (observation[name] for name in WINDING_COLUMNS)
-    return {
-        **observation,
-        "joint_angle_rad": angle,
-        "joint_velocity_rad_s": velocity,
-        "joint_torque_nm": observation["joint_torque_nm"] / leverage,
-        "desired_torque_nm": observation["desired_torque_nm"] / leverage,
-    }
+    changed = {"joint_angle_rad": angle, "joint_velocity_rad_s": velocity}
+    with np.errstate(all="ignore"):  # a torque over an arm of 0 is none
+        for name in ("joint_torque_nm", "desired_torque_nm"):
+            changed[name] = np.divide(observation[name], leverage)
+    return {**observation, **changed}
 
 
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:

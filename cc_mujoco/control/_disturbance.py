@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._model_based import Mismatch, ModelBased
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+
+_KNOWN, _TORQUE, LACK_SIZE = range(3)
+"""Places in the memory of the lacking torque, and its size: whether a torque was
+applied; the disturbance [N m]."""
 
 
 class DisturbanceObserver(ModelBased):
@@ -51,37 +55,61 @@ class DisturbanceObserver(ModelBased):
         """
         super().__init__(drive, proportional, integral, mismatch, settling)
         require_number("cutoff", cutoff, 1e-6, 0.5 / drive.period, "Hz")
-        self._share = -math.expm1(-2.0 * math.pi * cutoff * drive.period)
-        self._disturbance: Any = 0.0
-        self._applied: Any = 0.0
-        self._known: Any = False
+        self.share = -math.expm1(-2.0 * math.pi * cutoff * drive.period)
+        """Share of a new value in the disturbance."""
+        self._lack: FloatArray = np.zeros((0, LACK_SIZE))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Reset the disturbance; see `Controller.reset`."""
         super().reset(where)
-        keep = False if where is None else ~where
-        self._disturbance = np.where(keep, self._disturbance, 0.0)
-        self._known = np.where(keep, self._known, False)
+        if where is None:
+            self._lack = np.zeros((0, LACK_SIZE))
+        elif len(self._lack):
+            self._lack[where] = 0.0
 
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
-        self._applied = super().torque(observation)
-        self._known = np.ones(np.shape(self._applied), dtype=np.bool_)
-        return self._applied
-
-    def disturbance(self) -> Any:
-        """Return the motor torque that is added to the feed-forward [N m].
+    def disturbance(self) -> FloatArray:
+        """Return the motor torque that is added to the feed-forward (rows,) [N m].
 
         While the guard lets the joint go, nothing is learned and what was learned is
         forgotten: it may be why the joint was let go.
         """
-        released = self._memory[:, compiled_laws.RELEASED] != 0.0
-        self._disturbance = np.where(released, 0.0, self._disturbance)
-        self._known = self._known & ~released
-        unexplained = np.where(
-            self._known, self._applied - self.model.motor_torque(), 0.0
-        )
-        self._disturbance = self._disturbance + self._share * (
-            unexplained - self._disturbance
-        )
-        return self._disturbance
+        load = self.model.motor_torque()
+        if len(self._lack) != len(load):
+            self._lack = np.zeros((len(load), LACK_SIZE))
+        found = np.empty(len(load))
+        _learn_all(self.share, load, self.memory(len(load)), self._lack, found)
+        return found
+
+
+@internal
+def learn_lack(
+    share: float, load: float, memory: FloatArray, lack: FloatArray
+) -> float:
+    """Return the motor torque that the model lacks, with that of the last step [N m].
+
+    Args:
+        share: of the new value.
+        load: motor torque that the model explains [N m].
+        memory: of the law.
+        lack: (`LACK_SIZE`,), 0 at the start; changed.
+    """
+    if memory[compiled_laws.RELEASED] != 0.0:
+        lack[:] = 0.0
+    unexplained = 0.0
+    if lack[_KNOWN] != 0.0:
+        unexplained = memory[compiled_laws.GUARD + guard.COMMAND] - load
+    lack[_KNOWN] = 1.0
+    lack[_TORQUE] += share * (unexplained - lack[_TORQUE])
+    return float(lack[_TORQUE])
+
+
+@compiled
+def _learn_all(
+    share: float,
+    load: FloatArray,
+    memory: FloatMatrix,
+    lack: FloatMatrix,
+    found: FloatArray,
+) -> None:
+    for row in range(found.size):
+        found[row] = learn_lack(share, load[row], memory[row], lack[row])

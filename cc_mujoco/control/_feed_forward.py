@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._controller import Controller, readings
 from cc_mujoco.native import FloatArray, compiled
 
@@ -19,7 +20,8 @@ class FeedForward(Controller):
     \[ \tau_m = \tau_d / \rho \]
 
     with the desired joint torque \(\tau_d\) [N m] and the ratio \(\rho\) of the drive
-    ("feed-forward only" of the thesis, section 4.3.1). It has no state.
+    ("feed-forward only" of the thesis, section 4.3.1). It has no state. A desired
+    torque that is no number, or beyond `guard.MAX_READING`, gives none.
     """
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -28,10 +30,7 @@ class FeedForward(Controller):
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
         """The numbers of the law, as they are now."""
-        drive = self.drive
-        return compiled_laws.FeedbackGains(
-            drive.ratio, drive.low, drive.high, drive.period
-        )
+        return compiled_laws.FeedbackGains(**guard.motor_limits(self.drive)._asdict())
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
@@ -45,4 +44,6 @@ class FeedForward(Controller):
 @compiled
 def _torques(gains: FloatArray, desired: FloatArray, found: FloatArray) -> None:
     for row in range(found.size):
-        found[row] = compiled_laws.feed_forward(gains, desired[row])
+        found[row] = 0.0
+        if guard.is_reading(desired[row]):
+            found[row] = compiled_laws.feed_forward(gains, desired[row])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from cc_mujoco.control._tuned_feedback import (
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
-_STATES = 4
-_STRETCH, _SPEED, _LOAD, _LACK = range(_STATES)
+STATES = 4
+_STRETCH, _SPEED, _LOAD, _LACK = range(STATES)
 """Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
 the joint that the linear model lacks."""
 _ENCODER_NOISE = 3e-4
@@ -38,12 +38,27 @@ _SLIP_SIGMAS = 8.0
 what the motor can do, from which an encoder has slipped."""
 _EFFORT = 1.0
 """Weight of motor torque to torque error at the joint, both over the greatest."""
-(
-    _RATIO, _LOW, _HIGH, _RIGIDITY, _SAFE, _INERTIA, _RELEASE, _ONE_WAY, _PERIOD,
-    _SPEED_LIMIT, _POWER_LIMIT, _SLIP, _GAINS,
-) = range(13)  # fmt: skip
-_STARTED, _OFFSET, _OFF, _GUARD = range(4)
-_HEADER = _GUARD + guard.MEMORY_SIZE
+_RIGIDITY, _RELEASE, _SLIP, GAINS = range(guard.LIMITS, guard.LIMITS + 4)
+"""Places of the gains behind `MotorLimits`, and their number."""
+_STARTED, _OFFSET, _OFF, GUARD = range(4)
+LAST_COMMAND = GUARD + guard.COMMAND
+_HEADER = GUARD + guard.MEMORY_SIZE
+
+
+class Design(NamedTuple):
+    """Model and gains of observer and regulator.
+
+    Attributes:
+        model: state after a step, from state and torque (4, 5).
+        read: stretch and torque of the joint, from the state (2, 4).
+        kalman: gains of the observer (4, 2).
+        regulator: of stretch and its rate (2,).
+    """
+
+    model: FloatMatrix
+    read: FloatMatrix
+    kalman: FloatMatrix
+    regulator: FloatArray
 
 
 class LinearQuadraticGaussian(Controller):
@@ -79,16 +94,18 @@ class LinearQuadraticGaussian(Controller):
         ratio, period, inertia = drive.ratio, drive.period, drive.inertia
         rigidity = float(np.mean([joint_stiffness(row) for row in drive.cable_drives]))
         most = max(map(abs, drive.reach))
-        self._gains = np.zeros(_GAINS)
-        drift = np.zeros((_STATES + 1, _STATES + 1))
+        self.limits = guard.motor_limits(drive)
+        self.gains = np.zeros(GAINS)
+        """Numbers of the law, `MotorLimits` first."""
+        self.gains[: guard.LIMITS] = self.limits
+        drift = np.zeros((STATES + 1, STATES + 1))
         drift[_STRETCH, _SPEED] = 1.0
         drift[_SPEED, _STRETCH] = -rigidity / ratio**2 / inertia
         drift[_SPEED, _SPEED] = -drive.damping / inertia
-        drift[_SPEED, _LOAD] = drift[_SPEED, _STATES] = 1.0 / inertia
+        drift[_SPEED, _LOAD] = drift[_SPEED, STATES] = 1.0 / inertia
         step = expm(period * drift)
-        self._model = np.ascontiguousarray(step[:_STATES])
-        a, b = step[:_STATES, :_STATES], step[:_STATES, _STATES:]
-        seen = np.zeros((2, _STATES))
+        a, b = step[:STATES, :STATES], step[:STATES, STATES:]
+        seen = np.zeros((2, STATES))
         seen[0, _STRETCH] = 1.0
         seen[1, _STRETCH], seen[1, _LACK] = rigidity / ratio, 1.0
         noise = np.diag(
@@ -97,64 +114,60 @@ class LinearQuadraticGaussian(Controller):
                 max(drive.torque_noise, 1e-4 * most) ** 2,
             ]
         )
-        walk = np.zeros(_STATES)
+        walk = np.zeros(STATES)
         walk[_LOAD] = (_LOAD_WALK * most / ratio) ** 2 * period
         walk[_LACK] = (_LACK_WALK * most) ** 2 * period
         walk[_SPEED] = 1e-9 * (most / ratio / inertia) ** 2 * period
         spread = solve_discrete_are(a.T, seen.T, np.diag(walk), noise)
         gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
-        self._kalman = np.ascontiguousarray(gain)
-        self._seen = seen
         deviation = math.sqrt((seen @ spread @ seen.T + noise)[0, 0])
         push = max(map(abs, (drive.low, drive.high))) / inertia * period**2
-        self._gains[_SLIP] = _SLIP_SIGMAS * deviation + push
+        self.gains[_SLIP] = _SLIP_SIGMAS * deviation + push
         cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
         effort = np.array([[(_EFFORT * ratio / most) ** 2]])
         value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
         own = b[:2].T @ value
         regulator = np.linalg.solve(effort + own @ b[:2], own @ a[:2, :2])
-        self._regulator = np.ascontiguousarray(regulator[0])
-        self._late = round(total_delay(drive) / period - 0.5)
-        self._gains[_RATIO], self._gains[_RIGIDITY] = ratio, rigidity
-        self._gains[_LOW], self._gains[_HIGH] = drive.low, drive.high
-        self._gains[_SAFE] = min(drive.safe_torque, guard.NO_TORQUE_LIMIT)
-        self._gains[_INERTIA], self._gains[_ONE_WAY] = inertia, drive.one_way
-        self._gains[_PERIOD] = period
-        self._gains[_SPEED_LIMIT] = min(drive.safe_speed, guard.NO_SPEED_LIMIT)
-        self._gains[_POWER_LIMIT] = min(drive.safe_power, guard.NO_POWER_LIMIT)
-        self._springs = np.array([joint_spring(row) for row in drive.cable_drives])
-        self._gains[_RELEASE] = loop_gains(drive).settling * rigidity / ratio**2
-        self._size = _HEADER + _STATES + self._late
-        self._memory: FloatArray = np.zeros((0, self._size))
+        self.design = Design(
+            np.ascontiguousarray(step[:STATES]),
+            seen,
+            np.ascontiguousarray(gain),
+            np.ascontiguousarray(regulator[0]),
+        )
+        self.gains[_RIGIDITY] = rigidity
+        self.springs = np.array([joint_spring(row) for row in drive.cable_drives])
+        """See `guard.STIFFNESS`, (environments, 3)."""
+        self.gains[_RELEASE] = loop_gains(drive).settling * rigidity / ratio**2
+        late = round(total_delay(drive) / period - 0.5)
+        self.memory_size = _HEADER + STATES + late
+        """Numbers that the law keeps; the last is the last torque."""
+        self._memory: FloatArray = np.zeros((0, self.memory_size))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Start at rest in the pretension; see `Controller.reset`."""
         if where is None:
-            self._memory = np.zeros((0, self._size))
+            self._memory = np.zeros((0, self.memory_size))
         elif len(self._memory):
             self._memory[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got, if finite; see `Controller.given`."""
-        for place in (-1, _GUARD + guard.COMMAND):
-            np.copyto(self._memory[:, place], torque, where=np.isfinite(torque))
+        """Accept the torque that the motor got; see `Controller.given`."""
+        for place in (-1, LAST_COMMAND):
+            np.copyto(self._memory[:, place], torque, where=guard.is_heard(torque))
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`."""
         seen = readings(as_round_pulley(observation, self.drive), LAW_INPUTS)
         if len(self._memory) != len(seen):
-            self._memory = np.zeros((len(seen), self._size))
+            self._memory = np.zeros((len(seen), self.memory_size))
         found = np.empty(len(seen))
         _torques(
-            self._gains,
-            np.resize(self._springs, (len(seen), guard.SPRING_SIZE)),
-            self._model,
-            self._seen,
-            self._kalman,
-            self._regulator,
+            self.gains,
+            np.resize(self.springs, (len(seen), guard.SPRING_SIZE)),
+            self.design,
             self._memory,
             seen,
-            np.empty(_STATES),
+            np.empty((2, STATES)),
             found,
         )
         numbers = np.ndim(observation[LAW_INPUTS[0]]) == 0
@@ -166,36 +179,39 @@ def _advance(
     model: FloatMatrix, state: FloatArray, torque: float, new: FloatArray
 ) -> None:
     """Advance the state by a step with a torque of the motor."""
-    for i in range(_STATES):
-        new[i] = model[i, _STATES] * torque
-        for j in range(_STATES):
+    for i in range(STATES):
+        new[i] = model[i, STATES] * torque
+        for j in range(STATES):
             new[i] += model[i, j] * state[j]
-    for i in range(_STATES):
+    for i in range(STATES):
         state[i] = new[i]
 
 
-@compiled
-def _torque(
+@internal
+def motor_torque(
     gains: FloatArray,
     spring: FloatArray,
-    model: FloatMatrix,
-    read: FloatMatrix,
-    kalman: FloatMatrix,
-    regulator: FloatArray,
+    design: Design,
     memory: FloatArray,
     seen: FloatArray,
-    ahead: FloatArray,
-    new: FloatArray,
+    scratch: FloatMatrix,
 ) -> float:
-    """Return the torque of the motor of one device [N m]."""
-    ratio, own = gains[_RATIO], memory[_GUARD:_HEADER]
-    limits = guard.GuardLimits(
-        ratio, gains[_PERIOD], gains[_ONE_WAY], gains[_INERTIA], gains[_SAFE],
-        gains[_SPEED_LIMIT], gains[_POWER_LIMIT],
-    )  # fmt: skip
+    """Return the torque of the motor of one device [N m].
+
+    Args:
+        gains: see `LinearQuadraticGaussian.gains`.
+        spring: see `guard.STIFFNESS`.
+        design: of the law.
+        memory: (`LinearQuadraticGaussian.memory_size`,), 0 at the start.
+        seen: in the order of `LAW_INPUTS`; changed.
+        scratch: (2, `STATES`).
+    """
+    limits, own = guard.limits_of(gains), memory[GUARD:_HEADER]
+    model, read, kalman = design.model, design.read, design.kalman
+    ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
     guard.admit(limits, spring, own, seen)
-    state = memory[_HEADER : _HEADER + _STATES]
-    applied = memory[_HEADER + _STATES :]
+    state = memory[_HEADER : _HEADER + STATES]
+    applied = memory[_HEADER + STATES :]
     stretch = seen[_MOTOR] - ratio * seen[_JOINT]
     if memory[_STARTED] == 0.0:
         memory[_STARTED], memory[_OFFSET] = 1.0, stretch
@@ -207,9 +223,9 @@ def _torque(
         off_0 = memory[_OFF]
     memory[_OFF] = off_0
     off_1 = seen[_TORQUE]
-    for j in range(_STATES):
+    for j in range(STATES):
         off_1 -= read[1, j] * state[j]
-    for i in range(_STATES):
+    for i in range(STATES):
         state[i] += kalman[i, 0] * off_0 + kalman[i, 1] * off_1
         ahead[i] = state[i]
     for i in range(1, applied.size):
@@ -218,9 +234,8 @@ def _torque(
     if guard.state(limits, spring, own, relative, seen[_DESIRED]) != guard.FREE:
         torque = guard.let_go_torque(own, gains[_RELEASE], relative)
     else:
-        torque = _regulated(gains, regulator, ahead, seen[_DESIRED])
-    torque = min(max(torque, gains[_LOW]), gains[_HIGH])
-    torque = guard.bounded(limits, spring, own, torque)
+        torque = _regulated(gains, design.regulator, ahead, seen[_DESIRED])
+    torque = guard.bounded(limits, spring, own, guard.limited(gains, torque))
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque
@@ -232,9 +247,9 @@ def _regulated(
     gains: FloatArray, regulator: FloatArray, state: FloatArray, desired: float
 ) -> float:
     """Return the torque of the regulator [N m]."""
-    ratio = gains[_RATIO]
+    ratio = gains[guard.RATIO]
     wanted = (desired - state[_LACK]) * ratio / gains[_RIGIDITY]
-    if gains[_ONE_WAY] != 0.0:
+    if guard.limits_of(gains).one_way != 0.0:
         # A single cable cannot push, and what hangs need not hang further.
         least = -abs(desired) * abs(ratio) / gains[_RIGIDITY]
         wanted = max(wanted, least)
@@ -247,18 +262,13 @@ def _regulated(
 def _torques(
     gains: FloatArray,
     springs: FloatMatrix,
-    model: FloatMatrix,
-    read: FloatMatrix,
-    kalman: FloatMatrix,
-    regulator: FloatArray,
+    design: Design,
     memory: FloatMatrix,
     seen: FloatMatrix,
-    new: FloatArray,
+    scratch: FloatMatrix,
     found: FloatArray,
 ) -> None:
-    ahead = np.empty(_STATES)
     for row in range(found.size):
-        found[row] = _torque(
-            gains, springs[row], model, read, kalman, regulator, memory[row], seen[row],
-            ahead, new,
-        )  # fmt: skip
+        found[row] = motor_torque(
+            gains, springs[row], design, memory[row], seen[row], scratch
+        )

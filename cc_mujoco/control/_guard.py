@@ -30,10 +30,11 @@ inertia J of the rotor. So a joint is also released if that would be unsafe.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cc_mujoco.device._drive import Drive
 from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT = 1e9
@@ -146,6 +147,50 @@ _UNKNOWN = -1.0
 """Misfit that is not known yet."""
 
 
+class MotorLimits(NamedTuple):
+    """Motor and joint of a drive, as laws and guard know them."""
+
+    ratio: float
+    """See `Drive`."""
+    low: float
+    """Least torque of the motor [N m]."""
+    high: float
+    """Greatest torque of the motor [N m]."""
+    period: float
+    """Time between two steps [s]."""
+    one_way: float
+    """1 where the cables only pull one way, else 0."""
+    inertia: float
+    """Inertia of the motor [kg m^2]."""
+    safe_torque: float
+    """Most that the cables may put into the joint [N m]."""
+    safe_speed: float
+    """Speed of the joint beyond which it is let go [rad/s]."""
+    safe_power: float
+    """Power into the joint beyond which it is let go [W]."""
+
+
+RATIO, LOW, HIGH, PERIOD = range(4)
+"""Places of the first of them."""
+LIMITS = len(MotorLimits._fields)
+"""Numbers of `MotorLimits`."""
+
+
+def motor_limits(drive: Drive) -> MotorLimits:
+    """Return what laws and guard know of motor and joint."""
+    return MotorLimits(
+        drive.ratio,
+        drive.low,
+        drive.high,
+        drive.period,
+        float(drive.one_way),
+        drive.inertia,
+        min(drive.safe_torque, NO_TORQUE_LIMIT),
+        min(drive.safe_speed, NO_SPEED_LIMIT),
+        min(drive.safe_power, NO_POWER_LIMIT),
+    )
+
+
 class GuardLimits(NamedTuple):
     """Drive as the guard knows it."""
 
@@ -163,6 +208,20 @@ class GuardLimits(NamedTuple):
     """Speed of the joint beyond which it is let go [rad/s]."""
     power: float
     """Power into the joint beyond which it is let go [W]."""
+
+
+@internal
+def limits_of(gains: FloatArray) -> GuardLimits:
+    """Return the limits of gains that begin with `MotorLimits`."""
+    return GuardLimits(
+        gains[RATIO], gains[PERIOD], gains[4], gains[5], gains[6], gains[7], gains[8]
+    )
+
+
+@internal
+def limited(gains: FloatArray, torque: float) -> float:
+    """Return a torque within the limits of the motor [N m]."""
+    return float(min(max(torque, gains[LOW]), gains[HIGH]))
 
 
 @internal
@@ -260,8 +319,13 @@ def _predict(
     memory[_PREDICTED] = sign * min(max(now, low), high)
 
 
+def is_heard(torque: Any) -> Any:
+    """Return whether a motor can have got a torque [N m]."""
+    return np.abs(torque) <= MAX_READING
+
+
 @internal
-def _is_reading(value: float) -> bool:
+def is_reading(value: float) -> bool:
     """Return whether a number can be a reading."""
     return bool(abs(value) <= MAX_READING)
 
@@ -275,7 +339,7 @@ def _start(
     The cables are at rest where their stretch makes the measured torque.
     """
     for i in range(READINGS):
-        if not _is_reading(seen[i]):
+        if not is_reading(seen[i]):
             memory[_MISSING] += 1.0
             is_short = memory[_MISSING] * limits.period <= RIDE_TIME
             memory[STATE] = BRAKED if is_short else LIMP
@@ -302,7 +366,7 @@ def _start(
 
 
 @internal
-def _stop(memory: FloatArray, state: float) -> None:
+def stop(memory: FloatArray, state: float) -> None:
     """Stop until a reset."""
     memory[STATE] = max(memory[STATE], state)
 
@@ -312,7 +376,7 @@ def _fill_missing(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> 
     """Replace readings that are none by the last good ones, for a short time."""
     missing, angles = False, False
     for i in range(READINGS):
-        if not _is_reading(seen[i]):
+        if not is_reading(seen[i]):
             seen[i] = memory[_GOOD + i]
             missing = True
             angles |= i < TORQUE
@@ -321,7 +385,7 @@ def _fill_missing(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> 
         return
     memory[_MISSING] += 1.0
     if memory[_MISSING] * limits.period > RIDE_TIME:
-        _stop(memory, LIMP if angles else STOPPED)
+        stop(memory, LIMP if angles else STOPPED)
 
 
 @internal
@@ -345,7 +409,7 @@ def _skip_spikes(
             if i != TORQUE:
                 memory[_QUIET] = _QUIET_SAMPLES
         elif i != TORQUE:
-            _stop(memory, LIMP)
+            stop(memory, LIMP)
     if memory[_QUIET] > 0.0:
         memory[_QUIET] -= 1.0
         seen[MOTOR_SPEED] = memory[_GOOD + MOTOR_SPEED]
@@ -379,7 +443,7 @@ def _check_frozen(
             low, high = expected / _STRETCH_FACTOR, expected * _STRETCH_FACTOR
             is_far = max(min(low, high) - change, change - max(low, high)) > least
         if is_far:
-            _stop(memory, STOPPED if i == TORQUE else LIMP)
+            stop(memory, STOPPED if i == TORQUE else LIMP)
     load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
     load += _PUSH_SHARE * limits.safe
     if memory[_EQUAL + MOTOR] == 0.0:
@@ -388,7 +452,7 @@ def _check_frozen(
         memory[_PUSH] = min(memory[_PUSH], 0.0)
     memory[_PUSH] += limits.period
     if memory[_PUSH] > max(_PUSH_TIME, _PUSH_PERIODS * limits.period):
-        _stop(memory, LIMP)
+        stop(memory, LIMP)
 
 
 @internal
@@ -496,7 +560,7 @@ def _compare(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> Non
         size = abs(beyond) / (_MOTOR_SHARE * limits.safe) if denied else 1.0
         memory[_GAP] += limits.period * min(max(size, 1.0), _GAP_RATE)
         if memory[_GAP] > _GAP_TIME:
-            _stop(memory, STOPPED if denied else LIMP)
+            stop(memory, STOPPED if denied else LIMP)
         return
     memory[_GAP] = 0.0
     if beyond == 0.0 and abs(torque) > _KNOWN_SHARE * limits.safe:

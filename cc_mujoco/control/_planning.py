@@ -347,6 +347,10 @@ def motor_torque(
         # What is predicted from a sensor that fails would drive the motor.
         ahead = read[guard.MOTOR_SPEED] - tune[RATIO] * read[guard.JOINT_SPEED]
         torque = guard.let_go_torque(watched, _damping(tune, delay), ahead)
+    if not abs(torque) < np.inf:
+        # Readings that contradict each other by far took the models beyond numbers.
+        guard.stop(watched, guard.LIMP)
+        torque = 0.0
     torque = guard.bounded(limits, spring, watched, torque)
     most = tune[RATE] * dt
     torque = min(max(torque, own[COMMAND] - most), own[COMMAND] + most)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
@@ -200,13 +201,22 @@ class Policy(Controller):
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
 
-        Of several axes that of every motor, (..., axes).
+        Of several axes that of every motor, (..., axes). An observation with what is no
+        number, or beyond `guard.MAX_READING`, gives none.
         """
         seen = [
             observed.of(axis_columns(observation, prefix, self._prefixes))
             for observed, prefix in zip(self._observed, self._prefixes, strict=True)
         ]
+        many = seen[0].ndim == 2
         measured = [np.atleast_2d(own) for own in seen]
+        # Elsewhere one observation that cannot be would stay in the past of a policy.
+        heard = np.all([guard.is_heard(own).all(axis=1) for own in measured], axis=0)
+        if not heard.any():
+            torque = np.zeros((len(heard), len(self._drives)))
+            return self._each(torque, many)
+        if not heard.all():
+            measured = [np.where(heard[:, None], own, 0.0) for own in measured]
         if not self._histories:
             count = len(measured[0])
             self._histories = [ObservationHistory(own, count) for own in self._observed]
@@ -234,8 +244,10 @@ class Policy(Controller):
                 history.act(self._shares[:, axis], due)
         self._samples += 1
         # Of the device's motors, whatever these drives limit them to.
-        torque = self._shares * self._wholes
-        many = seen[0].ndim == 2
+        return self._each(self._shares * self._wholes * heard[:, None], many)
+
+    def _each(self, torque: Array, many: bool) -> Any:
+        """Return torques (rows, axes) as `Controller.torque` does, limited."""
         if len(self._drives) == 1:
             return self.limited(torque[:, 0] if many else float(torque[0, 0]))
         limited = limit_torques(torque, self._drives)

@@ -248,12 +248,8 @@ class PredictiveCompensation(Controller):
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
         self.tuning = Tuning(
-            period=period,
-            inertia=drive.inertia,
+            **guard.motor_limits(drive)._asdict(),
             damping=drive.damping,
-            ratio=drive.ratio,
-            low=drive.low,
-            high=drive.high,
             span=horizon / knots,
             tolerance=tolerance * noise,
             turning=(turning * noise) ** 2,
@@ -280,10 +276,6 @@ class PredictiveCompensation(Controller):
             caution=caution,
             slack=DRAG_SLACK * noise,
             creep=min(period / CREEP_TIME, 1.0),
-            safe_torque=min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
-            safe_speed=min(drive.safe_speed, guard.NO_SPEED_LIMIT),
-            safe_power=min(drive.safe_power, guard.NO_POWER_LIMIT),
-            one_way=float(drive.one_way),
         )
         """Numbers of the compiled functions, by name."""
         self.tables = planner_memory.Tables(
@@ -330,8 +322,8 @@ class PredictiveCompensation(Controller):
             self._devices.applied[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got, if finite; see `Controller.given`."""
-        np.copyto(self._devices.applied[:, -1], torque, where=np.isfinite(torque))
+        """Accept the torque that the motor got; see `Controller.given`."""
+        np.copyto(self._devices.applied[:, -1], torque, where=guard.is_heard(torque))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Take the path from sensors of bend; see `CableModel.rebend`."""

@@ -83,31 +83,22 @@ class ProportionalIntegral(Controller):
             self.memory(np.size(where))[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got, if finite; see `Controller.given`."""
+        """Accept the torque that the motor got; see `Controller.given`."""
         kept = self._memory[:, compiled_laws.GUARD + guard.COMMAND]
-        np.copyto(kept, torque, where=np.isfinite(torque))
+        np.copyto(kept, torque, where=guard.is_heard(torque))
 
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
         """The numbers of the law, as they are now."""
-        drive = self.drive
         return compiled_laws.FeedbackGains(
-            ratio=drive.ratio,
-            low=drive.low,
-            high=drive.high,
-            period=drive.period,
-            one_way=float(drive.one_way),
+            **guard.motor_limits(self.drive)._asdict(),
             feed_forward=float(self.feed_forward),
             proportional=self.proportional,
             integral=self.integral,
-            safe_torque=min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
             settling=self.settling,
-            inertia=drive.inertia,
             stiffness=float(self.springs[0, guard.STIFFNESS]),
             rest_torque=float(self.springs[0, guard.REST]),
             wrap_friction=float(self.springs[0, guard.FRICTION]),
-            safe_speed=min(drive.safe_speed, guard.NO_SPEED_LIMIT),
-            safe_power=min(drive.safe_power, guard.NO_POWER_LIMIT),
         )
 
     def memory(self, rows: int) -> FloatArray:

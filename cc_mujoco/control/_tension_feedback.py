@@ -13,6 +13,7 @@ from cc_mujoco._validation import require_number
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.control._controller import as_round_pulley, readings
 from cc_mujoco.control._predictive import PredictiveCompensation
@@ -189,15 +190,26 @@ class AdaptiveModel(PredictiveCompensation):
         """Return the estimated friction (rows, cables), empty at the start."""
         return self._estimates[:, :, friction_slope.COEFFICIENT].copy()
 
-    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Return the factors on the drive's friction (rows, cables)."""
-        tensions = np.ascontiguousarray(_readings(observation))
-        expected = (self.model.joint.size, *self.taps.noise.shape)
-        if tensions.shape != expected or not np.all(np.isfinite(tensions)):
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Raises:
+            CableError: A tension is no number, or beyond `guard.MAX_READING`; then
+                nothing changes.
+        """
+        tensions = _readings(observation)
+        rows = np.size(observation["motor_angle_rad"])
+        expected = (rows, *self.taps.noise.shape)
+        if tensions.shape != expected or not np.all(guard.is_heard(tensions)):
             raise CableError(
                 f"{TENSION_COLUMN} must be finite numbers of shape {expected[1:]} for "
                 f"every device, not {tensions.tolist()}."
             )
+        return super().torque(observation)
+
+    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the factors on the drive's friction (rows, cables)."""
+        tensions = np.ascontiguousarray(_readings(observation))
         if self._calls.size != tensions.shape[0]:
             self._begin(tensions.shape[0])
         model = self.model

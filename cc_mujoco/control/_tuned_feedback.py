@@ -26,7 +26,7 @@ from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.control._proportional_integral import ProportionalIntegral
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
@@ -42,7 +42,7 @@ _NOISE_TIME = 0.5
 _RATE_FILTER = 0.2
 """Share of a new value in the filtered rate of the desired torque."""
 
-_KNOWN, _DESIRED, _RATE, _TORQUE, _CHANGE, _POWER, _SIGNAL_SIZE = range(7)
+_KNOWN, _DESIRED, _RATE, _TORQUE, _CHANGE, _POWER, SIGNAL_SIZE = range(7)
 """Places in the memory of the signals, and its size: desired torque and its filtered
 rate; measured torque, its change in the last step, and the power of its noise."""
 
@@ -130,14 +130,21 @@ class TunedFeedback(ProportionalIntegral):
         self.settling = found.settling
         self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
         """Error at no desired torque that is none, over the sensor's noise."""
-        self._cables = np.stack([cable_table(row) for row in drive.cable_drives])
-        self._signals: FloatArray = np.zeros((0, _SIGNAL_SIZE))
+        self.cables = np.stack([cable_table(row) for row in drive.cable_drives])
+        """See `cable_table`, (environments, cables, numbers)."""
+        self._signals: FloatArray = np.zeros((0, SIGNAL_SIZE))
+
+    @property
+    def settings(self) -> tuple[float, float, float, float]:
+        """Share of friction, speed of slip, dead zone and the sensor's noise."""
+        noise = self.drive.torque_noise
+        return self.friction_share, self.slip_speed, self.dead_sigmas, noise
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Empty the integral; see `Controller.reset`."""
         super().reset(where)
         if where is None:
-            self._signals = np.zeros((0, _SIGNAL_SIZE))
+            self._signals = np.zeros((0, SIGNAL_SIZE))
         elif len(self._signals):
             self._signals[where] = 0.0
 
@@ -155,16 +162,13 @@ class TunedFeedback(ProportionalIntegral):
         """Return the torque of the motor (rows,) [N m]; see `ProportionalIntegral`."""
         rows = len(seen)
         if len(self._signals) != rows:
-            self._signals = np.zeros((rows, _SIGNAL_SIZE))
+            self._signals = np.zeros((rows, SIGNAL_SIZE))
         found = np.empty(rows)
         _torques(
             self.gains.packed,
             self.rows_of_springs(rows),
-            np.resize(self._cables, (rows, *self._cables.shape[1:])),
-            self.friction_share,
-            self.slip_speed,
-            self.dead_sigmas,
-            self.drive.torque_noise,
+            np.resize(self.cables, (rows, *self.cables.shape[1:])),
+            np.array(self.settings),
             self.memory(rows),
             self._signals,
             seen,
@@ -216,38 +220,61 @@ def _noise(gains: FloatArray, memory: FloatArray, torque: float) -> float:
     return float(np.sqrt(memory[_POWER]))
 
 
+@internal
+def tuned_torque(
+    gains: FloatArray,
+    spring: FloatArray,
+    cables: FloatMatrix,
+    settings: FloatArray,
+    memory: FloatArray,
+    signals: FloatArray,
+    seen: FloatArray,
+) -> float:
+    """Return the motor torque of `TunedFeedback` [N m].
+
+    Args:
+        gains: see `GAINS`.
+        spring: see `guard.STIFFNESS`.
+        cables: see `cable_table`.
+        settings: see `TunedFeedback.settings`.
+        memory: of the law.
+        signals: (`SIGNAL_SIZE`,), 0 at the start.
+        seen: what is measured, after `admit`; changed.
+    """
+    desired = seen[compiled_laws.DESIRED]
+    ahead = compiled_laws.feed_forward(gains, desired)
+    if signals[_KNOWN] == 0.0:
+        signals[_KNOWN], signals[_DESIRED] = 1.0, desired
+        signals[_TORQUE] = seen[compiled_laws.TORQUE]
+    friction_share, slip_speed = settings[0], settings[1]
+    if friction_share > 0.0:
+        stiffness = spring[guard.STIFFNESS]
+        sense = friction_share * _sense_of_slip(
+            gains, signals, seen, stiffness, slip_speed
+        )
+        ahead = full_slip_balance(cables, sense, desired)[0]
+    off = seen[compiled_laws.TORQUE] - desired
+    noise = _noise(gains, signals, seen[compiled_laws.TORQUE])
+    width = settings[2] * max(noise, settings[3]) - 0.5 * abs(desired)
+    if width > 0.0:
+        off = np.sign(off) * max(abs(off) - width, 0.0)
+        seen[compiled_laws.TORQUE] = desired + off
+    return compiled_laws.damped_feedback(gains, spring, memory, seen, ahead)
+
+
 @compiled
 def _torques(
     gains: FloatArray,
     springs: FloatMatrix,
     cables: FloatCube,
-    friction_share: float,
-    slip_speed: float,
-    dead_sigmas: float,
-    least_noise: float,
+    settings: FloatArray,
     memory: FloatMatrix,
     signals: FloatMatrix,
     seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        desired = seen[row, compiled_laws.DESIRED]
-        ahead = compiled_laws.feed_forward(gains, desired)
-        if signals[row, _KNOWN] == 0.0:
-            signals[row, _KNOWN], signals[row, _DESIRED] = 1.0, desired
-            signals[row, _TORQUE] = seen[row, compiled_laws.TORQUE]
-        if friction_share > 0.0:
-            stiffness = springs[row, guard.STIFFNESS]
-            sense = friction_share * _sense_of_slip(
-                gains, signals[row], seen[row], stiffness, slip_speed
-            )
-            ahead = full_slip_balance(cables[row], sense, desired)[0]
-        off = seen[row, compiled_laws.TORQUE] - desired
-        noise = _noise(gains, signals[row], seen[row, compiled_laws.TORQUE])
-        width = dead_sigmas * max(noise, least_noise) - 0.5 * abs(desired)
-        if width > 0.0:
-            off = np.sign(off) * max(abs(off) - width, 0.0)
-            seen[row, compiled_laws.TORQUE] = desired + off
-        found[row] = compiled_laws.damped_feedback(
-            gains, springs[row], memory[row], seen[row], ahead
-        )
+        found[row] = tuned_torque(
+            gains, springs[row], cables[row], settings, memory[row], signals[row],
+            seen[row],
+        )  # fmt: skip

@@ -27,6 +27,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from cc_mujoco._utils.provenance import POLICY_ENDING
 from cc_mujoco.control import AxesController, Controller, axes_controller, controller
 from cc_mujoco.control._axes import is_decoupled
 from cc_mujoco.device import UNPLUGGED, Axis, Device, DeviceModel, Plant, find_device
@@ -34,6 +35,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
+from cc_mujoco.native import _library as native_library
 from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._loop import Trace, run
@@ -518,7 +520,8 @@ def activity(
     """Return the energy that a controller puts into a passive wearer, by simulation.
 
     The wearers are those that the search of `check_passivity.py` begins with, in the
-    hands of a spring; it finds more than that, and no search proves anything.
+    hands of a spring; it finds more than that, and no search proves anything. What was
+    found is kept by controller, model, description and code.
 
     Args:
         device: Name, file or the device.
@@ -529,6 +532,25 @@ def activity(
     """
     device = find_device(device)
     own = device.description.axis(axis)
+    model = variant or Plant(device).model()
+    whole = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, whole)
+    follows = [law, own.name, repr(device.description), whole.tobytes().hex()]
+    if law.endswith(POLICY_ENDING):
+        follows.append(Path(law).read_bytes().hex())
+    energy, allowed, limb = native_library.kept(
+        "passivity", follows, lambda: _activity(device, law, variant, own, progress)
+    )
+    return Activity(energy, allowed, Limb(*limb))
+
+
+def _activity(
+    device: Device,
+    law: str,
+    variant: mujoco.MjModel | None,
+    own: Axis,
+    progress: Callable[[float], object],
+) -> tuple[float, float, tuple[float, ...]]:
     inertia = inertia_of(device, own.name)
     limbs = [limb_of(place, inertia) for place in first_wearers(device, own.name)]
     found = play(
@@ -542,4 +564,5 @@ def activity(
     )
     worst = int(np.argmax(found.held))
     held = 0.5 * spring_stiffness(own) * (0.5 * own.reach) ** 2
-    return Activity(float(found.held[worst]), MAX_ACTIVE_SHARE * held, limbs[worst])
+    limb = dataclasses.astuple(limbs[worst])
+    return float(found.held[worst]), MAX_ACTIVE_SHARE * held, limb

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
@@ -308,6 +309,7 @@ class SlopeFit:
     def noise(self, deviation: ArrayLike) -> None:
         self._noise = checked_noise(deviation, self._nodes.size)
 
+    @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
         """Take the readings of the next instant.
 

@@ -5,6 +5,7 @@ from ._files import EXPORT_FILES as EXPORT_FILES
 from ._files import SOURCE_FILES as SOURCE_FILES
 from ._files import require_ours as require_ours
 from ._files import write as write
+from ._measures import measure as measure
 from ._plugin_library import write_plugin as write_plugin
 from ._plugin_library import write_plugin_source as write_plugin_source
 from ._ros2_control import require_ros2_states as require_ros2_states

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from cc_mujoco.cable._layout import STATE_HEADER
 from cc_mujoco.control import _guard as guard
@@ -38,13 +38,32 @@ _POLICY_MEANINGS = {
 """Meanings of the readings of a policy, where they differ."""
 
 
-def header(plan: ExportPlan, what: str) -> str:
+def readme(plan: ExportPlan, what: str, notes: Sequence[str]) -> str:
+    """Return the page of the folder; arguments as of `header`."""
+    listed = "\n".join(f"- {note}" for note in notes)
+    return f"""# {what}
+
+`cc_controller_step` every {plan.period:g} s gives the torque of every motor. See
+`cc_controller.h` for readings and parameters, and `cc_example.c` for a program.
+
+- memory: {8 * plan.memory_size} bytes
+{listed}
+
+```sh
+cmake -S . -B build && cmake --build build
+```
+"""
+
+
+def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
     """Return the C header.
 
     Args:
         plan: What is exported.
         what: Of which controller, for what scene.
+        notes: What is known of it, a line each.
     """
+    told = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"
         for axis in plan.axes
@@ -62,7 +81,7 @@ def header(plan: ExportPlan, what: str) -> str:
         if name
     )
     return f"""{HEADER_MARK}{what}. */
-#ifndef CC_CONTROLLER_H
+{told}#ifndef CC_CONTROLLER_H
 #define CC_CONTROLLER_H
 
 #include <stddef.h>
@@ -116,20 +135,22 @@ void cc_controller_reset(cc_controller *controller);
 /* Torques of the motors (CC_AXES) [N m] until the next reading, within their limits.
  * The guard rides through a reading that is no number, infinite or beyond
  * {guard.MAX_READING:g} of its unit, for {1e3 * guard.RIDE_TIME:g} ms; then it stops.
- * Where no guard looks at it, none of the torques is a number, the state stays as it
- * was, and what the motors do is yours to decide. */
-void cc_controller_step(cc_controller *controller, const cc_readings *readings,
-                        double *torques);
+ * Returns 0, or 1 + the place of such a reading at which no guard looks: then all
+ * torques are 0 and the state stays as it was. */
+int cc_controller_step(cc_controller *controller, const cc_readings *readings,
+                       double *torques);
 
 /* Tell, after a step, what the motors got (CC_AXES) instead of these torques, where a
- * limit of yours (of rate, a soft start) allowed no more. What is infinite or no number
- * is not heard. */
+ * limit of yours (of rate, a soft start) allowed no more. What is no number, or beyond
+ * {guard.MAX_READING:g} N m, is not heard. */
 static inline void cc_controller_given(cc_controller *controller, const double *torques)
 {{
-    static const int place[CC_AXES] = {{{_number_lines(_given_places(plan))}}};
+    static const int place[CC_AXES][2] = {{{_given_places(plan)}}};
     for (int i = 0; i < CC_AXES; i++)
-        if (place[i] >= 0 && torques[i] - torques[i] == 0.0)
-            controller->number[place[i]] = torques[i];
+        for (int k = 0; k < 2; k++)
+            if (place[i][k] >= 0 && torques[i] <= {guard.MAX_READING:.1f} &&
+                torques[i] >= {-guard.MAX_READING:.1f})
+                controller->number[place[i][k]] = torques[i];
 }}
 {_observer_functions(plan)}
 #ifdef __cplusplus
@@ -142,7 +163,7 @@ static inline void cc_controller_given(cc_controller *controller, const double *
 def _meanings(axis: AxisPlan) -> Iterator[str]:
     """Return the meanings of the readings of an axis."""
     known = _READING_MEANINGS
-    if axis.policy is not None:
+    if not axis.law.is_guarded:
         known = known | _POLICY_MEANINGS
     for name in axis.columns:
         yield known[name]
@@ -152,10 +173,13 @@ def _meanings(axis: AxisPlan) -> Iterator[str]:
         yield known.get(name, "torque at that joint per torque of this motor")
 
 
-def _given_places(plan: ExportPlan) -> Iterator[int]:
-    """Return the place of every last torque in the memory, -1 where none is kept."""
-    for start, axis in zip(plan.starts, plan.axes, strict=False):
-        yield start + axis.given if axis.given >= 0 else -1
+def _given_places(plan: ExportPlan) -> str:
+    """Return two places of every last torque in the memory, -1 where none is kept."""
+    rows = (
+        [start + place for place in axis.given] + [-1, -1]
+        for start, axis in zip(plan.starts, plan.axes, strict=False)
+    )
+    return ", ".join(f"{{{_number_lines(row[:2])}}}" for row in rows)
 
 
 def _observer_functions(plan: ExportPlan) -> str:
@@ -288,7 +312,8 @@ int main(void)
             fprintf(stderr, "line %ld has not just {len(seen)} numbers\\n", row);
             return 2;
         }}
-        cc_controller_step(&controller, &r, torques);
+        if (cc_controller_step(&controller, &r, torques))
+            fprintf(stderr, "line %ld has a reading that cannot be\\n", row);
         for (int i = 0; i < CC_AXES; i++)
             printf("%.17g%c", torques[i], i + 1 < CC_AXES ? ',' : '\\n');
     }}

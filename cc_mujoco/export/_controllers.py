@@ -24,16 +24,24 @@ from cc_mujoco.cable._parameters import TERMS
 from cc_mujoco.control import (
     CONTROLLERS,
     AdaptiveModel,
+    BacklashInverse,
     Controller,
+    DisturbanceObserver,
     Feedback,
+    FeedForward,
+    FrictionFeedForward,
+    LinearQuadraticGaussian,
     ModelBased,
     Policy,
     PredictiveCompensation,
     ProportionalIntegral,
     StictionCompensation,
+    TunedFeedback,
     read_policy,
 )
+from cc_mujoco.control import _disturbance as disturbance
 from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._axes import (
     OWN_COLUMNS,
     by_axis,
@@ -52,8 +60,10 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
 from cc_mujoco.export import _adaptive as adaptive
 from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export import _feedback as feedback
 from cc_mujoco.export import _policy as policy
 from cc_mujoco.export import _predictive as predictive
+from cc_mujoco.export._feedback import NO_TABLES, LawTables
 from cc_mujoco.export._joint_torques import JointTorques
 from cc_mujoco.native import FloatArray
 
@@ -75,6 +85,13 @@ class ExportedLaw:
     """Readings that it uses."""
     needs_slope: bool = False
     """True if cables may only have friction terms that `_tension_slope` supports."""
+    tables: Callable[[Any], LawTables] = lambda _: NO_TABLES
+    """Function of the controller."""
+    is_round: bool = False
+    """True if it reads torques as of a round pulley, as every law with a model does."""
+    is_guarded: bool = True
+    numbers: str = "gains"
+    """Attribute of the controller that has its gains."""
 
 
 _FIXED_TUNING = frozenset(
@@ -88,29 +105,64 @@ _FEED_FORWARD_GAINS = frozenset(
     {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
 )
 """Not read by a law with a model."""
+_BY_NAME = {gain.name: gain for gain in GAINS}
 _FEEDBACK = ExportedLaw(
     entry_points.wrong_gains,
     entry_points.store_gains,
     entry_points.step_proportional_integral,
     False,
     _PREVIEW_GAINS,
+    tables=feedback.feedback_tables,
+)
+_TUNED = dataclasses.replace(
+    _FEEDBACK, step=feedback.step_tuned, tables=feedback.tuned_tables, is_round=True
+)
+_INVERSE = ExportedLaw(
+    feedback.wrong_limits,
+    feedback.store_limits,
+    feedback.step_inverse,
+    False,
+    fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
+    gains=tuple(_BY_NAME[name] for name in guard.MotorLimits._fields),
+    tables=feedback.inverse_tables,
+    is_round=True,
+    numbers="limits",
+)
+_MODEL = ExportedLaw(
+    entry_points.wrong_model,
+    entry_points.store_model,
+    entry_points.step_model_based,
+    True,
+    _PREVIEW_GAINS | _FEED_FORWARD_GAINS,
 )
 LAWS: dict[type[Controller], ExportedLaw] = {
+    FeedForward: dataclasses.replace(
+        _INVERSE,
+        step=feedback.step_forward,
+        unread=frozenset(guard.MotorLimits._fields) - {"ratio", "low", "high"},
+        numbers="gains",
+        fixed=frozenset({"period"}),
+        seen=("desired_torque_nm",),
+        tables=feedback.forward_tables,
+        is_round=False,
+        is_guarded=False,
+    ),
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
-    ModelBased: ExportedLaw(
-        entry_points.wrong_model,
-        entry_points.store_model,
-        entry_points.step_model_based,
-        True,
-        _PREVIEW_GAINS | _FEED_FORWARD_GAINS,
+    TunedFeedback: _TUNED,
+    FrictionFeedForward: _TUNED,
+    BacklashInverse: _INVERSE,
+    LinearQuadraticGaussian: dataclasses.replace(
+        _INVERSE, step=feedback.step_gaussian, tables=feedback.gaussian_tables
     ),
-    StictionCompensation: ExportedLaw(
-        entry_points.wrong_model,
-        entry_points.store_model,
-        entry_points.step_stiction,
-        True,
-        _FEED_FORWARD_GAINS,
+    ModelBased: _MODEL,
+    StictionCompensation: dataclasses.replace(
+        _MODEL, step=entry_points.step_stiction, unread=_FEED_FORWARD_GAINS
+    ),
+    DisturbanceObserver: dataclasses.replace(
+        _MODEL,
+        step=entry_points.step_disturbance,
+        tables=lambda law: LawTables((), (law.share,), disturbance.LACK_SIZE),
     ),
     PredictiveCompensation: ExportedLaw(
         predictive.wrong_plan,
@@ -120,6 +172,7 @@ LAWS: dict[type[Controller], ExportedLaw] = {
         fixed=_FIXED_TUNING,
         gains=TUNING,
         seen=READ,
+        numbers="tuning",
     ),
     AdaptiveModel: ExportedLaw(
         adaptive.wrong_sensed,
@@ -131,6 +184,7 @@ LAWS: dict[type[Controller], ExportedLaw] = {
         gains=TUNING,
         seen=READ,
         needs_slope=True,
+        numbers="tuning",
     ),
 }
 """Controllers whose step is a compiled function, hence can be exported."""
@@ -173,8 +227,8 @@ class AxisPlan:
     """Tension sensors, of a controller that reads them."""
     prefix: str = ""
     """Beginning of the names of readings and gains, of a device with several axes."""
-    policy: policy.PolicyTables | None = None
-    """Numbers of a policy, of one that was trained."""
+    own: LawTables = NO_TABLES
+    """Numbers of the law besides parameters and cables."""
 
     @classmethod
     def of(
@@ -215,7 +269,7 @@ class AxisPlan:
         law = LAWS[kind]
         known = made.drive.cables if law.has_model else ()
         planned = isinstance(made, PredictiveCompensation)
-        given = made.tuning if planned else made.gains
+        given = getattr(made, law.numbers)
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
         gains = [
             _gain_parameter(gain, float(getattr(given, gain.name)), law)
@@ -239,6 +293,7 @@ class AxisPlan:
             made.tables[:-1] if planned else (),
             taps,
             prefix,
+            law.tables(made),
         )
 
     @classmethod
@@ -253,6 +308,7 @@ class AxisPlan:
             policy.step_policy,
             False,
             seen=observed.columns,
+            is_guarded=False,
         )
         whole = made.drive.observed.torque if made.drive.observed else 0.0
         low, high, period = made.drive.low, made.drive.high, drive.period
@@ -271,7 +327,7 @@ class AxisPlan:
             (),
             (),
             prefix=prefix,
-            policy=policy.PolicyTables(network, observed),
+            own=policy.policy_tables(network, observed),
         )
 
     @property
@@ -281,7 +337,12 @@ class AxisPlan:
             [self.prefix + _identifier(name) for name in names]
             for names in (self.columns, self.other_columns)
         )
-        return (*own, *(name for name, _, _ in self.tension_readings), *other)
+        return (*own, *self.tension_names, *other)
+
+    @property
+    def tension_names(self) -> tuple[str, ...]:
+        """Names of the tensions among them."""
+        return tuple(name for name, _, _ in self.tension_readings)
 
     @property
     def tension_readings(self) -> tuple[tuple[str, str, int], ...]:
@@ -297,8 +358,8 @@ class AxisPlan:
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape that the compiled functions are given: see `entries`."""
-        if self.policy is not None:
-            return self.policy.shape
+        if not self.law.has_model:
+            return self.own.shape
         told = (len(self.cables), *self.segments, *self.sections)
         if self.plans:
             told = *told, *self.plans[0].shape[:2]
@@ -310,17 +371,15 @@ class AxisPlan:
     @property
     def tables(self) -> tuple[float, ...]:
         """Numbers that no parameter changes: see `entries`."""
-        if self.policy is not None:
-            return self.policy.numbers
         tables = [number for table in self.plans for number in np.ravel(table)]
         fading = [] if self.taps is None else [self.taps.fading]
-        return tuple(map(float, [*tables, *fading]))
+        return tuple(map(float, [*tables, *fading, *self.own.numbers]))
 
     @property
     def places(self) -> tuple[int, ...]:
         """Places of numbers in the memory; the last is how many there are."""
-        if self.policy is not None:
-            return (self.policy.memory_size,)
+        if not self.law.has_model:
+            return (self.own.memory_size,)
         longest = max(self.segments, default=0)
         if self.plans:
             delays, knots = self.plans[0].shape[:2]
@@ -331,15 +390,16 @@ class AxisPlan:
             if self.taps is not None:
                 end += adaptive.memory_size(cables, longest, self.taps.nodes.shape[1])
             return *places, end
-        return tuple(entry_points.places(len(self.cables), longest))
+        *places, end = entry_points.places(len(self.cables), longest)
+        return *places, end + self.own.memory_size
 
     @property
-    def given(self) -> int:
-        """Place of the last torque in the memory of the controller, -1 of a policy."""
-        if self.policy is not None:
-            return -1
+    def given(self) -> tuple[int, ...]:
+        """Places of the last torque in the memory of the controller."""
+        if not self.law.has_model:
+            return self.own.given
         # Before the scratch, see `_predictive.places`.
-        return self.places[0] - 1 if self.plans else entry_points.LAST_COMMAND
+        return (self.places[0] - 1 if self.plans else entry_points.LAST_COMMAND,)
 
 
 @dataclass(frozen=True)
@@ -415,18 +475,26 @@ class ExportPlan:
         return np.array([field.value for field in self.fields])
 
     @property
+    def period(self) -> float:
+        """Time between two steps [s]."""
+        return next(f.value for f in self.fields if f.name.endswith("period"))
+
+    @property
     def seen(self) -> tuple[str, ...]:
         """Names of all readings in C, in order."""
         return tuple(name for axis in self.axes for name in axis.seen)
 
     @property
     def guarded(self) -> tuple[int, ...]:
-        """A flag for every reading: 1 where the guard of its axis looks at it."""
+        """A flag for every reading: 1 where the guard of its axis looks at it.
+
+        It looks at a leverage ratio by the torques over it.
+        """
         checks = self.torques.coupling is None
         return tuple(
-            int(checks and axis.policy is None and place < len(axis.columns))
+            int(checks and axis.law.is_guarded and name not in axis.tension_names)
             for axis in self.axes
-            for place in range(len(axis.seen))
+            for name in axis.seen
         )
 
     @property
@@ -453,7 +521,8 @@ def _law_columns(law: ExportedLaw, drive: Drive) -> tuple[str, ...]:
 def _other_columns(law: ExportedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:
     """Return the columns from which the torques that a law reads are computed."""
     found = []
-    if (drive.lever or drive.crossed) and (law.has_model or decoupled):
+    is_round = law.is_round or law.has_model
+    if (drive.lever or drive.crossed) and (is_round or decoupled):
         found.append(WINDING_COLUMNS[2])
     if decoupled:
         found += [RATIO_COLUMN.format(joint=joint) for joint in drive.shared_ratios]
@@ -480,7 +549,8 @@ def _joint_torques(
             start + axis.columns.index(name) if name in own_torques else -1
             for name in OWN_COLUMNS
         )
-        divided = int(axis.law.has_model and leverage >= 0)
+        is_round = axis.law.is_round or axis.law.has_model
+        divided = int(is_round and leverage >= 0)
         rows.append((own, torque, desired, leverage, divided))
         if coupling is not None:
             shared += [

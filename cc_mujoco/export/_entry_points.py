@@ -18,7 +18,9 @@ from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.control import _cable_model as cable_model
 from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _disturbance as disturbance
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import add_preload, follow, stiffness
 from cc_mujoco.control._compensation import SCRATCH_ROWS
@@ -40,15 +42,13 @@ OWN_MEMORY = SPRING + guard.SPRING_SIZE
 """Numbers before those that are a controller's own."""
 LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
 """Place of the last torque of a controller that does not plan."""
-_N_GAINS, _N_INPUTS = len(compiled_laws.GAINS), len(compiled_laws.LAW_INPUTS)
-_GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
-_CABLES = _GAINS + _N_GAINS
+GAIN_COUNT, _N_INPUTS = len(compiled_laws.GAINS), len(compiled_laws.LAW_INPUTS)
+GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
+CABLES = GAINS + GAIN_COUNT
 _CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
 
-_RATIO, _LOW, _HIGH = (
-    [gain.name for gain in compiled_laws.GAINS].index(name)
-    for name in ("ratio", "low", "high")
-)
+_MODEL, _STICTION, _DISTURBANCE = range(3)
+"""Kinds of laws with a model."""
 _FRICTION = friction.INDEX["friction"]
 _STATIC = friction.INDEX["static_friction"]
 _PRETENSION = friction.INDEX["pretension"]
@@ -97,7 +97,7 @@ def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
         the states, the states after a step, the scratch; and how many numbers there
         are.
     """
-    scratch = _CABLES + _CABLE_ROWS * cables
+    scratch = CABLES + _CABLE_ROWS * cables
     packed = scratch + SCRATCH_ROWS * cables
     state = packed + cables * kernel.parameter_size(most)
     new = state + cables * kernel.state_size(most)
@@ -187,15 +187,17 @@ def wrong_cables(
 
 @internal
 def _store_parameters(memory: FloatArray, parameters: FloatArray) -> None:
-    for i in range(_N_GAINS):
-        memory[_GAINS + i] = parameters[i]
+    for i in range(GAIN_COUNT):
+        memory[GAINS + i] = parameters[i]
 
 
 def wrong_gains(
     shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
     """Return 1 + the index of an impossible gain, 0 if there is none."""
-    return wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
+    return wrong_motor(
+        parameters, least, most, GAIN_COUNT, guard.RATIO, guard.LOW, guard.HIGH
+    )
 
 
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
@@ -210,10 +212,12 @@ def wrong_model(
     shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
     """Return 1 + the index of an impossible gain or cable, 0 if there is none."""
-    wrong = wrong_motor(parameters, least, most, _N_GAINS, _RATIO, _LOW, _HIGH)
+    wrong = wrong_motor(
+        parameters, least, most, GAIN_COUNT, guard.RATIO, guard.LOW, guard.HIGH
+    )
     if wrong != 0:
         return wrong
-    return wrong_cables(shape, parameters, least, most, _N_GAINS)
+    return wrong_cables(shape, parameters, least, most, GAIN_COUNT)
 
 
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
@@ -224,12 +228,12 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
     _store_parameters(memory, parameters)
     _, packed, _, _, _, _ = places(cables, longest)
     size = kernel.parameter_size(longest)
-    first = _N_GAINS
+    first = GAIN_COUNT
     spring = part(memory, SPRING, guard.SPRING_SIZE)
     spring[:] = 0.0
     for k in range(cables):
-        memory[_CABLES + k] = parameters[first]
-        memory[_CABLES + cables + k] = parameters[first + 1]
+        memory[CABLES + k] = parameters[first]
+        memory[CABLES + cables + k] = parameters[first + 1]
         sections = shape[1 + cables + k]
         values = part(parameters, first + 2, SCALARS)
         bends = rows_of(parameters, first + 2 + SCALARS, sections, 2)
@@ -243,12 +247,12 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         first += 2 + SCALARS + 2 * sections
     spring[guard.STIFFNESS] = stiffness(
         rows_of(memory, packed, cables, size),
-        part(memory, _CABLES + cables, cables),
+        part(memory, CABLES + cables, cables),
     )
 
 
-def are_possible(readings: FloatArray, count: int, guarded: IntArray) -> int:
-    """Return 1 if all readings are numbers that sensors can mean, else 0.
+def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
+    """Return 1 + the place of a reading that no sensor can mean, 0 if there is none.
 
     Args:
         readings: of all axes.
@@ -256,13 +260,13 @@ def are_possible(readings: FloatArray, count: int, guarded: IntArray) -> int:
         guarded: of every reading 1 where the guard of its axis looks at it, else 0.
     """
     for i in range(count):
-        if guarded[i] == 0 and not abs(readings[i]) <= guard.MAX_READING:
-            return 0
-    return 1
+        if guarded[i] == 0 and not guard.is_reading(readings[i]):
+            return i + 1
+    return 0
 
 
 @internal
-def _admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
+def admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
     """Return what is measured as the guard lets it through; begin where that is due."""
     law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
     if memory[FIRST_STEP] != 0.0:
@@ -270,7 +274,7 @@ def _admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
     seen = law[compiled_laws.GUARD + guard.SEEN :]
     for i in range(_N_INPUTS):
         seen[i] = readings[i]
-    gains = part(memory, _GAINS, _N_GAINS)
+    gains = part(memory, GAINS, GAIN_COUNT)
     spring = part(memory, SPRING, guard.SPRING_SIZE)
     compiled_laws.admit(gains, spring, law, seen)
     return seen
@@ -280,32 +284,34 @@ def step_proportional_integral(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     """Return the motor torque of the next step [N m]."""
-    seen = _admitted(memory, readings)
+    seen = admitted(memory, readings)
     memory[FIRST_STEP] = 0.0
     law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    gains = part(memory, _GAINS, _N_GAINS)
+    gains = part(memory, GAINS, GAIN_COUNT)
     spring = part(memory, SPRING, guard.SPRING_SIZE)
     return compiled_laws.guarded_torque(gains, spring, law, seen)
 
 
 @internal
 def _step_model(
-    memory: FloatArray, shape: IntArray, readings: FloatArray, with_stiction: bool
-) -> float:
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray,
+    kind: int,
+) -> float:  # fmt: skip
+    """Return the motor torque of the next step of a kind of law [N m]."""
     count, longest = shape[0], 0
     for k in range(count):
         longest = max(longest, shape[1 + k])
     scratch, packed, first, after, work, end = places(count, longest)
     size, width = kernel.parameter_size(longest), kernel.state_size(longest)
-    seen = _admitted(memory, readings)
+    seen = admitted(memory, readings)
     law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    gains = part(memory, _GAINS, _N_GAINS)
+    gains = part(memory, GAINS, GAIN_COUNT)
     spring = part(memory, SPRING, guard.SPRING_SIZE)
-    proximal = part(memory, _CABLES, count)
-    distal = part(memory, _CABLES + count, count)
-    arm = part(memory, _CABLES + 2 * count, count)
-    direction = part(memory, _CABLES + 3 * count, count)
-    gain = part(memory, _CABLES + 4 * count, count)
+    proximal = part(memory, CABLES, count)
+    distal = part(memory, CABLES + count, count)
+    arm = part(memory, CABLES + 2 * count, count)
+    direction = part(memory, CABLES + 3 * count, count)
+    gain = part(memory, CABLES + 4 * count, count)
     law_scratch = rows_of(memory, scratch, SCRATCH_ROWS, count)
     prm = rows_of(memory, packed, count, size)
     state = rows_of(memory, first, count, width)
@@ -316,6 +322,8 @@ def _step_model(
         stepper.set_rest(cables, seen[compiled_laws.ANGLE], 0.0, state)
         direction[:] = 0.0
         gain[:] = 1.0
+        if kind == _DISTURBANCE:
+            memory[end : end + disturbance.LACK_SIZE] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
         cables,
@@ -330,12 +338,18 @@ def _step_model(
         new,
         part(memory, work, end - work),
     )
-    if with_stiction:
+    if kind == _STICTION:
         return compiled_laws.stiction(
             gains, spring, prm, n, distal, arm, state, law, seen, law_scratch
         )
+    lack = 0.0
+    if kind == _DISTURBANCE:
+        load = cable_model.motor_torque(n, arm, state)
+        lack = disturbance.learn_lack(
+            tables[0], load, law, part(memory, end, disturbance.LACK_SIZE)
+        )
     return compiled_laws.model_based(
-        gains, spring, prm, n, distal, arm, state, direction, gain, 0.0, law,
+        gains, spring, prm, n, distal, arm, state, direction, gain, lack, law,
         seen, law_scratch,
     )  # fmt: skip
 
@@ -344,11 +358,18 @@ def step_model_based(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     """Return the motor torque of the next step [N m]."""
-    return _step_model(memory, shape, readings, False)
+    return _step_model(memory, shape, tables, readings, _MODEL)
 
 
 def step_stiction(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     """Return the motor torque of the next step [N m]."""
-    return _step_model(memory, shape, readings, True)
+    return _step_model(memory, shape, tables, readings, _STICTION)
+
+
+def step_disturbance(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
+    """Return the motor torque of the next step [N m]."""
+    return _step_model(memory, shape, tables, readings, _DISTURBANCE)

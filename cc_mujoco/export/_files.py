@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from cc_mujoco._utils import atomic_io
@@ -15,7 +16,7 @@ from cc_mujoco.native import _library as native_library
 HEADER_FILE = "cc_controller.h"
 SOURCE_FILES = ("cc_controller.c", "cc_parameters.c")
 """Files that are compiled into a user's program."""
-TEXT_FILES = ("cc_native.h", "cc_example.c", "CMakeLists.txt")
+TEXT_FILES = ("cc_native.h", "cc_example.c", "CMakeLists.txt", "README.md")
 EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
 """Files that a folder holds; the manifest is the last."""
 
@@ -49,6 +50,7 @@ def write(
     folder: str | os.PathLike[str],
     plan: ExportPlan,
     what: str,
+    notes: Sequence[str] = (),
     *,
     ros2_control: bool = False,
 ) -> None:
@@ -59,6 +61,7 @@ def write(
             changed it.
         plan: The controller.
         what: Of which controller, for what scene; stands in the header.
+        notes: What is known of it, a line each; likewise.
         ros2_control: Whether to write a package of ROS 2 around it.
 
     Raises:
@@ -66,12 +69,13 @@ def write(
     """
     require_ours(folder)
     texts = {
-        HEADER_FILE: c_source.header(plan, what),
+        HEADER_FILE: c_source.header(plan, what, notes),
         "cc_controller.c": controller_source(plan, what),
         "cc_native.h": (native_library.PACKAGE / "native/native.h").read_text(),
         "cc_parameters.c": c_source.parameters(plan),
         "cc_example.c": c_source.example(plan),
         "CMakeLists.txt": c_source.CMAKE_TEXT,
+        "README.md": c_source.readme(plan, what, notes),
     }
     if ros2_control:
         texts |= ros2_texts(plan)

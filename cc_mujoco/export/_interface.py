@@ -126,16 +126,16 @@ class _Interface:
         """Refuse an impossible reading of any axis before a state changes."""
         plan = self._plan
         count = len(plan.seen)
-        possible = self._name(entry_points.are_possible)
+        impossible = self._name(entry_points.impossible)
         guarded = _view("Ints", "guarded", len(plan.guarded))
-        yield "void cc_controller_step(cc_controller *controller,"
-        yield "                        const cc_readings *readings, double *torques)"
+        yield "int cc_controller_step(cc_controller *controller,"
+        yield "                       const cc_readings *readings, double *torques)"
         yield "{"
         yield "    double *memory = controller->number;"
         yield "    double seen[sizeof(cc_readings) / sizeof(double)];"
         yield "    memcpy(seen, readings, sizeof seen);"
-        check = f"{possible}({_view('Reals', 'seen', count)}, {count}, {guarded}) != 0"
-        yield f"    bool fine = {check};"
+        check = f"{impossible}({_view('Reals', 'seen', count)}, {count}, {guarded})"
+        yield f"    int64_t wrong = {check};"
         if plan.torques.changes:
             start = plan.starts[-1]
             own = _view("Reals", f"memory + {start}", plan.memory_size - start)
@@ -145,17 +145,17 @@ class _Interface:
                 _view("Reals", "tables", len(plan.torques.tables)),
                 _view("Reals", "seen", count),
             ]
-            yield "    if (fine) {"
+            yield "    if (wrong == 0) {"
             yield f"        {self._name(own_readings)}("
             yield f"            {_joined(arguments, 12)});"
             yield f"        memcpy(seen, memory + {start}, sizeof seen);"
             yield "        /* It may be over an arm of 0. */"
-            yield f"        fine = {check};"
+            yield f"        wrong = {check};"
             yield "    }"
-        yield "    if (!fine) {"
+        yield "    if (wrong != 0) {"
         for k in range(len(plan.axes)):
-            yield f"        torques[{k}] = NAN;"
-        yield "        return;"
+            yield f"        torques[{k}] = 0.0;"
+        yield "        return (int)wrong;"
         yield "    }"
         for k, first in enumerate(_starts([len(axis.seen) for axis in plan.axes])):
             axis = plan.axes[k]
@@ -167,6 +167,7 @@ class _Interface:
             ]
             yield f"    torques[{k}] = {self._name(axis.law.step)}("
             yield f"        {_joined(arguments)});"
+        yield "    return 0;"
         yield "}"
 
 

@@ -7,7 +7,6 @@ the hyperbolic tangent of the C library: shares of the torque agree to 1e-6.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from cc_mujoco.device._observation import (
     PLAY_HALF_WIDTHS,
 )
 from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.export._feedback import LawTables
 from cc_mujoco.native import FloatArray, IntArray, internal
 
 _LOW, _HIGH, _WHOLE = range(3)
@@ -33,10 +33,10 @@ N_PARAMETERS = 4
 _PLAYS = 2 * len(PLAY_HALF_WIDTHS)
 _TANH, _RELU, _ELU = (list(ACTIVATIONS).index(name) for name in ("tanh", "relu", "elu"))
 _COLUMNS, _HOLD, _HISTORY, _MEMORY, _ACTIVATION, _SQUASHED, _LAYERS, _WIDTHS = range(8)
-"""Places of `PolicyTables.shape`."""
+"""Places of `LawTables.shape`."""
 _RATIO, _FAR, _REACH = range(3)
 _UNITS = _REACH + len(PLAY_HALF_WIDTHS)
-"""Places of `PolicyTables.numbers`; means, deviations and layers follow the units."""
+"""Places of `LawTables.numbers`; means, deviations and layers follow the units."""
 _PARAMETERS = entry_points.OWN_MEMORY
 _SAMPLE = _PARAMETERS + N_PARAMETERS
 _SHARE, _PLAY = _SAMPLE + 1, _SAMPLE + 2
@@ -45,39 +45,22 @@ _PAST = _PLAY + _PLAYS
 then the past frames, the present one, and two rows of numbers of a layer."""
 
 
-@dataclass(frozen=True)
-class PolicyTables:
-    """Network and observation of a policy of one axis, for the compiled step."""
-
-    network: Network
-    observed: Observed
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Whole numbers of the policy."""
-        net, own = self.network, self.observed
-        kind = list(ACTIVATIONS).index(net.activation)
-        flags = int(own.memory), kind, int(net.squashed), len(net.weights)
-        widths = net.mean.size, *(len(biases) for biases in net.biases)
-        return (own.frame, own.hold, own.history, *flags, *widths)
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """Real numbers of the policy."""
-        net, own = self.network, self.observed
-        reach = np.array(PLAY_HALF_WIDTHS) * own.units[0]
-        parts = [np.array([own.ratio, net.far]), reach, np.array(own.units)]
-        parts += [net.mean, net.deviation]
-        for weights, biases in zip(net.weights, net.biases, strict=True):
-            parts += [weights.ravel(), biases]
-        return tuple(map(float, np.concatenate(parts)))
-
-    @property
-    def memory_size(self) -> int:
-        """Numbers in the memory of a controller."""
-        frame = self.observed.frame
-        widest = max(self.shape[_WIDTHS:])
-        return _PAST + self.observed.history * (frame + 1) + frame + 2 * widest
+def policy_tables(net: Network, own: Observed) -> LawTables:
+    """Return network and observation of a policy of one axis, for the compiled step."""
+    kind = list(ACTIVATIONS).index(net.activation)
+    flags = int(own.memory), kind, int(net.squashed), len(net.weights)
+    widths = net.mean.size, *(len(biases) for biases in net.biases)
+    reach = np.array(PLAY_HALF_WIDTHS) * own.units[0]
+    parts = [np.array([own.ratio, net.far]), reach, np.array(own.units)]
+    parts += [net.mean, net.deviation]
+    for weights, biases in zip(net.weights, net.biases, strict=True):
+        parts += [weights.ravel(), biases]
+    past = own.history * (own.frame + 1)
+    return LawTables(
+        (own.frame, own.hold, own.history, *flags, *widths),
+        tuple(map(float, np.concatenate(parts))),
+        _PAST + past + own.frame + 2 * max(widths),
+    )
 
 
 def wrong_policy(

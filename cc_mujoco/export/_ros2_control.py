@@ -177,10 +177,9 @@ public:
       desired[i] = age_ < timeout_ ? desired_[i].load() : 0.0;
     cc_readings readings{{}};
 {assigned}
-    cc_controller_step(&controller_, &readings, torques.data());
-    const bool possible = std::isfinite(torques[0]);  // not after an impossible reading
-    command(possible ? torques : Torques{{}});
-    return possible ? return_type::OK : return_type::ERROR;
+    const int wrong = cc_controller_step(&controller_, &readings, torques.data());
+    command(torques);
+    return wrong == 0 ? return_type::OK : return_type::ERROR;
   }}
 
 private:

@@ -19,7 +19,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
@@ -210,6 +210,25 @@ def folder() -> Path:
         return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "cc_mujoco"
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "cc_mujoco"
+
+
+def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
+    """Return what `make` returns, of JSON, made once and kept in the user's folder.
+
+    Args:
+        kind: First word of the file's name.
+        follows: All that it follows from, but the code of this package.
+        make: Function that makes it.
+    """
+    whole = hashlib.sha256("\0".join([sources_digest(), *follows]).encode())
+    path = folder() / f"{kind}-{whole.hexdigest()[:32]}.json"
+    with suppress(OSError, ValueError):
+        return json.loads(path.read_text())
+    found = make()
+    with suppress(OSError):  # it is made anew another time
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write_whole(path, json.dumps(found).encode())
+    return found
 
 
 @cache

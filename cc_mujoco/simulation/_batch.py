@@ -15,6 +15,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.device import Plant
 from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
@@ -87,15 +88,18 @@ class Simulations:
         self._control = np.zeros((count, exo.frame_skip, device.model.nu))
         self._data = mujoco.MjData(device.model)
 
+    @exclusive
     def clear(self, rows: NDArray[np.intp]) -> None:
         """Forget the past of some simulations; see `Worlds`."""
         self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
 
+    @exclusive
     def vary(self, row: int, plant: Plant) -> None:
         """Give a simulation the values of the device's model; see `Worlds`."""
         for name in VARIED_FIELDS:
             self.batch.expand(name)[row] = getattr(self._device.model, name)
 
+    @exclusive
     def start(
         self,
         row: int,
@@ -122,6 +126,7 @@ class Simulations:
             self.physics = self._was_reset
         self.physics.take(physics_of(data), row)
 
+    @exclusive
     def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
         """Advance by the physics steps of a sample.
 
@@ -139,6 +144,7 @@ class Simulations:
         control[:, :, device.script_controls] = commands
         self.roll(self._skip, going, control if going.all() else control[going])
 
+    @exclusive
     def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
         """Advance by physics steps.
 
@@ -231,6 +237,7 @@ class Fleet:
         self._status = self.simulations.batch.status
         self._step = 0
 
+    @exclusive
     def start(self) -> Columns:
         """Bring all to the start; see `DrivenDevice.start`."""
         for row, device in enumerate(self._devices):
@@ -238,6 +245,7 @@ class Fleet:
             self.simulations.start(row, device, script)
         return self._columns(self.simulations.physics)
 
+    @exclusive
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `DrivenDevice.advance`."""
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them

@@ -29,9 +29,7 @@ def main() -> None:
     """Print a table for each scene."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=list(SUITES["safety"].scenes))
-    parser.add_argument(
-        "--controllers", nargs="+", default=[*EXPORTED, "pi_tuned", "lqg", "inverse"]
-    )
+    parser.add_argument("--controllers", nargs="+", default=EXPORTED)
     parser.add_argument("--seeds", type=int, default=10)
     given = parser.parse_args()
     for scene in given.scenes:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.control import Controller
@@ -51,6 +52,7 @@ class InertiaFree:
         self._work = stepper.scratch(self.cables)
         self.reset(0.0)
 
+    @exclusive
     def reset(self, joint_angle: float) -> None:
         """Rest in the pretension, with the joint at an angle [rad]."""
         self.motor_angle = 0.0
@@ -73,6 +75,7 @@ class InertiaFree:
         node = tensions(self._state[cable], int(self.cables.n[cable]))
         return np.maximum(node, 0.0)
 
+    @exclusive
     def step(self, motor_torque: float, joint_angle: float) -> None:
         """Advance one period with a motor torque [N m] and a joint angle [rad]."""
         self.motor_angle = stepper.balance(

@@ -22,7 +22,6 @@ COMPILER = shutil.which("gcc") or shutil.which("clang")
 GUARD = 64
 STRICT = (
     "-std=c99",
-    "-O2",
     "-ffp-contract=off",
     "-Wall",
     "-Wextra",
@@ -30,6 +29,13 @@ STRICT = (
     "-pedantic",
 )
 
+_GIVEN = """#include "cc_controller.h"
+void test_given(cc_controller *controller, const double *torques);
+void test_given(cc_controller *controller, const double *torques)
+{
+    cc_controller_given(controller, torques);
+}
+"""
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
 
 
@@ -49,7 +55,8 @@ class Library:
         shared = folder / "shared.so"
         if not shared.exists():
             sources = [folder / "cc_controller.c", folder / "cc_parameters.c"]
-            run(COMPILER, *STRICT, "-shared", "-fPIC", "-o", shared, *sources, "-lm")
+            built = [COMPILER, *STRICT, "-O2", "-I", folder, "-shared", "-fPIC"]
+            run(*built, "-o", shared, *sources, "-x", "c", "-", "-lm", input=_GIVEN)
         self.library = ctypes.CDLL(str(shared))
         self.library.cc_controller_size.restype = ctypes.c_size_t
         count, self.axes = len(plan.fields), len(plan.axes)
@@ -70,8 +77,13 @@ class Library:
     def step(self, readings: Array) -> Array:
         given, found = np.ascontiguousarray(readings), np.full(self.axes, np.inf)
         call = self.library.cc_controller_step
-        call(self._at(self.memory), self._at(given), self._at(found))
+        self.wrong = call(self._at(self.memory), self._at(given), self._at(found))
         return found
+
+    def given(self, torques: Array) -> None:
+        """Tell what the motors got."""
+        given = np.ascontiguousarray(torques, dtype=float)
+        self.library.test_given(self._at(self.memory), self._at(given))
 
     def torques(self, readings: Array) -> Array:
         return np.array([self.step(row) for row in readings])

@@ -109,6 +109,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     ("scene", "name"),
     [
         *((scene, "decoupled_pi") for scene in COUPLED),
+        ("hand", "decoupled_lqg"),
+        pytest.param("bilateral", "decoupled_inverse", marks=pytest.mark.study),
+        pytest.param("hand", "decoupled_pi_feed_forward", marks=pytest.mark.study),
         ("exosuit", "hip=stiction,ankle=pi"),
         pytest.param("bilateral", "stiction", marks=pytest.mark.study),
         pytest.param("hand", "decoupled_stiction", marks=pytest.mark.study),
@@ -171,27 +174,35 @@ def test_decoupling_in_c_is_that_of_the_library_far_from_what_is_usual(
 
 
 @needs_compiler
-@pytest.mark.parametrize(
-    ("scene", "name"), [("hand", "decoupled_pi"), ("exosuit", "hip=stiction,ankle=pi")]
-)
+def test_an_arm_that_cannot_be_is_a_torque_that_is_missing(made: Made) -> None:
+    scene, name = "exosuit", "hip=stiction,ankle=pi"
+    readings, columns = episode(scene, name)[0][:40].copy(), columns_of(scene, name)
+    place = columns.index("hip.leverage_ratio")
+    for row, arm in ((10, np.nan), (20, 0.0), (25, np.inf), (28, 1e308)):
+        readings[row, place] = arm
+    exported = Library(*made(scene, name))
+    exported.take(exported.parameters)
+    found = exported.torques(readings)
+    assert np.isfinite(found).all()
+    assert np.array_equal(found, torques_of(law_of(scene, name), columns, readings))
+
+
+@needs_compiler
 def test_one_reading_that_cannot_be_gives_no_torque_and_changes_nothing(
-    scene: str, name: str, made: Made
+    made: Made,
 ) -> None:
+    scene, name = "hand", "decoupled_pi"
     readings, torques = episode(scene, name)
     exported = Library(*made(scene, name))
     exported.take(exported.parameters)
     exported.torques(readings[:20])
     before = exported.memory.tobytes()
     names = columns_of(scene, name)
-    unguarded = [
-        place
-        for place, column in enumerate(names)
-        if "decoupled" in name or column.endswith("leverage_ratio")
-    ]
-    for place in unguarded:
+    for place in range(len(names)):
         lost = readings[20].copy()
         lost[place] = np.nan
-        assert np.isnan(exported.step(lost)).all()
+        assert (exported.step(lost) == 0.0).all()
+        assert exported.wrong == place + 1
     assert exported.memory.tobytes() == before
     assert np.array_equal(exported.step(readings[20]), torques[20])
 
@@ -268,12 +279,12 @@ def test_what_the_motors_got_and_what_observers_find_are_those_of_their_axes(
 def test_one_axis_of_several_is_exported_as_a_device_with_one(tmp_path: Path) -> None:
     scene = written(tmp_path, ARM)
     out = tmp_path / "out"
-    Export(str(scene), "pi", out, allow_active=True, axis="elbow").run()
+    Export(str(scene), "pi", out, no_check=True, axis="elbow").run()
     assert {path.name for path in out.iterdir()} == set(EXPORT_FILES)
     header = (out / "cc_controller.h").read_text()
     assert f"pi for axis elbow of the scene {scene}" in header
     assert "enum { CC_AXES = 1 };" in header and "    CC_RATIO, /*" in header
-    Export(str(scene), "pi", out, allow_active=True).run()
+    Export(str(scene), "pi", out, no_check=True).run()
     header = (out / "cc_controller.h").read_text()
     assert "enum { CC_AXIS_ELBOW = 0, CC_AXIS_SHOULDER = 1, CC_AXES = 2 };" in header
     assert "double elbow_joint_torque_nm;" in header
@@ -289,7 +300,8 @@ def test_what_cannot_be_exported_of_several_axes_is_one_sentence(
     names = "shoulder.", "elbow."
     for given, cables, prefixes, says in (
         ("policy.safetensors", names, names, "drives several axes at once"),
-        ("decoupled_lqg", names, names, "'lqg' cannot be exported"),
+        ("decoupled_fused", names, names, "'fused' cannot be exported"),
+        ("decoupled_none", names, names, "do not read the torque of their joint"),
         ("pi", names, ("a b.", "a_b."), "several .* have the name A_B"),
         ("elbow=pi", names, names, "axis 'shoulder' has no controller"),
     ):
@@ -309,6 +321,6 @@ def test_what_cannot_be_exported_of_several_axes_is_one_sentence(
 )
 def test_devices_of_others_are_exported(name: str, tmp_path: Path) -> None:
     scene = str(CASES / f"{name}.xml")
-    Export(scene, "stiction", tmp_path / "out", allow_active=True).run()
+    Export(scene, "stiction", tmp_path / "out", no_check=True).run()
     header = (tmp_path / "out" / "cc_controller.h").read_text()
     assert f"stiction for the scene {scene}" in header

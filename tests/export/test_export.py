@@ -31,7 +31,7 @@ from cc_mujoco.device import TENSION_COLUMN, Drive
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import EXPORT_FILES, EXPORTED, ExportPlan, write
+from cc_mujoco.export import EXPORT_FILES, EXPORTED, ExportPlan, measure, write
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
 from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 
@@ -45,6 +45,18 @@ CASES = [
     ("wrist", "predictive"),
     ("ankle", "pi"),
     ("exosuit", "adaptive"),
+    ("ankle", "none"),
+    ("wrist", "pi_tuned"),
+    ("exosuit", "pi_feed_forward"),
+    ("exosuit", "inverse"),
+    ("wrist", "lqg"),
+    ("ankle", "disturbance"),
+    *(
+        pytest.param(scene, name, marks=pytest.mark.study)
+        for scene, name in itertools.product(
+            ("ankle", "finger"), ("pi_tuned", "pi_feed_forward", "inverse", "lqg")
+        )
+    ),
     pytest.param("ankle", "model", marks=pytest.mark.study),  # part of `stiction`
     pytest.param("ankle", "predictive", marks=pytest.mark.study),
     pytest.param("wrist", "adaptive", marks=pytest.mark.study),
@@ -65,7 +77,8 @@ INTERFACE = {
 }
 FROM_C = {
     "memset", "memcpy", "memmove",
-    "sin", "cos", "exp", "log", "pow", "expm1", "log1p", "sqrt", "sincos",
+    "sin", "cos", "tanh", "copysign", "exp", "log", "pow", "expm1", "log1p", "sqrt",
+    "sincos",
 }  # fmt: skip
 
 
@@ -230,10 +243,10 @@ def example(
     **how: Any,
 ) -> Array:
     """Return the output of the program that is written next to the controller."""
-    program = folder / "example"
+    program, special = folder / "example", ["-O2", "-static"] if emulator else []
     sources = [folder / f"cc_{part}" for part in ("example.c", "parameters.c")]
     run(
-        compiler, *STRICT, *(["-static"] if emulator else []), "-o", program, *sources,
+        compiler, *STRICT, *special, "-o", program, *sources,
         folder / "cc_controller.c", "-lm",
     )  # fmt: skip
     rows = "".join(",".join(map(repr, row)) + "\n" for row in readings.tolist())
@@ -272,7 +285,7 @@ def test_the_example_gives_the_torques_of_recorded_readings(
 def test_the_example_takes_no_readings_of_another_controller(
     text: str, told: str, made: Made, tmp_path: Path
 ) -> None:
-    folder, plan = made("wrist", "stiction")
+    folder, plan = made("wrist", "pi")
     program = tmp_path / "program"
     sources = [folder / f for f in ("cc_example.c", "cc_parameters.c")]
     objects = [folder / "cc_controller.c", "-lm"]
@@ -651,7 +664,7 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
     env = device("wrist")
     cables = driven("wrist")
     for name, says in (
-        ("disturbance", "'disturbance' cannot be exported"),
+        ("fused", "'fused' cannot be exported"),
         ("stction", "did you mean 'stiction'"),
         ("runs/ppo/0.safetensors", "there is no such file"),
         ("mine:law", "code from outside is not compiled; policies and"),
@@ -693,7 +706,7 @@ def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> Non
 
 
 @needs_compiler
-@pytest.mark.parametrize("place", [-1, -3])
+@pytest.mark.parametrize("place", [-2, -4])
 def test_a_tension_that_is_no_number_gives_none_and_changes_nothing(
     place: int, made: Made
 ) -> None:
@@ -704,9 +717,61 @@ def test_a_tension_that_is_no_number_gives_none_and_changes_nothing(
     lost = readings[20].copy()
     lost[place] = np.nan
     before = exported.memory.tobytes()
-    assert np.isnan(exported.step(lost)).all()
+    assert (exported.step(lost) == 0.0).all()
+    assert exported.wrong == 1 + lost.size + place
     assert exported.memory.tobytes() == before
     assert exported.step(readings[20]) == torques[20]
+    assert exported.wrong == 0
+
+
+WILD = np.array([np.nan, np.inf, -np.inf, 1e308, -1e308, 1e6, -1.1e6, 1e4, 1e-300, 0.0])
+
+
+def wild_rows(plan: ExportPlan, rng: np.random.Generator, count: int) -> Array:
+    """Return readings of a moving joint among which are some that cannot be."""
+    usual, _ = episode("wrist", "pi")
+    known = dict(zip(plan_of("wrist", "pi").seen, usual.T, strict=True))
+    calm = np.column_stack(
+        [known.get(name, np.full(len(usual), 20.0)) for name in plan.seen]
+    )
+    first = rng.integers(len(calm) - count)
+    rows = calm[first : first + count].copy()
+    for row, kind in zip(rows, rng.integers(0, 6, count), strict=True):
+        if kind == 0:
+            row[rng.integers(row.size)] = rng.choice(WILD)
+        elif kind == 1:
+            row[:] = rng.choice(WILD, row.size)
+        elif kind == 2:
+            row[:] = rng.normal(size=row.size) * 10.0 ** rng.uniform(-3, 6, row.size)
+    return rows
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", EXPORTED)
+def test_no_input_makes_a_torque_that_is_no_number(name: str, made: Made) -> None:
+    """Neither in C nor in Python, where both have the same bits."""
+    folder, plan = made("wrist", name)
+    exported, law = Library(folder, plan), controller(name, drive_of("wrist", name))
+    rng = np.random.default_rng(7)
+    heard = 0
+    for _ in range(3):
+        assert exported.take(exported.parameters) == 0
+        law.reset()
+        for row in wild_rows(plan, rng, 80):
+            (found,) = exported.step(row)
+            assert law.drive.low <= found <= law.drive.high
+            if exported.wrong == 0 or name == "none":
+                assert law.torque(seen(plan, row)) == found
+                heard += 1
+            else:
+                assert found == 0.0
+                with pytest.raises(CableError, match="must be finite numbers"):
+                    law.torque(seen(plan, row))
+            if rng.random() < 0.3:
+                got = rng.choice(WILD)
+                exported.given(np.array([got]))
+                law.given(got)
+    assert heard > 100
 
 
 def test_the_files_are_those_that_are_told(made: Made) -> None:
@@ -719,10 +784,50 @@ def test_only_a_controller_that_is_passive_in_simulation_is_written(
 ) -> None:
     """`pi` is active on a finger with an inertia at its tip; `feedback` is passive."""
     refused = tmp_path / "finger"
-    with pytest.raises(CableError, match=r"'pi' is not passive .* --allow-active"):
+    with pytest.raises(CableError, match=r"'pi' is not passive .* --no-check"):
         Export("finger", "pi", refused).run()
     assert not refused.exists()
-    Export("finger", "pi", refused, allow_active=True).run()
+    Export("finger", "pi", refused, no_check=True).run()
     Export("ankle", "feedback", tmp_path / "ankle").run()
     for folder in (refused, tmp_path / "ankle"):
         assert {path.name for path in folder.iterdir()} == set(EXPORT_FILES)
+
+
+def test_a_check_is_made_once_for_a_controller_and_a_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made: list[str] = []
+
+    def simulated(device: Any, law: str, *_: Any) -> Any:
+        made.append(law)
+        return 1e-3, 2e-3, (1.0, 2.0, 3.0)
+
+    monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path / "kept"))
+    monkeypatch.setattr("cc_mujoco.design._passivity._activity", simulated)
+    monkeypatch.setattr("shutil.which", lambda name: None)  # measures nothing
+    for place, (scene, name) in enumerate(
+        [("wrist", "pi"), ("wrist", "pi"), ("wrist", "lqg"), ("ankle", "lqg")]
+    ):
+        Export(scene, name, tmp_path / str(place)).run()
+    assert made == ["pi", "lqg", "lqg"]
+    told = "passivity: 1 mJ into the worst of 24 wearers in simulation, of 2 allowed"
+    assert capsys.readouterr().out.count(told) == 4
+    for file in (HEADER_FILE, "README.md"):
+        assert told in (tmp_path / "1" / file).read_text()
+    Export("wrist", "pi", tmp_path / "0", no_check=True).run()
+    for file in (HEADER_FILE, "README.md"):
+        assert "passivity: NOT CHECKED" in (tmp_path / "0" / file).read_text()
+    assert len(made) == 3
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+def test_stack_and_work_are_told_where_there_is_gcc(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path))
+    small, large = (measure(plan_of("wrist", name)) for name in ("none", "inverse"))
+    assert small.stack and large.stack and small.stack < large.stack < 10_000
+    assert small.blocks and large.blocks and small.blocks < large.blocks < 10_000
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    unknown = measure(plan_of("wrist", "none"))
+    assert all("not known" in line for line in unknown.lines())

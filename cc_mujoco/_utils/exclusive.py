@@ -1,0 +1,40 @@
+"""Objects that one thread at a time may use, as compiled code works in their memory."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from threading import get_ident
+from typing import Any, TypeVar, cast
+
+from cc_mujoco.errors import CableError
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+_USER = "_used_by_thread"
+"""Attribute of an object while a thread is inside one of its methods."""
+
+
+def exclusive(method: Method) -> Method:
+    """Refuse calls of a method while another thread is inside one of the same object.
+
+    Compiled functions run without Python's lock: two that share memory would leave
+    wrong numbers there, or crash.
+    """
+
+    @functools.wraps(method)
+    def call(self: Any, *given: Any, **named: Any) -> Any:
+        own = (get_ident(),)
+        user = self.__dict__.setdefault(_USER, own)  # at once, even between threads
+        if user is not own and user != own:
+            raise CableError(
+                f"a {type(self).__name__} is called by one thread while another is "
+                f"inside its {method.__name__}() or the like; make one for each thread."
+            )
+        try:
+            return method(self, *given, **named)
+        finally:
+            if user is own:
+                del self.__dict__[_USER]
+
+    return cast("Method", call)

@@ -1,0 +1,182 @@
+"""Stack and work of an exported controller, found with gcc where there is one.
+
+The stack is the sum of the frames along the deepest path of calls, of which none
+recurs. The work is counted: an instrumented build takes noisy readings of a joint that
+swings, stops and turns, and counts the basic blocks that each step runs through.
+"""
+
+from __future__ import annotations
+
+import functools
+import platform
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.export import _files as files
+from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.native import FloatArray
+from cc_mujoco.native import _library as native_library
+
+FLAGS = "-std=c99", "-O2", "-ffp-contract=off"
+_ENTRIES = "init", "set_parameters", "step"
+_STEPS = 1500
+_PROGRAM = """#include <stdio.h>
+#include "cc_controller.h"
+
+static unsigned long blocks;
+void __sanitizer_cov_trace_pc(void);
+__attribute__((no_sanitize_coverage)) void __sanitizer_cov_trace_pc(void) { blocks++; }
+
+int main(void)
+{
+    static cc_controller controller;
+    cc_readings seen;
+    double torques[CC_AXES];
+    unsigned long most = 0;
+    if (cc_controller_init(&controller, cc_controller_parameters)) return 2;
+    while (fread(&seen, sizeof seen, 1, stdin) == 1) {
+        blocks = 0;
+        cc_controller_step(&controller, &seen, torques);
+        if (blocks > most) most = blocks;
+    }
+    printf("%lu\\n", most);
+    return 0;
+}
+"""
+
+
+class Measures(NamedTuple):
+    """Stack and work of a controller; None where they are not known."""
+
+    stack: int | None
+    """[bytes], without that of the C library's functions."""
+    blocks: int | None
+    """Most basic blocks of a step."""
+
+    def lines(self) -> list[str]:
+        """Return both in words."""
+        machine = platform.machine()
+        unknown = "not known, as there is no gcc here"
+        stack, blocks = unknown, unknown
+        if self.stack is not None:
+            stack = (
+                f"at most {self.stack} bytes (gcc -O2, {machine}), and what exp, log "
+                "and pow of the C library take"
+            )
+        if self.blocks is not None:
+            blocks = f"at most {self.blocks} basic blocks, counted in {_STEPS} steps"
+        return [f"stack: {stack}", f"work of a step: {blocks}"]
+
+
+def measure(plan: ExportPlan) -> Measures:
+    """Return stack and work of a controller, kept by its source and its compiler."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        return Measures(None, None)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        files.write(folder, plan, "a controller")
+        texts = [(folder / name).read_text() for name in files.SOURCE_FILES]
+        about = subprocess.run([gcc, "--version"], capture_output=True, text=True)
+
+        def found() -> list[int | None]:
+            return [stack_bound(folder, [gcc, *FLAGS]), _most_blocks(folder, plan, gcc)]
+
+        return Measures(*native_library.kept("work", [*texts, about.stdout], found))
+
+
+def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
+    """Return the stack that the functions of a controller need [bytes].
+
+    Args:
+        folder: Of the export.
+        compiler: Command of gcc with its flags.
+
+    Returns:
+        None where the compiler does not tell, or the depth is not bounded.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        made = Path(place) / "controller.o"
+        source = folder / "cc_controller.c"
+        words = [*compiler, "-fcallgraph-info=su", "-c", source, "-o", made]
+        done = subprocess.run([str(word) for word in words], capture_output=True)
+        graph = made.with_suffix(".ci")
+        if done.returncode or not graph.exists():
+            return None
+        text = graph.read_text()
+    sizes: dict[str, int] = {}
+    calls: dict[str, list[str]] = {}
+    for title, label in re.findall(r'node: \{ title: "(.*?)" label: "(.*?)"', text):
+        size = re.search(r"(\d+) bytes \(([\w,]+)\)", label)
+        if size and size[2] not in ("static", "dynamic,bounded"):
+            return None
+        sizes[title] = int(size[1]) if size else 0
+    edges = re.findall(r'edge: \{ sourcename: "(.*?)" targetname: "(.*?)"', text)
+    for source_name, target in edges:
+        calls.setdefault(source_name, []).append(target)
+
+    @functools.cache
+    def deepest(name: str) -> int:
+        below = [deepest(called) for called in calls.get(name, ())]
+        return sizes.get(name, 0) + max(below, default=0)
+
+    try:
+        return max(deepest(f"cc_controller_{entry}") for entry in _ENTRIES)
+    except RecursionError:
+        return None
+
+
+def _most_blocks(folder: Path, plan: ExportPlan, gcc: str) -> int | None:
+    with tempfile.TemporaryDirectory() as place:
+        program, built = Path(place) / "count", Path(place) / "cc_controller.o"
+        source = folder / "cc_controller.c"
+        for words in (
+            [*FLAGS, "-fsanitize-coverage=trace-pc", "-c", source, "-o", built],
+            [
+                "-O2", "-I", folder, "-o", program, "-x", "c", "-", "-x", "none", built,
+                folder / "cc_parameters.c", "-lm",
+            ],
+        ):  # fmt: skip
+            done = subprocess.run(
+                [gcc, *map(str, words)], input=_PROGRAM.encode(), capture_output=True
+            )
+            if done.returncode:
+                return None
+        rows = swinging_readings(plan, _STEPS).tobytes()
+        counted = subprocess.run([program], input=rows, capture_output=True, check=True)
+    return int(counted.stdout)
+
+
+def swinging_readings(plan: ExportPlan, count: int) -> FloatArray:
+    """Return noisy readings (count, readings) of a joint that swings and stops."""
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(count)
+    angle, speed = 0.3 * np.sin(9.0 * t), 2.7 * np.cos(9.0 * t)
+    still = t % 0.5 > 0.4
+    angle[still], speed[still] = 0.2, 0.0
+    found = []
+    for axis in plan.axes:
+        value = {
+            field.name.removeprefix(axis.prefix): field.value for field in axis.fields
+        }
+        ratio, most = value.get("ratio", 1.0), value["high"]
+        torque = 0.5 * most * abs(ratio) * np.sin(23.0 * t)
+        for name in axis.seen:
+            kind = name.removeprefix(axis.prefix)
+            turn = ratio if kind.startswith("motor") else 1.0
+            if "angle" in kind or "velocity" in kind:
+                column = turn * (angle if "angle" in kind else speed)
+                column = column + rng.normal(size=count) * 1e-4 * abs(turn)
+            elif kind.endswith("torque_nm"):
+                column = torque + rng.normal(size=count) * 0.02 * most * abs(ratio)
+            else:
+                column = (20.0 if kind.startswith("tension") else 1.0) + 0.0 * t
+            found.append(column)
+    return np.column_stack(found)

@@ -41,7 +41,7 @@ _SLACK_SHARE = 1.0
 _LATE, _POSITION, _DAMPING, _INTEGRAL, _STIFFNESS, _BAND, _RELEASE, GAINS = range(
     guard.LIMITS, guard.LIMITS + 8
 )
-"""Places of the gains behind `MotorLimits`, and their number."""
+"""Places of the gains behind `DriveLimits`, and their number."""
 _STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _OFFSET, GUARD = range(7)
 LAST_COMMAND = GUARD + guard.COMMAND
 MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
@@ -78,7 +78,7 @@ class BacklashInverse(Controller):
         self.cables = np.stack([cable_table(row) for row in drive.cable_drives])
         """See `cable_table`, (environments, cables, numbers)."""
         self.gains = np.zeros(GAINS)
-        """Numbers of the law, `MotorLimits` first."""
+        """Numbers of the law, `DriveLimits` first."""
         self.gains[: guard.LIMITS] = self.limits
         self.gains[_LATE] = total_delay(drive)
         self.gains[_POSITION] = drive.inertia * bandwidth**2

@@ -44,7 +44,7 @@ MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
 
 @dataclass(frozen=True)
 class FeedbackGains:
-    """Parameters of motor and feedback that a law uses; `MotorLimits` first."""
+    """Parameters of motor and feedback that a law uses; `DriveLimits` first."""
 
     ratio: float = parameter(
         unit="1",

@@ -39,7 +39,7 @@ what the motor can do, from which an encoder has slipped."""
 _EFFORT = 1.0
 """Weight of motor torque to torque error at the joint, both over the greatest."""
 _RIGIDITY, _RELEASE, _SLIP, GAINS = range(guard.LIMITS, guard.LIMITS + 4)
-"""Places of the gains behind `MotorLimits`, and their number."""
+"""Places of the gains behind `DriveLimits`, and their number."""
 _STARTED, _OFFSET, _OFF, GUARD = range(4)
 LAST_COMMAND = GUARD + guard.COMMAND
 _HEADER = GUARD + guard.MEMORY_SIZE
@@ -96,7 +96,7 @@ class LinearQuadraticGaussian(Controller):
         most = max(map(abs, drive.reach))
         self.limits = guard.motor_limits(drive)
         self.gains = np.zeros(GAINS)
-        """Numbers of the law, `MotorLimits` first."""
+        """Numbers of the law, `DriveLimits` first."""
         self.gains[: guard.LIMITS] = self.limits
         drift = np.zeros((STATES + 1, STATES + 1))
         drift[_STRETCH, _SPEED] = 1.0

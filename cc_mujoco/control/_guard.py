@@ -147,7 +147,7 @@ _UNKNOWN = -1.0
 """Misfit that is not known yet."""
 
 
-class MotorLimits(NamedTuple):
+class DriveLimits(NamedTuple):
     """Motor and joint of a drive, as laws and guard know them."""
 
     ratio: float
@@ -172,13 +172,13 @@ class MotorLimits(NamedTuple):
 
 RATIO, LOW, HIGH, PERIOD = range(4)
 """Places of the first of them."""
-LIMITS = len(MotorLimits._fields)
-"""Numbers of `MotorLimits`."""
+LIMITS = len(DriveLimits._fields)
+"""Numbers of `DriveLimits`."""
 
 
-def motor_limits(drive: Drive) -> MotorLimits:
+def motor_limits(drive: Drive) -> DriveLimits:
     """Return what laws and guard know of motor and joint."""
-    return MotorLimits(
+    return DriveLimits(
         drive.ratio,
         drive.low,
         drive.high,
@@ -212,7 +212,7 @@ class GuardLimits(NamedTuple):
 
 @internal
 def limits_of(gains: FloatArray) -> GuardLimits:
-    """Return the limits of gains that begin with `MotorLimits`."""
+    """Return the limits of gains that begin with `DriveLimits`."""
     return GuardLimits(
         gains[RATIO], gains[PERIOD], gains[4], gains[5], gains[6], gains[7], gains[8]
     )

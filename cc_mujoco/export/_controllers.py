@@ -123,7 +123,7 @@ _INVERSE = ExportedLaw(
     feedback.step_inverse,
     False,
     fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
-    gains=tuple(_BY_NAME[name] for name in guard.MotorLimits._fields),
+    gains=tuple(_BY_NAME[name] for name in guard.DriveLimits._fields),
     tables=feedback.inverse_tables,
     is_round=True,
     numbers="limits",
@@ -139,7 +139,7 @@ LAWS: dict[type[Controller], ExportedLaw] = {
     FeedForward: dataclasses.replace(
         _INVERSE,
         step=feedback.step_forward,
-        unread=frozenset(guard.MotorLimits._fields) - {"ratio", "low", "high"},
+        unread=frozenset(guard.DriveLimits._fields) - {"ratio", "low", "high"},
         numbers="gains",
         fixed=frozenset({"period"}),
         seen=("desired_torque_nm",),

@@ -149,7 +149,7 @@ def _begun(
 
     Args:
         memory: of the controller; the law's is behind the gains.
-        tables: begin with the gains behind `MotorLimits`.
+        tables: begin with the gains behind `DriveLimits`.
         gains: how many there are.
         size: numbers that the law keeps.
         first: place of the guard among them.

@@ -54,8 +54,8 @@ from cc_mujoco.hardware import (
 )
 from cc_mujoco.report import table
 from rig.dataset import make_trials
+from rig.engine import COMMAND_TIME
 from rig.generate import facts_of
-from rig.kernel import COMMAND_TIME
 from rig.nominal import Rig, make_rig
 from rig.strength import calibrate
 from rig.trials import COMPLIANT, Trial

@@ -22,7 +22,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status
 from rig.dataset import truth_of
 from rig.guides.cables import start
-from rig.guides.live import advance
+from rig.guides.kernel import advance
 from rig.nominal import Rig
 from rig.sensors import CHANNELS
 

@@ -37,7 +37,7 @@ from rig.dataset import clean_dataset, make_dataset
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
-from rig.sensors import BASIC
+from rig.sensors import BASIC, logged
 from rig.strength import calibrate
 from rig.trials import Trial, asked
 
@@ -144,7 +144,7 @@ def loop(
         names = (*BASIC, CELLS[cell]) if cell else BASIC
         (more,) = clean_dataset(rig, amounts, [trial], seed, names)
         key = [seed, rig.seed, len(data)]
-        columns = MAKES[rig.make].logger.logged(more, rig, names, key)
+        columns = logged(more, MAKES[rig.make].chain_of(rig), names, key)
         if cell:
             columns[cell] = columns.pop(f"{CELLS[cell]}_n")
         data.append(columns)

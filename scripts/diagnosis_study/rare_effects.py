@@ -27,7 +27,7 @@ from rig.dataset import make_dataset, make_trials, run, truth_of
 from rig.generate import facts_of
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
-from rig.sensors import BASIC
+from rig.sensors import BASIC, logged, sampled
 
 Array = NDArray[np.float64]
 Session = list[dict[str, Array]]
@@ -40,15 +40,14 @@ def _simulated(
     rig: Rig, change: Callable[[int], tuple[Rig, dict[str, float]]]
 ) -> Session:
     """Return a session whose trials have a rig and a changed plant of their own."""
-    make = MAKES[rig.make]
     session = []
     for k, trial in enumerate(make_trials(TRIALS, rig.seed)):
         own, values = change(k)
         truth = truth_of(own, {}, rig.seed)
         if values:
             truth = truth._replace(plant=truth.plant._replace(**values))
-        signals = make.logger.sampled(run(truth, own, trial), own, truth.chain, BASIC)
-        session.append(make.logger.logged(signals, own, BASIC, [rig.seed, rig.seed, k]))
+        signals = sampled(run(truth, own, trial), own, truth.chain, BASIC)
+        session.append(logged(signals, truth.chain, BASIC, [rig.seed, rig.seed, k]))
     return session
 
 

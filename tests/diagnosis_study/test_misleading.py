@@ -21,7 +21,7 @@ from rig.dataset import clean_dataset, make_dataset, make_trials
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import make_rig
-from rig.sensors import BASIC
+from rig.sensors import BASIC, logged
 
 pytestmark = pytest.mark.study
 Array = np.ndarray
@@ -59,7 +59,7 @@ def test_cables_off_for_half_a_trial_are_unknown_with_file_time_and_size(
     data = make_dataset(rig, {}, SETS, seed)
     trial = replace(make_trials(SETS, seed)[place], unhooked=True)
     (clean,) = clean_dataset(rig, {}, [trial], seed)
-    gone = MAKES[rig.make].logger.logged(clean, rig, BASIC, [seed, rig.seed, 99])
+    gone = logged(clean, MAKES[rig.make].chain_of(rig), BASIC, [seed, rig.seed, 99])
     after = data[place]["time_s"] >= 4.0
     for name in TORQUES:
         data[place][name] = np.where(after, gone[name], data[place][name])
@@ -137,7 +137,8 @@ def test_friction_that_differs_at_random_by_trial_is_found_before_any_search(
             rig, friction_a=factor * rig.friction_a, friction_b=factor * rig.friction_b
         )
         (clean,) = clean_dataset(own, {}, [trial], seed)
-        data.append(MAKES[rig.make].logger.logged(clean, rig, BASIC, [seed, seed, k]))
+        chain = MAKES[rig.make].chain_of(rig)
+        data.append(logged(clean, chain, BASIC, [seed, seed, k]))
     found = diagnosed(tmp_path, data, seed)
     assert found.verdict == "unknown", found.statement
     assert "differs from trial to trial" in found.statement and not found.runner_ups

@@ -22,11 +22,10 @@ from cc_mujoco.hardware._trials import Planned, read_plan
 from diagnosis.rigs import alone
 from rig.dataset import run, truth_of
 from rig.effects import Truth
+from rig.engine import COLUMNS
 from rig.generate import write_data
-from rig.kernel import COLUMNS
-from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
-from rig.sensors import BASIC
+from rig.sensors import BASIC, logged, sampled
 from rig.trials import Trial
 
 REACH, SPEED = 0.8, 2.5
@@ -67,14 +66,14 @@ def trials_of(folder: Path) -> list[tuple[Planned, Trial]]:
 
 def recorded(folder: Path, rig: Rig, hidden: dict[str, float], out: Path) -> float:
     """Record a plan, and return the largest share of a trial that is slack."""
-    logger, truth = MAKES[rig.make].logger, rope(rig, hidden)
+    truth = rope(rig, hidden)
     data, slack = [], []
     for k, (_, trial) in enumerate(trials_of(folder)):
         records, ends = played(truth, rig, trial)
         if not trial.unhooked:
             slack.append(float(np.mean(ends.min(axis=1) <= 0.0)))
-        clean = logger.sampled(records, rig, truth.chain, BASIC)
-        data.append(logger.logged(clean, rig, BASIC, [SEED, rig.seed, k]))
+        clean = sampled(records, rig, truth.chain, BASIC)
+        data.append(logged(clean, truth.chain, BASIC, [SEED, rig.seed, k]))
     write_data(out, data, (folder / "dataset.toml").read_text())
     for k in reversed(range(len(data))):  # a plan counts from 1
         (out / f"trial_{k:02d}.csv").rename(out / f"trial_{k + 1:02d}.csv")

@@ -45,7 +45,7 @@ def test_records_are_the_same_on_a_cluster() -> None:
 
 def test_what_makes_a_record_includes_the_rigs() -> None:
     files = study_job.Study().made_by()["files"]
-    assert {"rig/plant.py", "diagnose_benchmark.py", "study_job.py"} <= files.keys()
+    assert {"rig/engine.py", "diagnose_benchmark.py", "study_job.py"} <= files.keys()
 
 
 @pytest.mark.usefixtures("quick")

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.effects import Truth
-from rig.kernel import COLUMNS
+from rig.engine import COLUMNS, Asked, integrate
 from rig.makes import MAKES
 from rig.nominal import Rig
-from rig.sensors import BASIC, CHANNELS
+from rig.sensors import BASIC, CHANNELS, logged, sampled
 from rig.trials import SETS, Trial
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
         mesh: of its make's `plant_of`.
     """
     make = MAKES[rig.make]
-    truth = Truth(make.plant_of(rig, **mesh), make.logger.chain_of(rig))
+    truth = Truth(make.plant_of(rig, **mesh), make.chain_of(rig))
     for name, amount in effects.items():
         if amount != 0.0:
             rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -52,20 +52,19 @@ def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
     constant torque; its mass accelerates nothing.
     """
     make = MAKES[rig.make]
-    hangs = getattr(truth.plant, make.hanging) - trial.tilt
+    hangs = truth.plant.unbalance_phase - trial.tilt
     off = {"motor_radius": 0.0, "joint_radius": 0.0} if trial.unhooked else {}
-    records = make.integrate(
-        truth.plant._replace(**{make.hanging: hangs}, **off),
+    servo, environment = np.array(trial.servo), np.array(trial.environment)
+    records = integrate(
+        make.law,
+        truth.plant._replace(unbalance_phase=hangs, **off),
         rig.pretension * trial.tightness,
-        np.array(trial.servo),
-        np.array(trial.environment),
-        trial.command,
-        trial.target,
+        Asked(servo, environment, trial.command, trial.target),
         refine,
     )
     sides = [COLUMNS.index(name) for name in ("motor_torque", "joint_torque")]
     records[:, sides] += trial.known_torques
-    return np.asarray(records)
+    return records
 
 
 def clean_dataset(
@@ -92,8 +91,7 @@ def _sampled(truth: Truth, rig: Rig, trial: Trial, names: tuple[str, ...]) -> Ar
         records[:, [one, other]] = records[:, [other, one]]
         one, other = (names.index(name) for name in torques)
         order[one], order[other] = other, one
-    sampled = MAKES[rig.make].logger.sampled
-    return np.asarray(sampled(records, rig, truth.chain, names)[:, order])
+    return sampled(records, rig, truth.chain, names)[:, order]
 
 
 def make_dataset(
@@ -118,8 +116,8 @@ def make_dataset(
     """
     names = tuple(CHANNELS) if tensions else BASIC
     clean = clean_dataset(rig, effects, make_trials(trials, seed), seed, names)
-    logged = MAKES[rig.make].logger.logged
+    chain = MAKES[rig.make].chain_of(rig)
     return [
-        logged(signals, rig, names, [seed, rig.seed, k])
+        logged(signals, chain, names, [seed, rig.seed, k])
         for k, signals in enumerate(clean)
     ]

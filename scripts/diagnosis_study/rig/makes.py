@@ -5,31 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from rig import effects, kernel, plant, sensors
+from rig import sensors
+from rig.bristles import effects as of_bristles
+from rig.bristles import kernel as bristles
+from rig.bristles import plant as of_nodes
+from rig.effects import Effect
 from rig.elements import effects as of_elements
 from rig.elements import instruments
 from rig.elements import kernel as elements
 from rig.elements import plant as meshed
+from rig.engine import Law
 from rig.guides import effects as guided
 from rig.guides import kernel as guides
 from rig.guides import plant as through_guides
 from rig.nominal import Rig
-
-
-class Logger(NamedTuple):
-    """Conversion of what happens in a rig into what is stored.
-
-    Attributes:
-        chain_of: what the sensors of a rig are like when nothing is hidden.
-        channels: of the logger of a rig.
-        sampled: see `sensors.sampled`.
-        logged: (clean, rig, names, key) -> columns, see `sensors.logged`.
-    """
-
-    chain_of: Callable[[Rig], Any]
-    channels: Callable[[Rig], Mapping[str, sensors.Channel]]
-    sampled: Callable[..., Any]
-    logged: Callable[..., dict[str, Any]]
 
 
 class Make(NamedTuple):
@@ -37,37 +26,25 @@ class Make(NamedTuple):
 
     Attributes:
         plant_of: the plant of a rig in which nothing is hidden.
-        integrate: one trial of a plant, see `kernel.integrate`.
+        law: motion of its cables.
         effects: what can be hidden, by id.
         named: ids that a library can be expected to know.
         unknown: those that it cannot.
-        logger: its sensors.
+        chain_of: its sensors when nothing is hidden, see `sensors.Chain`.
         trials: the set of trials that a study of this rig records.
-        hanging: field of the plant that says where the joint's weight hangs [rad].
     """
 
     plant_of: Callable[[Rig], Any]
-    integrate: Callable[..., Any]
-    effects: Mapping[str, effects.Effect]
+    law: Law
+    effects: Mapping[str, Effect]
     named: tuple[str, ...]
     unknown: tuple[str, ...]
-    logger: Logger
+    chain_of: Callable[[Rig], Any]
     trials: Callable[[Rig], str]
-    hanging: str
 
 
-def _with_bristles(p: plant.Plant, *given: Any) -> Any:
-    """Shorten the steps for impacts or falling friction."""
-    *motion, refine = given
-    return kernel.integrate(p, *motion, refine * (2 if p.backlash or p.stribeck else 1))
-
-
-_USUAL = Logger(
-    lambda _rig: sensors.Chain(),
-    lambda _rig: sensors.CHANNELS,
-    sensors.sampled,
-    lambda clean, _rig, names, key: sensors.logged(clean, names, key),
-)
+def _usual(_rig: Rig) -> sensors.Chain:
+    return sensors.Chain()
 
 
 def _rich(_rig: Rig) -> str:
@@ -81,38 +58,30 @@ def _slow_where_coarse(rig: Rig) -> str:
 
 MAKES = {
     "bristles": Make(
-        plant.plant_of,
-        _with_bristles,
-        effects.EFFECTS,
-        tuple(effects.NAMED),
-        tuple(effects.UNKNOWN),
-        _USUAL,
+        of_nodes.plant_of,
+        bristles.LAW,
+        of_bristles.EFFECTS,
+        tuple(of_bristles.NAMED),
+        tuple(of_bristles.UNKNOWN),
+        _usual,
         _rich,
-        "gravity_phase",
     ),
     "guides": Make(
         through_guides.plant_of,
-        guides.integrate,
+        guides.LAW,
         guided.EFFECTS,
         tuple(guided.NAMED),
         tuple(guided.UNKNOWN),
-        _USUAL,
+        _usual,
         _rich,
-        "unbalance_phase",
     ),
     "elements": Make(
         meshed.plant_of,
-        elements.integrate,
+        elements.LAW,
         of_elements.EFFECTS,
         tuple(of_elements.NAMED),
         tuple(of_elements.UNKNOWN),
-        Logger(
-            instruments.chain_of,
-            instruments.channels,
-            instruments.sampled,
-            instruments.logged,
-        ),
+        instruments.chain_of,
         _slow_where_coarse,
-        "weight_phase",
     ),
 }

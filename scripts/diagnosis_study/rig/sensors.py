@@ -8,13 +8,14 @@ offset. Noise is sampled per trial and channel, independently of the hidden effe
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
-from rig.kernel import COLUMNS, RECORD_TIME
+from rig.engine import COLUMNS, RECORD_TIME
 from rig.motions import LEAD
 from rig.nominal import Rig
 
@@ -77,8 +78,26 @@ class Chain(NamedTuple):
     second_axis_rate: float = 0.9
     second_axis_phase: float = 0.0
 
+    def channels(self) -> Mapping[str, Channel]:
+        """Return the channels of the logger."""
+        return CHANNELS
 
-def _ideal_column(records: Array, name: str) -> Array:
+    def moments(self, count: int) -> Array:
+        """Return the sampling times [s]."""
+        return np.arange(count) / SAMPLE_RATE
+
+    def shown(self, records: Array, name: str) -> Array:
+        """Return a channel as its sensor reports it to the logger."""
+        signal = column(records, name)
+        if name == "joint_torque":
+            signal = _joint_torque(records, self)
+        if CHANNELS[name].at_joint and self.delay:
+            signal = _shifted(_lagged(signal, 0.3 * self.delay), 0.7 * self.delay)
+        return signal
+
+
+def column(records: Array, name: str) -> Array:
+    """Return a column of the records of a trial."""
     return records[:, COLUMNS.index(name)]
 
 
@@ -111,7 +130,7 @@ def _hysteresis(torque: Array, width: float) -> Array:
 
 def _joint_torque(records: Array, chain: Chain) -> Array:
     """Return the reading of the joint's torque sensor with all its faults."""
-    torque = _ideal_column(records, "joint_torque")
+    torque = column(records, "joint_torque")
     out = torque
     time = np.arange(torque.size) * RECORD_TIME - LEAD
     if chain.load_delay:
@@ -123,7 +142,7 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
     if chain.offset:
         out = out + chain.offset * (1 - 0.15 * np.exp(-np.maximum(time, 0) / 2))
     if chain.reflex:
-        felt = _shifted(_ideal_column(records, "joint_speed"), chain.reflex_latency)
+        felt = _shifted(column(records, "joint_speed"), chain.reflex_latency)
         beyond = np.sign(felt) * np.maximum(np.abs(felt) - 0.4, 0)
         out = out + chain.reflex * _lagged(beyond, 0.03)
     if chain.temperature:
@@ -137,44 +156,37 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
     return np.asarray(out)
 
 
-def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
+def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Array:
     """Return the readings of a logger without noise or rounding, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
-    count = round(recorded * SAMPLE_RATE)
-    out = np.empty((count, len(names)))
-    moments = LEAD + np.arange(count) / SAMPLE_RATE
+    moments = LEAD + chain.moments(round(recorded * SAMPLE_RATE))
     middle = (np.arange(records.shape[0]) + 0.5) * RECORD_TIME
+    out = np.empty((moments.size, len(names)))
     for j, name in enumerate(names):
-        signal = _ideal_column(records, name)
-        if name == "joint_torque":
-            signal = _joint_torque(records, chain)
-        when = moments
-        if CHANNELS[name].at_joint:
-            when = moments + rig.joint_clock_offset
-            if chain.delay:
-                signal = _shifted(_lagged(signal, 0.3 * chain.delay), 0.7 * chain.delay)
-        smooth = sosfilt(sos, signal - signal[0]) + signal[0]
-        out[:, j] = np.interp(when, middle, smooth) + _offset(rig, name)
+        shown = chain.shown(records, name)
+        smooth = sosfilt(sos, shown - shown[0]) + shown[0]
+        late = rig.joint_clock_offset if CHANNELS[name].at_joint else 0.0
+        offset = getattr(rig, f"{name}_offset", 0.0)
+        out[:, j] = np.interp(moments + late, middle, smooth) + offset
     return out
 
 
-def _offset(rig: Rig, name: str) -> float:
-    return float(getattr(rig, f"{name}_offset", 0.0))
-
-
-def logged(clean: Array, names: tuple[str, ...], key: list[int]) -> dict[str, Array]:
+def logged(
+    clean: Array, chain: Any, names: tuple[str, ...], key: list[int]
+) -> dict[str, Array]:
     """Add noise and rounding, and return columns by their names in the files.
 
     Args:
         clean: (samples, names), see `sampled`.
+        chain: sensors of the rig.
         names: names of the channels.
         key: seed of the noise; every channel adds its own number.
     """
-    columns = {"time_s": np.arange(clean.shape[0]) / SAMPLE_RATE}
+    columns = {"time_s": chain.moments(clean.shape[0])}
     order = list(CHANNELS)
     for j, name in enumerate(names):
-        channel = CHANNELS[name]
+        channel = chain.channels()[name]
         rng = np.random.default_rng([*key, order.index(name)])
         noisy = clean[:, j] + channel.noise * rng.standard_normal(clean.shape[0])
         columns[channel.column] = (

@@ -24,7 +24,7 @@ from rig.dataset import make_trials, run, truth_of
 from rig.effects import Truth
 from rig.makes import MAKES
 from rig.nominal import Rig
-from rig.sensors import SAMPLE_RATE
+from rig.sensors import SAMPLE_RATE, sampled
 
 Array = NDArray[np.float64]
 
@@ -92,9 +92,9 @@ def _simulated(
 
 def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:
     """Return the readings of records over their noise floors, (samples, 3)."""
-    logger = MAKES[rig.make].logger
-    floors = np.array([logger.channels(rig)[name].floor for name in RESPONSES])
-    seen = [logger.sampled(record, rig, truth.chain, RESPONSES) for record in records]
+    channels = MAKES[rig.make].chain_of(rig).channels()
+    floors = np.array([channels[name].floor for name in RESPONSES])
+    seen = [sampled(record, rig, truth.chain, RESPONSES) for record in records]
     return np.asarray(np.concatenate(seen) / floors)
 
 

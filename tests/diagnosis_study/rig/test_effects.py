@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rig import strength
+from rig.bristles.effects import EFFECTS, NAMED, UNKNOWN
 from rig.dataset import run, truth_of
-from rig.effects import EFFECTS, NAMED, UNKNOWN, Truth
+from rig.effects import Truth
 from rig.nominal import Rig, make_rig
-from rig.sensors import BASIC, CHANNELS, logged, sampled
+from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import Trial
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
@@ -67,8 +68,8 @@ def test_amount_zero_is_nothing_to_the_last_bit(
 
 def test_noise_does_not_know_what_is_hidden() -> None:
     clean = np.zeros((400, 4))
-    once = logged(clean, BASIC, [3, 3, 0])
-    other = logged(clean + 1.0, BASIC, [3, 3, 0])
+    once = logged(clean, Chain(), BASIC, [3, 3, 0])
+    other = logged(clean + 1.0, Chain(), BASIC, [3, 3, 0])
     for name in BASIC:
         column, resolution = CHANNELS[name].column, CHANNELS[name].resolution
         assert np.abs(other[column] - once[column] - 1).max() < 1.01 * resolution

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +18,12 @@ from rig import dataset
 from rig.dataset import clean_dataset, make_dataset, make_trials, run, truth_of
 from rig.elements.cables import Cables, deflected, start, step
 from rig.elements.effects import EFFECTS
-from rig.elements.instruments import chain_of, channels
+from rig.elements.instruments import chain_of
 from rig.elements.plant import Plant, plant_of
-from rig.kernel import COLUMNS
+from rig.engine import COLUMNS
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
-from rig.sensors import BASIC, CHANNELS
+from rig.sensors import BASIC, CHANNELS, logged, sampled
 from rig.trials import SETS, Trial
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
@@ -56,7 +55,6 @@ def seen(
     """Noise-free samples over the noise floors."""
     truth = truth_of(rig, effects, 3, **mesh)
     records = run(truth, rig, trial, refine)
-    sampled = MAKES[rig.make].logger.sampled
     return np.asarray(sampled(records, rig, truth.chain, BASIC) / FLOORS)
 
 
@@ -238,19 +236,18 @@ def test_coarse_encoders_round_and_jitter_is_stamped(
     for name, bits in (("motor_angle", 15), ("joint_angle", 13)):
         digits = columns[CHANNELS[name].column] / (2.0 * math.pi) * 2**bits
         np.testing.assert_allclose(digits, np.round(digits), atol=1e-6)
-        assert channels(rig)[name].noise == 0.0
+        assert chain_of(rig).channels()[name].noise == 0.0
     steps = np.diff(columns["time_s"])
     assert np.all(steps > 1e-3)
     assert np.std(steps) > 1e-5
 
 
 def test_noise_does_not_know_what_is_hidden(rig: Rig) -> None:
-    logged: Any = MAKES[rig.make].logger.logged
-    clean = np.zeros((400, 4))
-    once = logged(clean, rig, BASIC, [3, 3, 0])
-    other = logged(clean + 1.0, rig, BASIC, [3, 3, 0])
+    clean, chain = np.zeros((400, 4)), chain_of(rig)
+    once = logged(clean, chain, BASIC, [3, 3, 0])
+    other = logged(clean + 1.0, chain, BASIC, [3, 3, 0])
     for name in BASIC:
-        channel = channels(rig)[name]
+        channel = chain.channels()[name]
         apart = other[channel.column] - once[channel.column] - 1.0
         assert np.abs(apart).max() < 1.01 * channel.resolution
 

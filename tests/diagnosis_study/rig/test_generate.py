@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig import dataset, generate, strength
-from rig.effects import EFFECTS
+from rig.bristles.effects import EFFECTS
 from rig.trials import SETS, Trial, ramps
 
 OPTIONS = ["--trials", "ramps", "--seed", "4"]
@@ -79,7 +79,7 @@ def test_label_says_what_is_hidden(two: Path) -> None:
     assert other["strength"]["refit"] == pytest.approx(3, rel=0.1)
     assert effect["unit"] == "N m"
     assert effect["strength"]["refit"] == pytest.approx(3, rel=0.1)
-    assert effect["details"]["gravity"] == effect["amount"]
+    assert effect["details"]["unbalance"] == effect["amount"]
     assert label["rig"]["seed"] == label["seed"] == 4
 
 

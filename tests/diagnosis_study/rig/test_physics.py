@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.bristles.kernel import LAW
+from rig.bristles.plant import plant_of
 from rig.dataset import run, truth_of
-from rig.kernel import COLUMNS, RECORD_TIME, integrate
+from rig.engine import COLUMNS, RECORD_TIME, Asked, integrate
 from rig.nominal import Rig
-from rig.plant import plant_of
 from rig.trials import STIFF, Trial
 
 Array = NDArray[np.float64]
@@ -28,9 +29,8 @@ def pulled(rig: Rig, speed: float, seconds: float, **changes: float) -> Array:
     plant = plant_of(rig)._replace(**changes)
     spring = np.array([2.0, 0.5])
     servo = np.array(STIFF)
-    return integrate(
-        plant, rig.pretension, servo, spring, command, np.zeros_like(command), 1
-    )
+    asked = Asked(servo, spring, command, np.zeros_like(command))
+    return integrate(LAW, plant, rig.pretension, asked, 1)
 
 
 def test_ends_of_a_sliding_cable_obey_the_capstan_equation(rig: Rig) -> None:
@@ -85,7 +85,8 @@ def test_a_closed_cycle_of_both_ends_takes_work(rig: Rig, effect: str) -> None:
     plant = truth_of(rig, {effect: 0.01}, seed=1).plant
     hand = np.array([4.0, 0.1])
     servo = np.array(STIFF)
-    records = integrate(plant, rig.pretension, servo, hand, command, target, 2)
+    asked = Asked(servo, hand, command, target)
+    records = integrate(LAW, plant, rig.pretension, asked, 2)
     cycle = round(2.0 / RECORD_TIME)
     taken = column(records, "work_in") - column(records, "work_out")
     assert taken[-1] - taken[-1 - cycle] > 0.1
@@ -99,10 +100,9 @@ def test_friction_takes_work_at_all_times(rig: Rig, lively: Trial) -> None:
 
 def test_a_cable_goes_slack_and_never_pushes(rig: Rig, lively: Trial) -> None:
     plant = plant_of(rig)
-    records = integrate(
-        plant, 8.0, np.array(STIFF), np.array([8.0, 0.2]), lively.command,
-        -lively.command, 1,
-    )  # fmt: skip
+    hand = np.array([8.0, 0.2])
+    asked = Asked(np.array(STIFF), hand, lively.command, -lively.command)
+    records = integrate(LAW, plant, 8.0, asked, 1)
     ends = records[:, 5:9]
     assert ends.min() == 0.0
     assert np.mean(ends == 0.0) > 0.1
@@ -119,9 +119,8 @@ def test_friction_holds_at_rest(rig: Rig, dwelling: Trial) -> None:
     command = np.concatenate([moved, still])
     spring = np.array([6.0, 0.03])
     servo = np.array(STIFF)
-    records = integrate(
-        plant_of(rig), rig.pretension, servo, spring, command, 0 * command, 1
-    )
+    asked = Asked(servo, spring, command, 0 * command)
+    records = integrate(LAW, plant_of(rig), rig.pretension, asked, 1)
     torque = column(records, "motor_torque")[-15000:]
     assert abs(torque[-1]) > 0.5
     assert np.ptp(torque) < 2e-3
@@ -136,10 +135,9 @@ def test_ageing_makes_the_first_move_after_a_longer_rest_harder(rig: Rig) -> Non
         path = 0.1 * np.minimum(time, 0.6) + 0.1 * np.maximum(time - 0.6 - rest, 0)
         command = np.stack([path, np.gradient(path, 1e-3)], axis=1)
         plant = plant_of(rig)._replace(ageing=0.1)
-        records = integrate(
-            plant, rig.pretension, np.array(STIFF), np.array([0.0, 0.5]), command,
-            0 * command, 1,
-        )  # fmt: skip
+        hand = np.array([0.0, 0.5])
+        asked = Asked(np.array(STIFF), hand, command, 0 * command)
+        records = integrate(LAW, plant, rig.pretension, asked, 1)
         peaks.append(column(records, "motor_torque")[-3000:].max())
     steps = np.diff(peaks)
     assert steps[0] > 0.05

@@ -11,8 +11,8 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import Options, load, run_inference
+from rig.bristles.effects import EFFECTS
 from rig.dataset import make_dataset
-from rig.effects import EFFECTS
 from rig.generate import facts_of, write_data
 from rig.nominal import make_rig
 from rig.trials import SETS, Trial

@@ -9,16 +9,16 @@ noise, 13 bits at the joint and 15 bits at the motor.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import bessel, butter, lfilter, sosfilt
+from scipy.signal import bessel, lfilter
 
-from rig.kernel import COLUMNS, RECORD_TIME
-from rig.motions import LEAD
+from rig.engine import RECORD_TIME
 from rig.nominal import Rig
-from rig.sensors import CHANNELS, CUTOFF, SAMPLE_RATE, Channel
+from rig.sensors import CHANNELS, SAMPLE_RATE, Channel, column
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ class Chain(NamedTuple):
     """Distortions by the sensors, off at 0; SI and radians."""
 
     # --- what this rig has, whatever is hidden ------------------------------------
+    seed: int = 0
+    """Seed of the jitter."""
     coarse: bool = False
     motor_offcentre: float = 0.0
     """Error of the motor's encoder, once a turn [rad]."""
@@ -56,6 +58,42 @@ class Chain(NamedTuple):
     pressed: float = 0.0
     """Spurious torque of the joint's sensor per mean tension of both cables [m]."""
 
+    def channels(self) -> Mapping[str, Channel]:
+        """Return the channels of the logger."""
+        if not self.coarse:
+            return CHANNELS
+        return CHANNELS | {
+            name: CHANNELS[name]._replace(noise=0.0, resolution=2.0 * math.pi / 2**bits)
+            for name, bits in COARSE.items()
+        }
+
+    def moments(self, count: int) -> Array:
+        """Return the sampling times [s]."""
+        even = np.arange(count) / SAMPLE_RATE
+        if self.jitter == 0.0:
+            return even
+        random = np.random.default_rng([self.seed, 0x717])
+        apart = self.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
+        apart[0] = abs(apart[0])
+        return np.asarray(np.round((even + apart) / _SAMPLE_CLOCK) * _SAMPLE_CLOCK)
+
+    def shown(self, records: Array, name: str) -> Array:
+        """Return a channel as its sensor reports it to the logger."""
+        signal = column(records, name)
+        if name == "motor_angle" and self.motor_offcentre:
+            signal = signal + self.motor_offcentre * np.sin(signal - self.motor_phase)
+        if name == "joint_angle" and self.joint_offcentre:
+            signal = signal + self.joint_offcentre * np.sin(signal - self.joint_phase)
+        if name == "joint_torque":
+            signal = _twisted(records, signal, self)
+        if self.slow and name in ("motor_torque", "joint_torque"):
+            signal = _one_pole(self.slow, signal)
+        if self.delay and name in ("joint_angle", "joint_torque"):
+            corner = 1.0 / (2.0 * math.pi * self.delay)
+            poles = bessel(2, corner, fs=1.0 / RECORD_TIME, norm="delay")
+            signal = _filtered(*poles, signal)
+        return np.asarray(signal)
+
 
 def chain_of(rig: Rig) -> Chain:
     """Return the sensors of a rig without a hidden effect."""
@@ -64,29 +102,8 @@ def chain_of(rig: Rig) -> Chain:
     size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])
     phases = random.uniform(-math.pi, math.pi, 2)
     motor, joint, slow, jitter = np.where(has, size, 0.0).tolist()
-    return Chain(rig.seed % 2 == 1, motor, phases[0], joint, phases[1], slow, jitter)
-
-
-def channels(rig: Rig) -> dict[str, Channel]:
-    """Return the channels of this rig's logger."""
-    if not chain_of(rig).coarse:
-        return CHANNELS
-    rounded = {
-        name: Channel(CHANNELS[name].column, 0.0, 2.0 * math.pi / 2**bits, at_joint)
-        for (name, bits), at_joint in zip(COARSE.items(), (False, True), strict=True)
-    }
-    return CHANNELS | rounded
-
-
-def _moments(rig: Rig, chain: Chain, count: int) -> Array:
-    """Return the sampling times [s]."""
-    even = np.arange(count) / SAMPLE_RATE
-    if chain.jitter == 0.0:
-        return even
-    random = np.random.default_rng([rig.seed, 0x717])
-    apart = chain.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
-    apart[0] = abs(apart[0])
-    return np.asarray(np.round((even + apart) / _SAMPLE_CLOCK) * _SAMPLE_CLOCK)
+    coarse = rig.seed % 2 == 1
+    return Chain(rig.seed, coarse, motor, phases[0], joint, phases[1], slow, jitter)
 
 
 def _filtered(numerator: Array, denominator: Array, signal: Array) -> Array:
@@ -100,24 +117,6 @@ def _one_pole(seconds: float, signal: Array) -> Array:
     return _filtered(np.array([share]), np.array([1.0, share - 1.0]), signal)
 
 
-def _shown(records: Array, name: str, chain: Chain) -> Array:
-    """Return a channel as its sensor reports it to the logger."""
-    signal = records[:, COLUMNS.index(name)]
-    if name == "motor_angle" and chain.motor_offcentre:
-        signal = signal + chain.motor_offcentre * np.sin(signal - chain.motor_phase)
-    if name == "joint_angle" and chain.joint_offcentre:
-        signal = signal + chain.joint_offcentre * np.sin(signal - chain.joint_phase)
-    if name == "joint_torque":
-        signal = _twisted(records, signal, chain)
-    if chain.slow and name in ("motor_torque", "joint_torque"):
-        signal = _one_pole(chain.slow, signal)
-    if chain.delay and name in ("joint_angle", "joint_torque"):
-        corner = 1.0 / (2.0 * math.pi * chain.delay)
-        poles = bessel(2, corner, fs=1.0 / RECORD_TIME, norm="delay")
-        signal = _filtered(*poles, signal)
-    return np.asarray(signal)
-
-
 def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
     """Return the reading of the joint's torque sensor with all its faults."""
     out = torque
@@ -129,45 +128,6 @@ def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
         time = np.arange(torque.size) * RECORD_TIME
         out = out + chain.offset * (1.0 + 0.1 * (time / 8.0 - 0.5))
     if chain.pressed:
-        a, b = (records[:, COLUMNS.index(f"tension_{cable}_distal")] for cable in "ab")
+        a, b = (column(records, f"tension_{cable}_distal") for cable in "ab")
         out = out + chain.pressed * (0.5 * (a + b) - 80.0)
     return np.asarray(out)
-
-
-def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
-    """Return the readings of a logger without noise or rounding, (samples, names)."""
-    sos = butter(2, CUTOFF, fs=1.0 / RECORD_TIME, output="sos")
-    recorded = records.shape[0] * RECORD_TIME - LEAD
-    moments = LEAD + _moments(rig, chain, round(recorded * SAMPLE_RATE))
-    middle = (np.arange(records.shape[0]) + 0.5) * RECORD_TIME
-    out = np.empty((moments.size, len(names)))
-    for j, name in enumerate(names):
-        shown = _shown(records, name, chain)
-        smooth = sosfilt(sos, shown - shown[0]) + shown[0]
-        late = rig.joint_clock_offset if CHANNELS[name].at_joint else 0.0
-        offset = getattr(rig, f"{name}_offset", 0.0)
-        out[:, j] = np.interp(moments + late, middle, smooth) + offset
-    return out
-
-
-def logged(
-    clean: Array, rig: Rig, names: tuple[str, ...], key: list[int]
-) -> dict[str, Array]:
-    """Add noise and rounding, and return columns by their names in the files.
-
-    Args:
-        clean: (samples, names), see `sampled`.
-        rig: rig of the logger.
-        names: names of the channels.
-        key: seed of the noise; every channel adds its own number.
-    """
-    columns = {"time_s": _moments(rig, chain_of(rig), clean.shape[0])}
-    order = list(CHANNELS)
-    for j, name in enumerate(names):
-        channel = channels(rig)[name]
-        random = np.random.default_rng([*key, order.index(name)])
-        noisy = clean[:, j] + channel.noise * random.standard_normal(clean.shape[0])
-        columns[channel.column] = (
-            np.round(noisy / channel.resolution) * channel.resolution
-        )
-    return columns

@@ -117,9 +117,9 @@ class Plant(NamedTuple):
     slots_phase: float = 0.0
     drum: float = 0.0
     """Inertia between torque sensor and motor pulley [kg m^2]."""
-    weight: float = 0.0
+    unbalance: float = 0.0
     """Unbalance of the joint pulley, m g l [N m]."""
-    weight_phase: float = 0.0
+    unbalance_phase: float = 0.0
     band: float = 0.0
     """Stiffness of a softening rubber band at the joint [N m/rad]."""
     band_rest: float = 0.0

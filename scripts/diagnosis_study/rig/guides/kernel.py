@@ -1,41 +1,14 @@
-"""One trial of a rig with guides: shafts by symplectic Euler, cables in equilibrium.
-
-Takes what `rig.kernel.integrate` takes and gives records as that does, in the same
-columns; steps of 0.2 ms.
-"""
+"""One trial of a rig with guides: cables in equilibrium, steps of 0.2 ms; compiled."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from rig import engine
+from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, MOTOR_SPEED
 from rig.guides.cables import Cables, settle, start
-from rig.guides.plant import Array, Plant
-from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME, pulled
-
-STEPS = 1
-"""Per record."""
-
-
-def integrate(
-    p: Plant,
-    pretension: float,
-    servo: Array,
-    environment: Array,
-    command: Array,
-    target: Array,
-    refine: int = 1,
-) -> Array:
-    """Run one trial; see `rig.kernel.integrate`."""
-    motor = command[0, 0]
-    arcs = arc(p, motor, 1.0)[0], -arc(p, motor, -1.0)[0]
-    cables = start(p, pretension, arcs)
-    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
-    out = np.zeros((count, len(COLUMNS)))
-    _run(p, cables, pretension, servo, environment, command, target, refine, out)
-    return out
+from rig.guides.plant import Plant
 
 
 @compiled
@@ -61,101 +34,126 @@ def _wave(phase: float) -> float:
 
 
 @internal
-def _across(p: Plant, ahead: float, ahead_speed: float) -> float:
-    """Return the torque of the hub on the handle through the play, by its lead."""
-    over = abs(ahead) - 0.5 * p.play
-    if over <= 0.0:
-        return 0.0
-    side = math.copysign(1.0, ahead)
-    return side * max(
-        p.stop_stiffness * over + p.stop_damping * side * ahead_speed, 0.0
-    )
+def _taken(p: Plant, angle: float, speed: float) -> float:
+    """Return the torque that what sits on the joint pulley takes."""
+    load = p.unbalance * math.sin(angle - p.unbalance_phase)
+    off = angle - p.strap_rest
+    load += p.strap * off * (1.0 + 0.1 * off * off)
+    load += p.bearing * math.tanh(speed / 0.01)
+    near = (angle - p.catch_angle) / p.catch_width
+    return load + p.catch * near * math.exp(0.5 * (1.0 - near * near))
 
 
 @compiled
 def _run(
     p: Plant,
     cables: Cables,
+    shafts: FloatArray,
+    now: FloatArray,
     pretension: float,
-    servo: FloatArray,
-    environment: FloatArray,
-    command: FloatMatrix,
-    target: FloatMatrix,
-    refine: int,
+    asked: engine.Asked,
+    pace: engine.Pace,
     out: FloatMatrix,
-) -> None:
-    steps = STEPS * refine
-    dt = RECORD_TIME / steps
-    per_command = round(COMMAND_TIME / dt)
-    motor, joint, hub = command[0, 0], command[0, 0], command[0, 0]
-    motor_speed = joint_speed = hub_speed = 0.0
-    work_in = work_out = 0.0
+) -> bool:
+    dt = pace.dt
+    hub = p.hub_inertia if p.play != 0.0 else 0.0
     near_a = near_b = far_a = far_b = pretension
+    work_in = work_out = 0.0
     step = 0
     for record in range(out.shape[0]):
         row = out[record]
-        for _ in range(steps):
-            at = step // per_command
-            part = (step - at * per_command) / per_command
+        for _ in range(pace.steps):
+            drive, hold = engine.torques(asked, step, pace.per_command, shafts)
             step += 1
+            motor = shafts[MOTOR]
             slope_a, slope_b = arc(p, motor, 1.0)[1], arc(p, motor, -1.0)[1]
-            load = slope_a * near_a - slope_b * near_b
-            load += p.detent * _wave(p.detent_order * motor - p.detent_phase)
-            drive = pulled(servo, command, at, part, motor, motor_speed)
-            rate = (drive - load) / (p.rotor_inertia + p.gear_inertia)
+            pull = slope_a * near_a - slope_b * near_b
+            load = pull + p.detent * _wave(p.detent_order * motor - p.detent_phase)
+            inertia = p.rotor_inertia + p.gear_inertia
+            rate = engine.turn(shafts, MOTOR, drive - load, inertia, dt)
             shown = load + p.gear_inertia * rate
-            motor_speed += rate * dt
-            moved = motor_speed * dt
-            motor += moved
+            moved = shafts[MOTOR_SPEED] * dt
             given = p.joint_radius * (far_a - far_b)
-            taken = p.unbalance * math.sin(hub - p.unbalance_phase)
-            off = hub - p.strap_rest
-            taken += p.strap * off * (1.0 + 0.1 * off * off)
-            taken += p.bearing * math.tanh(hub_speed / 0.01)
-            near = (hub - p.catch_angle) / p.catch_width
-            taken += p.catch * near * math.exp(0.5 * (1.0 - near * near))
-            hold = pulled(environment, target, at, part, joint, joint_speed)
-            hold -= p.joint_damping * joint_speed
-            if p.play == 0.0:
-                rate = (given - taken + hold) / (p.joint_inertia + p.flywheel)
-                felt = given - taken - p.flywheel * rate
-                joint_speed += rate * dt
-                joint += joint_speed * dt
-                hub, hub_speed = joint, joint_speed
-            else:
-                felt = _across(p, hub - joint, hub_speed - joint_speed)
-                hub_speed += (given - taken - felt) / (p.hub_inertia + p.flywheel) * dt
-                joint_speed += (felt + hold) / (p.joint_inertia - p.hub_inertia) * dt
-                hub += hub_speed * dt
-                joint += joint_speed * dt
-            work_in += 0.5 * (slope_a * near_a - slope_b * near_b) * moved
-            work_out += 0.5 * given * hub_speed * dt
+            across = engine.through_play(
+                shafts, p.play, p.stop_stiffness, p.stop_damping
+            )
+            felt = engine.turn_joint(
+                shafts, given - _taken(p, shafts[HUB], shafts[HUB_SPEED]),
+                hold - p.joint_damping * shafts[JOINT_SPEED], across,
+                p.joint_inertia, hub, p.flywheel, dt,
+            )  # fmt: skip
+            work_in += 0.5 * pull * moved
+            work_out += 0.5 * given * shafts[HUB_SPEED] * dt
             tight = pretension
             if p.settling != 0.0:
                 late = math.log1p(step * dt / p.settling_time)
                 tight *= 1.0 - p.settling * late / math.log1p(8.0 / p.settling_time)
-            far = p.joint_radius * hub
-            arc_a, arc_b = arc(p, motor, 1.0)[0], arc(p, motor, -1.0)[0]
-            near_a, far_a = settle(p, cables, 0, tight, arc_a, far, hub, dt)
-            near_b, far_b = settle(p, cables, 1, tight, -arc_b, -far, hub, dt)
-            slope_a, slope_b = arc(p, motor, 1.0)[1], arc(p, motor, -1.0)[1]
-            work_in += 0.5 * (slope_a * near_a - slope_b * near_b) * moved
-            work_out += 0.5 * p.joint_radius * (far_a - far_b) * hub_speed * dt
+            angle, motor = shafts[HUB], shafts[MOTOR]
+            far = p.joint_radius * angle
+            arc_a, slope_a = arc(p, motor, 1.0)
+            arc_b, slope_b = arc(p, motor, -1.0)
+            near_a, far_a = settle(p, cables, 0, tight, arc_a, far, angle, dt)
+            near_b, far_b = settle(p, cables, 1, tight, -arc_b, -far, angle, dt)
+            pull = slope_a * near_a - slope_b * near_b
+            given = p.joint_radius * (far_a - far_b)
+            work_in += 0.5 * pull * moved
+            work_out += 0.5 * given * shafts[HUB_SPEED] * dt
             # Angles where the torques of the step are: at its beginning.
-            row[0] += motor - moved
-            row[1] += shown
-            row[2] += joint - joint_speed * dt
-            row[3] += felt
-            row[4] += joint_speed
-            row[5] += near_a
-            row[6] += near_b
-            row[7] += far_a
-            row[8] += far_b
-        for k in range(MEANS):
-            row[k] /= steps
-        row[9] = work_in
-        row[10] = work_out
-        row[11] = cables.work[0] + cables.work[1]
+            speed = shafts[JOINT_SPEED]
+            seen = shafts[JOINT] - speed * dt, felt, speed
+            engine.see(
+                now, (motor - moved, shown), seen, (near_a, near_b), (far_a, far_b)
+            )
+            engine.add(row, now, 1.0)
+        engine.close(
+            row, pace.steps, (work_in, work_out, cables.work[0] + cables.work[1], 0.0)
+        )
         for c in range(2):
             for i in range(cables.tension.shape[1]):
                 row[13] += 0.5 * cables.tension[c, i] ** 2 / p.piece[c, i]
+    return True
+
+
+def _steps(_p: Plant) -> int:
+    return 1
+
+
+LAW = engine.Law(arc, start, _run, _steps)
+
+
+@compiled
+def advance(
+    p: Plant,
+    cables: Cables,
+    pretension: float,
+    state: FloatArray,
+    ends: FloatArray,
+    torque: float,
+    hand: FloatArray,
+    steps: int,
+    dt: float,
+) -> None:
+    """Advance by some steps, by a torque from outside.
+
+    Args:
+        p: The plant; loads on the shafts, play, an axis off the middle and a
+            pretension that settles are left out.
+        cables: Their state, which moves on.
+        pretension: Tension at rest [N].
+        state: Angle and speed of the motor, of the joint; which move on.
+        ends: Tensions at the motor and at the joint, of both cables [N].
+        torque: Of the motor [N m].
+        hand: Stiffness, damping, angle and speed that it asks for.
+        steps: How many.
+        dt: Of each [s].
+    """
+    for _ in range(steps):
+        load = p.motor_radius * (ends[0] - ends[1])
+        engine.turn(state, 0, torque - load, p.rotor_inertia + p.gear_inertia, dt)
+        given = p.joint_radius * (ends[2] - ends[3])
+        hold = hand[0] * (hand[2] - state[2]) + hand[1] * (hand[3] - state[3])
+        hold -= p.joint_damping * state[3]
+        engine.turn(state, 2, given + hold, p.joint_inertia + p.flywheel, dt)
+        near, far = p.motor_radius * state[0], p.joint_radius * state[2]
+        ends[0], ends[2] = settle(p, cables, 0, pretension, near, far, state[2], dt)
+        ends[1], ends[3] = settle(p, cables, 1, pretension, -near, -far, state[2], dt)

@@ -105,9 +105,9 @@ class Plant(NamedTuple):
     cogging_phase: float = 0.0
     motor_inertia: float = 0.0
     """Inertia between torque sensor and motor pulley [kg m^2]."""
-    gravity: float = 0.0
+    unbalance: float = 0.0
     """Unbalance of the joint pulley, m g l [N m]."""
-    gravity_phase: float = 0.0
+    unbalance_phase: float = 0.0
     joint_stiffness: float = 0.0
     joint_stiffness_rest: float = 0.0
     extra_joint_inertia: float = 0.0

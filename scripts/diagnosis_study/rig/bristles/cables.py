@@ -1,4 +1,4 @@
-"""State of two cables of massive nodes, and the law of their friction; compiled.
+"""Two cables of massive nodes between segments that cannot push; compiled.
 
 A bristle with load N, travel x and stiffness k follows Dahl's law
 
@@ -9,7 +9,7 @@ equation exactly. The law is stepped implicitly in travel, so no step is too lon
 the bristle: no chatter, and at rest F stays as it is.
 
 The other variables of friction (speed, age, place, warmth) change slowly compared with
-the waves in the cable. They are updated once per tick, see `update_friction`.
+the waves in the cable. They are updated once per tick, see `update`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, FloatMatrix, internal
-from rig.plant import Plant
+from rig.bristles.plant import Plant
 
 Array = NDArray[np.float64]
 
@@ -69,8 +69,11 @@ def _segments(p: Plant) -> Array:
     return k
 
 
-def at_rest(p: Plant, pretension: float) -> Cables:
-    """Return both cables at pretension, without friction, for `start`."""
+def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
+    """Return both cables at rest at pretension, without friction, displaced by arcs.
+
+    `fill_tables` fills in what depends on friction.
+    """
     n = p.nodes
     seal = np.zeros(n)
     seal[0] = 0.4 * p.load_free
@@ -79,6 +82,7 @@ def at_rest(p: Plant, pretension: float) -> Cables:
     return Cables(
         **nodes
         | {
+            "place": np.repeat(np.array(arcs)[:, None], n, axis=1),
             "load": np.full((2, n), pretension),
             "warmth": np.zeros(2),
             "stiffness": _segments(p),
@@ -90,10 +94,8 @@ def at_rest(p: Plant, pretension: float) -> Cables:
 
 
 @internal
-def start(p: Plant, cables: Cables, arc_a: float, arc_b: float) -> None:
-    """Move cables at rest by the arcs, and fill the tables of their friction."""
-    cables.place[0] = arc_a
-    cables.place[1] = -arc_b
+def fill_tables(p: Plant, cables: Cables) -> None:
+    """Fill the tables of the friction of cables at rest."""
     _look_up(p, cables, 0.0)
     for c in range(2):
         for i in range(p.nodes):
@@ -102,7 +104,7 @@ def start(p: Plant, cables: Cables, arc_a: float, arc_b: float) -> None:
 
 
 @internal
-def varies(p: Plant) -> bool:
+def _varies(p: Plant) -> bool:
     """Return whether friction depends on anything but load."""
     return (
         p.stribeck != 0.0
@@ -158,8 +160,10 @@ def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
 
 
 @internal
-def update_friction(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
+def update(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
     """Update the variables of friction other than load, after `tick` seconds."""
+    if not _varies(p):
+        return
     mix = tick / (p.stribeck_lag + tick)
     for c in range(2):
         fresh = cables.work[c, 0] - cables.warmed[c]
@@ -172,3 +176,120 @@ def update_friction(p: Plant, cables: Cables, joint_angle: float, tick: float) -
             age = cables.contact[c, i] + tick
             cables.contact[c, i] = age / (1.0 + speed * tick / p.ageing_slip)
     _look_up(p, cables, joint_angle)
+
+
+@internal
+def _bedded(y: float, h: float, bend: float) -> float:
+    """Return the relative tension of a strand at `y`, that of a linear strand."""
+    x = abs(y) / bend
+    log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
+    return y + h * bend * log_cosh
+
+
+@internal
+def _laid(tension: float, h: float, bend: float) -> float:
+    """Return where `_bedded`, which only grows, is this tension (Newton)."""
+    y = tension
+    for _ in range(50):
+        miss = _bedded(y, h, bend) - tension
+        y -= miss / (1.0 + h * math.tanh(y / bend))
+        if abs(miss) < 1e-9:
+            break
+    return y
+
+
+@internal
+def _slide(cables: Cables, c: int, j: int, load: float, travel: float) -> None:
+    """Step the bristle of node j by its travel."""
+    ahead = cables.ahead[c, j] * load + cables.seal[j] + 1e-12
+    behind = cables.behind[c, j] * load + cables.seal[j] + 1e-12
+    top = ahead if travel > 0.0 else behind
+    held = min(max(cables.force[c, j], -behind), ahead)
+    push = cables.bristle[c, j] * travel
+    cables.force[c, j] = top * (held + push) / (top + abs(push))
+    cables.load[c, j] = load
+    cables.work[c, 0] += cables.force[c, j] * travel
+
+
+@internal
+def step(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    rest: float,
+    near: float,
+    near_speed: float,
+    far: float,
+    far_speed: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Advance cable c by dt between its two ends; tension at the motor and the joint.
+
+    `near` and `far` are the displacements of the ends towards the motor, `rest` is the
+    tension of an unstretched cable.
+    """
+    n = p.nodes
+    mass = p.line_density * p.length / n
+    drag = p.viscous / n
+    h = p.stiffening * (1.0 if c == 0 else 0.33)
+    # How stiff a strand is depends on its tension, not on how it was laid in.
+    slack = rest - p.reference_tension
+    laid = _laid(slack, h, p.stiffening_tension) if h != 0.0 else 0.0
+    proximal = 0.0
+    before = 0.0
+    for i in range(n + 1):
+        here = cables.place[c, i] if i < n else far
+        here_speed = cables.speed[c, i] if i < n else far_speed
+        k = cables.stiffness[c, i]
+        elastic = rest + k * (near - here)
+        if h != 0.0:
+            bedded = _bedded(laid + k * (near - here), h, p.stiffening_tension)
+            elastic = p.reference_tension + bedded
+        rate = near_speed - here_speed
+        tension = elastic + p.material_time * k * rate
+        if tension <= 0.0:
+            tension = 0.0
+        elif elastic > 0.0:
+            cables.work[c, 1] += (tension - elastic) * rate * dt
+        if i == 0:
+            proximal = tension
+        else:
+            j = i - 1
+            pull = before - tension - cables.force[c, j]
+            speed = (cables.speed[c, j] + pull / mass * dt) / (1.0 + drag / mass * dt)
+            cables.speed[c, j] = speed
+            cables.place[c, j] += speed * dt
+            cables.work[c, 0] += drag * speed * speed * dt
+            _slide(cables, c, j, 0.5 * (before + tension), speed * dt)
+        before = tension
+        near = here
+        near_speed = here_speed
+    return proximal, before
+
+
+@internal
+def stored(
+    p: Plant,
+    cables: Cables,
+    rest: float,
+    near: tuple[float, float],
+    far: tuple[float, float],
+) -> float:
+    """Return the energy of strain and motion of both cables [J]; linear strand.
+
+    `near` and `far` are the displacements of the ends of cables a and b.
+    """
+    n = p.nodes
+    mass = p.line_density * p.length / n
+    energy = 0.0
+    for c in range(2):
+        last = near[c]
+        for i in range(n + 1):
+            here = cables.place[c, i] if i < n else far[c]
+            tension = rest + cables.stiffness[c, i] * (last - here)
+            if tension > 0.0:
+                energy += 0.5 * tension * tension / cables.stiffness[c, i]
+            if i < n:
+                energy += 0.5 * mass * cables.speed[c, i] ** 2
+            last = here
+    return energy

@@ -1,0 +1,1 @@
+"""The rig of the usual make: massive nodes held by bristles, see `README.md`."""

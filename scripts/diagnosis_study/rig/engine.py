@@ -1,0 +1,253 @@
+"""One trial of a rig: what the makes have in common; each has its law of the cables.
+
+    records = integrate(LAW, plant, pretension, asked, 1)
+
+Shafts are advanced by symplectic Euler. Their state is one array, indexed by the names
+below.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.native import FloatArray, FloatMatrix, internal
+
+MOTOR, MOTOR_SPEED, HUB, HUB_SPEED, JOINT, JOINT_SPEED, SLIP = range(7)
+"""Angles [rad] and speeds [rad/s]: motor, joint pulley (hub), handle (joint); slip of
+the cables on the motor pulley [rad]."""
+RECORD_TIME = 2e-4
+"""Time between two records [s]; a record is the mean over it."""
+COMMAND_TIME = 1e-3
+"""Time between two rows of a motion that is asked for [s]."""
+COLUMNS = (
+    "motor_angle",
+    "motor_torque",
+    "joint_angle",
+    "joint_torque",
+    "joint_speed",
+    "tension_a_proximal",
+    "tension_b_proximal",
+    "tension_a_distal",
+    "tension_b_distal",
+    "work_in",
+    "work_out",
+    "work_friction",
+    "work_damping",
+    "energy_stored",
+)
+"""Columns of the records. The works are integrals from the start [J]: of the cables on
+the motor's pulley, of the cables on the joint's pulley, of all friction, of strand
+damping; the energy is that of strain and motion of both cables."""
+MEANS = 9
+"""So many columns are means; the others hold at the end of the record."""
+
+
+HALVED = 3
+"""Times that the steps of a trial are halved in which the cables are not found."""
+
+
+class Asked(NamedTuple):
+    """Motions asked of motor and environment, and the ties to them.
+
+    Attributes:
+        servo: (2,) stiffness and damping of the motor's position loop.
+        environment: (2,) stiffness and damping that tie the handle to `target`.
+        command: (m + 1, 2) angle and speed asked of the motor, every `COMMAND_TIME`.
+        target: (m + 1, 2) the same of the environment.
+    """
+
+    servo: FloatArray
+    environment: FloatArray
+    command: FloatMatrix
+    target: FloatMatrix
+
+
+class Pace(NamedTuple):
+    """Steps per record and per row of `Asked`, and their duration [s]."""
+
+    steps: int
+    per_command: int
+    dt: float
+
+
+class Law(NamedTuple):
+    """Law by which the cables of a make move.
+
+    Attributes:
+        arc: (plant, angle, side) -> arc wound onto the motor pulley from angle 0 and
+            its slope [m/rad]; `side` is 1 for cable a and -1 for b, opposite to it.
+        start: (plant, pretension, arcs) -> cables at rest.
+        run: (plant, cables, shafts, now, pretension, asked, pace, records) -> whether
+            the cables were found at every step; `now` (`MEANS`,) is work space.
+        steps: plant -> steps per record that it needs.
+    """
+
+    arc: Callable[[Any, float, float], tuple[float, float]]
+    start: Callable[[Any, float, tuple[float, float]], Any]
+    run: Callable[..., bool]
+    steps: Callable[[Any], int]
+
+
+def integrate(
+    law: Law, p: Any, pretension: float, asked: Asked, refine: int
+) -> NDArray[np.float64]:
+    """Run one trial.
+
+    Args:
+        law: of the make.
+        p: the plant.
+        pretension: tension of both cables at rest [N].
+        asked: what is asked of motor and environment.
+        refine: 1, or a whole number by which to shorten every step.
+
+    Returns:
+        (5 m, 14) records, see `COLUMNS`.
+
+    Raises:
+        ValueError: the cables are not found, however short the steps.
+    """
+    angle = float(asked.command[0, 0])
+    arcs = law.arc(p, angle, 1.0)[0], -law.arc(p, angle, -1.0)[0]
+    count = (asked.command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
+    steps = law.steps(p) * refine
+    for _ in range(HALVED + 1):
+        dt = RECORD_TIME / steps
+        pace = Pace(steps, round(COMMAND_TIME / dt), dt)
+        shafts, now = np.zeros(7), np.zeros(MEANS)
+        shafts[[MOTOR, HUB, JOINT]] = angle
+        records = np.zeros((count, len(COLUMNS)))
+        cables = law.start(p, pretension, arcs)
+        if law.run(p, cables, shafts, now, pretension, asked, pace, records):
+            return records
+        steps *= 2
+    raise ValueError("the nodes of a cable are not found; shorten the step")
+
+
+@internal
+def torques(
+    asked: Asked, step: int, per_command: int, shafts: FloatArray
+) -> tuple[float, float]:
+    """Return the torques of servo and environment at the beginning of a step [N m]."""
+    at = step // per_command
+    part = (step - at * per_command) / per_command
+    motor, motor_speed = shafts[MOTOR], shafts[MOTOR_SPEED]
+    joint, joint_speed = shafts[JOINT], shafts[JOINT_SPEED]
+    drive = _tied(asked.servo, asked.command, at, part, motor, motor_speed)
+    hold = _tied(asked.environment, asked.target, at, part, joint, joint_speed)
+    return drive, hold
+
+
+@internal
+def _tied(
+    tie: FloatArray, path: FloatMatrix, at: int, part: float, x: float, v: float
+) -> float:
+    """Return the torque of a spring and damper that tie a shaft to a motion."""
+    angle = path[at, 0] + part * (path[at + 1, 0] - path[at, 0])
+    speed = path[at, 1] + part * (path[at + 1, 1] - path[at, 1])
+    return tie[0] * (angle - x) + tie[1] * (speed - v)
+
+
+@internal
+def turn(
+    shafts: FloatArray, shaft: int, push: float, inertia: float, dt: float
+) -> float:
+    """Advance a shaft by dt under a torque [N m]; return its acceleration."""
+    rate = push / inertia
+    shafts[shaft + 1] += rate * dt
+    shafts[shaft] += shafts[shaft + 1] * dt
+    return rate
+
+
+@internal
+def turn_joint(
+    shafts: FloatArray,
+    net: float,
+    hold: float,
+    across: float,
+    inertia: float,
+    hub: float,
+    extra: float,
+    dt: float,
+) -> float:
+    """Advance joint pulley and handle by dt; the torque that their sensor shows [N m].
+
+    The sensor sits between pulley and handle: what the pulley carries besides
+    (unbalance, spring, extra inertia) is on the transmission's side of it.
+
+    Args:
+        shafts: state of the shafts.
+        net: torque on the pulley, but for that of the handle.
+        hold: torque on the handle, but for that of the pulley.
+        across: torque of the pulley on the handle through their play.
+        inertia: inertia of both.
+        hub: inertia of the pulley alone, 0 where they are one body.
+        extra: further inertia of the pulley.
+        dt: duration of the step [s].
+    """
+    if hub == 0.0:
+        rate = turn(shafts, JOINT, net + hold, inertia + extra, dt)
+        shafts[HUB] = shafts[JOINT]
+        shafts[HUB_SPEED] = shafts[JOINT_SPEED]
+        return net - extra * rate
+    turn(shafts, HUB, net - across, hub + extra, dt)
+    turn(shafts, JOINT, across + hold, inertia - hub, dt)
+    return across
+
+
+@internal
+def through_play(
+    shafts: FloatArray, play: float, stiffness: float, damping: float
+) -> float:
+    """Return the torque of the pulley on the handle by flanks that are springs."""
+    ahead = shafts[HUB] - shafts[JOINT]
+    over = abs(ahead) - 0.5 * play
+    if over <= 0.0:
+        return 0.0
+    side = math.copysign(1.0, ahead)
+    rate = side * (shafts[HUB_SPEED] - shafts[JOINT_SPEED])
+    return side * max(stiffness * over + damping * rate, 0.0)
+
+
+@internal
+def see(
+    now: FloatArray,
+    motor: tuple[float, float],
+    joint: tuple[float, float, float],
+    near: tuple[float, float],
+    far: tuple[float, float],
+) -> None:
+    """Note what the records of a step are the means of.
+
+    Args:
+        now: the columns in a step (`MEANS`,).
+        motor: its angle and the torque shown.
+        joint: its angle, the torque shown and its speed.
+        near: tensions at the motor.
+        far: tensions at the joint.
+    """
+    now[0], now[1] = motor
+    now[2], now[3], now[4] = joint
+    now[5], now[6] = near
+    now[7], now[8] = far
+
+
+@internal
+def add(row: FloatArray, now: FloatArray, share: float) -> None:
+    """Add a share of a step to the means of a record."""
+    for k in range(MEANS):
+        row[k] += share * now[k]
+
+
+@internal
+def close(
+    row: FloatArray, steps: int, works: tuple[float, float, float, float]
+) -> None:
+    """Make means of sums over steps, and enter the four works."""
+    for k in range(MEANS):
+        row[k] /= steps
+    row[9], row[10], row[11], row[12] = works

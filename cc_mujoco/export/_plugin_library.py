@@ -26,7 +26,7 @@ add_library(cc_mujoco_cable SHARED {PLUGIN_SOURCE})
 set_target_properties(cc_mujoco_cable PROPERTIES C_STANDARD 99
                       C_VISIBILITY_PRESET hidden)
 if(NOT MSVC)
-  target_compile_options(cc_mujoco_cable PRIVATE -O2 -ffp-contract=off -fwrapv
+  target_compile_options(cc_mujoco_cable PRIVATE -O3 -ffp-contract=off -fwrapv
                          -fno-strict-aliasing -fno-math-errno)
   target_link_libraries(cc_mujoco_cable PRIVATE m ${{CMAKE_DL_LIBS}})
 endif()

@@ -80,7 +80,7 @@ def _entry(library: CLibrary, function: Function) -> str:
     ]
     return "\n".join(
         [
-            f"static PyObject *py_{function.name}(",
+            f"CC_COLD static PyObject *py_{function.name}(",
             "    PyObject *self, PyObject *const *args, Py_ssize_t count)",
             "{",
             "    Call call;",

@@ -37,7 +37,8 @@ CARRIED = Path(__file__).with_name(f"libcc_mujoco{SUFFIX}")
 DIGEST_NAME = "cc_mujoco_digest"
 """Name of the text in the library that identifies the code that it was made of."""
 FLAGS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv",
+    "-std=c99", "-O3", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv",
+    "-fno-semantic-interposition", "-fno-plt",
     "-fno-math-errno", "-fvisibility=hidden", "-g0",
 )  # fmt: skip
 """Flags of the compiler. Nothing is contracted: every machine gives the same bits."""

@@ -1,6 +1,13 @@
 /* Calls from Python: arguments are read and results are made with functions of Python's
    stable interface, which the library is given, so that it links no Python. */
 
+/* Made small rather than fast: what arguments cost is Python's own work. */
+#if defined(__GNUC__)
+#define CC_COLD __attribute__((cold))
+#else
+#define CC_COLD
+#endif
+
 typedef struct PyObject PyObject;
 typedef intptr_t Py_ssize_t;
 typedef struct {

@@ -101,7 +101,7 @@ def _constants() -> dict[str, Any]:
         "CC_KEYS": ", ".join(map(_quoted, KEYS)),
         "CC_OTHER_VERSION": _quoted(_other_version()),
         "CC_ENUMERATORS": _quoted(" ".join(_enumerators())),
-        "CC_LAYOUT": _quoted(" ".join(mj_offsets.LOADED)),
+        "CC_LAYOUT_PATHS": _quoted(" ".join(mj_offsets.LOADED)),
         "CC_PLUGIN": _quoted(PLUGIN),
         "CC_CAPABILITIES": registration.plugin_capabilities(),
         "CC_STAGE": registration.NEEDED_STAGE,
@@ -129,7 +129,7 @@ def _enumerators() -> Iterator[str]:
 def _layout_lines() -> list[str]:
     """Return the type of the table of offsets, which the functions read."""
     members = [f"    int64_t {mj_offsets.member(path)};" for path in mj_offsets.LOADED]
-    return ["typedef struct {", *members, "} Layout;", "static Layout layout;", ""]
+    return ["typedef struct {", *members, "} Layout;", ""]
 
 
 def _known_layouts() -> str:

@@ -40,14 +40,14 @@ CC_EXPORT void cc_mujoco_use_engine(const Address *found)
 }
 
 /* Offsets and sizes in MuJoCo's structures, in the order of `Layout`. */
-CC_EXPORT const char cc_mujoco_layout[] = CC_LAYOUT;
+CC_EXPORT const char cc_mujoco_layout[] = CC_LAYOUT_PATHS;
 /* Values of MuJoCo's constants that the functions were compiled with. */
 CC_EXPORT const char cc_mujoco_enumerators[] = CC_ENUMERATORS;
 
 /* Take the offsets of MuJoCo's structures from a host that knows them. */
 CC_EXPORT void cc_mujoco_use_layout(const int64_t *found)
 {
-    memcpy(&layout, found, sizeof layout);
+    memcpy(&written_layout, found, sizeof written_layout);
 }
 
 /* Return whether the offsets for this version of MuJoCo are known, and take them. */
@@ -55,7 +55,7 @@ static bool find_layout(int version)
 {
     for (size_t i = 0; i < sizeof known_layouts / sizeof known_layouts[0]; i++) {
         if (known_layouts[i].version == version) {
-            layout = known_layouts[i].layout;
+            written_layout = known_layouts[i].layout;
             return true;
         }
     }

@@ -26,6 +26,18 @@ typedef struct {
 
 static Engine engine;
 
+/* Offsets in MuJoCo's structures. They are written once, before any function reads them:
+   compilers may keep what they have read, as of a constant. */
+#if defined(__GNUC__)
+#define CC_LAYOUT __asm__("cc_mujoco_offsets") __attribute__((visibility("hidden")))
+extern const Layout layout CC_LAYOUT;
+extern Layout written_layout CC_LAYOUT;
+Layout written_layout;
+#else
+static Layout layout;
+#define written_layout layout
+#endif
+
 /* Digests of the warnings that this process has issued. */
 CC_EXPORT int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
 

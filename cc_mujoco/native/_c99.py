@@ -349,7 +349,8 @@ class _CWriter(Writer):
         self.library, self._as = library, as_
         self._arguments = as_.signature.arguments
         self._kinds: dict[str, Kind] = {}
-        self._paths = {name: {name} for name in self._arguments}
+        views = [n for n, kind in self._arguments.items() if holds_array(kind)]
+        self._paths = {name: {name} for name in views}
         variables = set(_variables(self.source.node))
         self._variables = variables | self._arguments.keys()
 

@@ -56,7 +56,7 @@ def _entry(library: CLibrary, function: Function) -> str:
     lines: list[str] = []
     names = []
     for place, (name, kind) in enumerate(kinds.items()):
-        lines += _take(library, f"a_{name}", name, f"args[{place}]", kind)
+        lines += _take(library, function, f"a_{name}", name, f"args[{place}]", kind)
         names.append(f"a_{name}")
     result = function.signature.result
     call = f"{function.name}({', '.join(names)})"
@@ -103,7 +103,12 @@ def _part_count(kind: Kind) -> int:
 
 
 def _take(
-    library: CLibrary, target: str, name: str, source: str, kind: Kind
+    library: CLibrary,
+    function: Function,
+    target: str,
+    name: str,
+    source: str,
+    kind: Kind,
 ) -> list[str]:
     """Return the lines that read an argument into a variable."""
     if isinstance(kind, Scalar):
@@ -117,13 +122,17 @@ def _take(
         dtype = dtype_of(kind.element)
         what = f"a contiguous array of {dtype} of {kind.dims} dimension"
         what += "s" if kind.dims > 1 else ""
+        path = ".".join(name.split(".")[:2])
+        is_written = not function.writes.isdisjoint({path, path.partition(".")[0]})
+        what += " that can be written" if is_written else ""
         return [
             f"{c} {target} = {{0}};",
             "{",
             f"    int64_t shape[{kind.dims}] = {{0}};",
             "    void *data = NULL;",
             f'    take_array(&call, {source}, "{name}", "{what}", '
-            f"'{dtype.kind}', {dtype.itemsize}, {kind.dims}, &data, shape);",
+            f"'{dtype.kind}', {dtype.itemsize}, {kind.dims}, {int(is_written)}, "
+            "&data, shape);",
             f"    {target}.p = data;",
             *(
                 f"    {target}.{field} = shape[{i}];"
@@ -137,7 +146,8 @@ def _take(
         lines.append(
             f'PyObject *o_{item} = take_item(&call, {source}, {place}, "{name}");'
         )
-        lines += _take(library, item, f"{name}.{field}", f"o_{item}", each)
+        inner = f"{name}.{field}", f"o_{item}"
+        lines += _take(library, function, item, *inner, each)
         lines.append(f"{target}.{c_name(field)} = {item};")
     return lines
 

@@ -106,8 +106,7 @@ class NativeFunction:
         ]
         result = self._entry(*fit)
         for original, copy in copies:
-            if original.flags.writeable:
-                original[...] = copy
+            original[...] = copy
         return result
 
 
@@ -118,11 +117,13 @@ def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
             _fit(each, wanted, copies)
             for each, (_, wanted) in zip(given, kind.fields, strict=True)
         )
-    if not isinstance(kind, Array):
-        return given
+    if not isinstance(kind, Array) or getattr(given, "ndim", 0) != kind.dims:
+        return given  # an array is due: the library refuses it
     copy = np.ascontiguousarray(given, dtype=dtype_of(kind.element))
-    if copy is not given and isinstance(given, np.ndarray):
-        copies.append((given, copy))
+    if copy is not given:
+        copy.flags.writeable = given.flags.writeable
+        if copy.flags.writeable:
+            copies.append((given, copy))
     return copy
 
 

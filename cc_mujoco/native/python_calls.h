@@ -84,13 +84,14 @@ static void fail(Call *call, const char *name, const char *what)
 }
 
 static void take_array(Call *call, PyObject *given, const char *name, const char *what,
-                       char kind, Py_ssize_t size, int dims, void **data, int64_t *shape)
+                       char kind, Py_ssize_t size, int dims, int is_written,
+                       void **data, int64_t *shape)
 {
     Py_buffer *view = &call->views[call->view_count];
     if (call->failed) {
         return;
     }
-    if (api.PyObject_GetBuffer(given, view, 0x38 | 0x4) != 0) {
+    if (api.PyObject_GetBuffer(given, view, 0x38 | 0x4 | is_written) != 0) {
         fail(call, name, what);
         return;
     }

@@ -1,0 +1,50 @@
+"""The library's source in C compiles without a warning."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cc_mujoco.native._library import FLAGS, write_source
+
+WARNINGS = (
+    "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wvla", "-Werror",
+)  # fmt: skip
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the source of the library."""
+    path = tmp_path_factory.mktemp("source") / "library.c"
+    write_source(path)
+    return path
+
+
+def compiled(source: Path, *command: str) -> str:
+    """Return what a compiler says of the source."""
+    done = subprocess.run(
+        [*command, *FLAGS, *WARNINGS, str(source)], capture_output=True, text=True
+    )
+    return done.stderr if done.returncode else ""
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_source_has_nothing_to_warn_of(source: Path, compiler: str) -> None:
+    assert compiled(source, compiler, "-fsyntax-only") == ""
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_optimised_source_has_nothing_to_warn_of(source: Path, compiler: str) -> None:
+    made = source.with_suffix(".o")
+    assert compiled(source, compiler, "-c", "-o", str(made)) == ""
+
+
+def test_source_takes_no_memory(source: Path) -> None:
+    text = source.read_text()
+    for name in ("malloc(", "calloc(", "realloc(", "alloca("):
+        assert f" {name}" not in text.replace(f"mju_{name}", "")

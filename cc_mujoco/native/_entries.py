@@ -1,13 +1,14 @@
-"""Functions in C that Python calls, written for translated functions."""
+"""Functions in C that Python calls: how `python_calls.h` is to read their arguments."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
 
-from cc_mujoco.native._c99 import DIMENSIONS, CLibrary, Function, c_name
+from cc_mujoco.errors import CableError
+from cc_mujoco.native._c99 import CLibrary, Function, c_name
 from cc_mujoco.native._kinds import (
     BOOL,
-    INT,
     NOTHING,
     REAL,
     Array,
@@ -16,10 +17,19 @@ from cc_mujoco.native._kinds import (
     Structure,
     dtype_of,
     holds_array,
-)  # fmt: skip
+)
 
 MOST_PARTS = 128
-"""Most arrays, and most fields of tuples, of a call; see `python_calls.h`."""
+"""Most arrays, numbers and fields of tuples of a call; see `python_calls.h`."""
+_END = """CC_EXPORT PyMethodDef cc_methods[] = {
+%s    {NULL, NULL, 0, NULL}
+};
+
+CC_EXPORT void cc_use_python(void *const *found)
+{
+    memcpy(&api, found, sizeof api);
+}
+"""
 
 
 def has_entry(function: Function) -> bool:
@@ -34,62 +44,40 @@ def entries_text(library: CLibrary, functions: Sequence[tuple[str, Function]]) -
         library: to which the functions belong.
         functions: names that Python calls them by, and the functions.
     """
-    texts = [_entry(library, function) for _, function in functions]
     rows = "".join(
         f'    {{"{name}", py_{function.name}, 0x80, NULL}},\n'
         for name, function in functions
     )
-    table = (
-        f"CC_EXPORT PyMethodDef cc_methods[] = {{\n{rows}"
-        "    {NULL, NULL, 0, NULL}\n};\n"
-    )
-    load = (
-        "CC_EXPORT void cc_use_python(void *const *found)\n{\n"
-        "    memcpy(&api, found, sizeof api);\n}\n"
-    )
-    return "\n".join([*texts, table, load])
+    return "\n".join([*(_entry(library, one) for _, one in functions), _END % rows])
 
 
 def _entry(library: CLibrary, function: Function) -> str:
-    kinds = function.signature.arguments
-    assert sum(map(_part_count, kinds.values())) <= MOST_PARTS, function.name
-    lines: list[str] = []
-    names = []
-    for place, (name, kind) in enumerate(kinds.items()):
-        lines += _take(library, function, f"a_{name}", name, f"args[{place}]", kind)
-        names.append(f"a_{name}")
-    result = function.signature.result
-    call = f"{function.name}({', '.join(names)})"
-    if result != NOTHING:
-        call = f"const {library.type(result)} result = {call}"
-    body = [
-        "PyObject *made = NULL;",
-        "if (!call.failed) {",
-        "    void *thread = api.PyEval_SaveThread();",
-        f"    {call};",
-        "    api.PyEval_RestoreThread(thread);",
-        *(f"    {line}" for line in _make("made", "result", result, 0)),
-        "}",
-        "end_call(&call);",
-        "return made;",
-    ]
-    check = [
-        f"if (!has_count(&call, count, {len(kinds)})) {{",
-        "    return NULL;",
-        "}",
-    ]
+    kinds, result = function.signature.arguments, function.signature.result
+    cells = count()
+    given = ", ".join(_argument(library, kind, cells) for kind in kinds.values())
+    lines = ["    (void)a;"] if not kinds else []
+    parts = sum(map(_part_count, kinds.values()))
+    made = _result_format(result)
+    if max(parts, next(cells), len(made)) > MOST_PARTS:
+        raise CableError(
+            f"{function.name} takes or returns {max(parts, len(made))} arrays, numbers "
+            f"and tuples; at most {MOST_PARTS} pass between Python and C"
+        )
+    call = f"{function.name}({given})"
+    if result == NOTHING:
+        lines += ["    (void)r;", f"    {call};"]
+    else:
+        lines.append(f"    const {library.type(result)} result = {call};")
+        places = enumerate(_leaves("result", result))
+        lines += [f"    r[{i}].{field} = {leaf};" for i, (field, leaf) in places]
+    format_ = "".join(_format(function, name, kind) for name, kind in kinds.items())
     return "\n".join(
         [
-            f"CC_COLD static PyObject *py_{function.name}(",
-            "    PyObject *self, PyObject *const *args, Py_ssize_t count)",
+            f"CC_COLD static void call_{function.name}(const Cell *a, Cell *r)",
             "{",
-            "    Call call;",
-            "    call.view_count = call.item_count = 0;",
-            "    call.failed = false;",
-            "    (void)self;",
-            *(["    (void)args;"] if not kinds else []),
-            *(f"    {line}" for line in [*check, *lines, *body]),
+            *lines,
             "}",
+            f'CC_ENTRY({function.name}, "{format_}", {len(kinds)}, "{made}")',
             "",
         ]
     )
@@ -102,79 +90,49 @@ def _part_count(kind: Kind) -> int:
     return int(isinstance(kind, Array))
 
 
-def _take(
-    library: CLibrary,
-    function: Function,
-    target: str,
-    name: str,
-    source: str,
-    kind: Kind,
-) -> list[str]:
-    """Return the lines that read an argument into a variable."""
+def _letter(kind: Kind) -> str:
+    return "d" if kind == REAL else "b" if kind == BOOL else "i"
+
+
+def _format(function: Function, name: str, kind: Kind) -> str:
+    """Return how an argument is read."""
     if isinstance(kind, Scalar):
-        how = {REAL: "take_real", BOOL: "take_bool"}.get(kind, "take_int")
-        value = f'{how}(&call, {source}, "{name}")'
-        if kind not in (REAL, BOOL, INT):
-            value = f"({kind.c}){value}"
-        return [f"const {kind.c} {target} = call.failed ? 0 : {value};"]
-    c = library.type(kind)
-    if isinstance(kind, Array):
-        dtype = dtype_of(kind.element)
-        what = f"a contiguous array of {dtype} of {kind.dims} dimension"
-        what += "s" if kind.dims > 1 else ""
-        path = ".".join(name.split(".")[:2])
-        is_written = not function.writes.isdisjoint({path, path.partition(".")[0]})
-        what += " that can be written" if is_written else ""
-        return [
-            f"{c} {target} = {{0}};",
-            "{",
-            f"    int64_t shape[{kind.dims}] = {{0}};",
-            "    void *data = NULL;",
-            f'    take_array(&call, {source}, "{name}", "{what}", '
-            f"'{dtype.kind}', {dtype.itemsize}, {kind.dims}, {int(is_written)}, "
-            "&data, shape);",
-            f"    {target}.p = data;",
-            *(
-                f"    {target}.{field} = shape[{i}];"
-                for i, field in enumerate(DIMENSIONS[: kind.dims])
-            ),
-            "}",
-        ]
-    lines = [f"{c} {target};", f"memset(&{target}, 0, sizeof {target});"]
-    for place, (field, each) in enumerate(kind.fields):
-        item = f"{target}_{field}"
-        lines.append(
-            f'PyObject *o_{item} = take_item(&call, {source}, {place}, "{name}");'
-        )
-        inner = f"{name}.{field}", f"o_{item}"
-        lines += _take(library, function, item, *inner, each)
-        lines.append(f"{target}.{c_name(field)} = {item};")
-    return lines
-
-
-def _make(target: str, source: str, kind: Kind, depth: int) -> list[str]:
-    """Return the lines that make a Python object of a result."""
-    if kind == NOTHING:
-        return ["api.Py_IncRef(api.none);", f"{target} = api.none;"]
+        return f"{_letter(kind)}{name} "
     if isinstance(kind, Structure):
-        item = f"item{depth}"
-        lines = [f"{target} = api.PyTuple_New({len(kind.fields)});"]
-        for place, (field, each) in enumerate(kind.fields):
-            lines += [
-                "{",
-                f"    PyObject *{item} = NULL;",
-                *(
-                    f"    {line}"
-                    for line in _make(
-                        item, f"{source}.{c_name(field)}", each, depth + 1
-                    )
-                ),
-                f"    (void)api.PyTuple_SetItem({target}, {place}, {item});",
-                "}",
-            ]
-        return lines
-    if kind == REAL:
-        return [f"{target} = api.PyFloat_FromDouble({source});"]
-    if kind == BOOL:
-        return [f"{target} = api.PyBool_FromLong({source});"]
-    return [f"{target} = api.PyLong_FromLongLong({source});"]
+        fields = (_format(function, f"{name}.{f}", each) for f, each in kind.fields)
+        return f"({name} {''.join(fields)})"
+    dtype, path = dtype_of(kind.element), ".".join(name.split(".")[:2])
+    is_read = function.writes.isdisjoint({path, path.partition(".")[0]})
+    return f"[{dtype.kind}{dtype.itemsize}{kind.dims}{'r' if is_read else 'w'}{name} "
+
+
+def _argument(library: CLibrary, kind: Kind, cells: Iterator[int]) -> str:
+    """Return an argument, made of the cells that have been read."""
+    if isinstance(kind, Scalar):
+        cell = f"a[{next(cells)}].{'d' if kind == REAL else 'i'}"
+        if kind == BOOL:
+            return f"{cell} != 0"
+        return cell if kind.c in ("double", "int64_t") else f"({kind.c}){cell}"
+    if isinstance(kind, Array):
+        parts = [f"a[{next(cells)}].p"]
+        parts += [f"a[{next(cells)}].i" for _ in range(kind.dims)]
+    else:
+        parts = [_argument(library, each, cells) for _, each in kind.fields]
+    return f"({library.type(kind)}){{{', '.join(parts)}}}"
+
+
+def _result_format(kind: Kind) -> str:
+    """Return how the object of a result is made."""
+    if isinstance(kind, Structure):
+        size = chr(ord("a") + len(kind.fields))
+        return f"({size}" + "".join(_result_format(each) for _, each in kind.fields)
+    return "" if kind == NOTHING else _letter(kind)
+
+
+def _leaves(source: str, kind: Kind) -> Iterator[tuple[str, str]]:
+    """Yield the numbers of a result and the fields of the cells that take them."""
+    if isinstance(kind, Structure):
+        for name, each in kind.fields:
+            yield from _leaves(f"{source}.{c_name(name)}", each)
+    else:
+        yield "d" if kind == REAL else "i", source

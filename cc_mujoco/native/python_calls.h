@@ -54,115 +54,177 @@ static struct {
     PyObject *type_error;
 } api;
 
-enum { CC_MOST_VIEWS = 128, CC_MOST_ITEMS = 128 };
+enum { CC_MOST_PARTS = 128 };
 
-/* What a call has borrowed, to be given back when it ends. */
+/* A number of an argument or a result: an array is its address and its sizes. */
+typedef union {
+    double d;
+    int64_t i;
+    void *p;
+} Cell;
+
+/* What a call has read, and has borrowed, to be given back when it ends. */
 typedef struct {
-    Py_buffer views[CC_MOST_VIEWS];
-    PyObject *items[CC_MOST_ITEMS];
+    Py_buffer views[CC_MOST_PARTS];
+    PyObject *items[CC_MOST_PARTS];
+    Cell cells[CC_MOST_PARTS];
     int view_count;
     int item_count;
+    int cell_count;
     bool failed;
 } Call;
 
-static void end_call(Call *call)
-{
-    while (call->view_count > 0) {
-        api.PyBuffer_Release(&call->views[--call->view_count]);
-    }
-    while (call->item_count > 0) {
-        api.Py_DecRef(call->items[--call->item_count]);
-    }
-}
-
 static void fail(Call *call, const char *name, const char *what)
 {
-    if (!call->failed) {
-        call->failed = true;
-        api.PyErr_Format(api.type_error, "`%s` must be %s", name, what);
-    }
+    char named[64] = {0};
+    call->failed = true;
+    memcpy(named, name, strcspn(name, " ") < 63 ? strcspn(name, " ") : 63);
+    api.PyErr_Format(api.type_error, "`%s` must be %s", named, what);
 }
 
-static void take_array(Call *call, PyObject *given, const char *name, const char *what,
-                       char kind, Py_ssize_t size, int dims, int is_written,
-                       void **data, int64_t *shape)
+/* Take an array as its specification says: kind of number, size in bytes, dimensions,
+   and `w` if it is written. */
+static void take_array(Call *call, PyObject *given, const char *wanted, const char *name)
 {
     Py_buffer *view = &call->views[call->view_count];
-    if (call->failed) {
-        return;
-    }
-    if (api.PyObject_GetBuffer(given, view, 0x38 | 0x4 | is_written) != 0) {
+    const int is_written = wanted[3] == 'w', dims = wanted[2] - '0';
+    const bool is_array = api.PyObject_GetBuffer(given, view, 0x3c | is_written) == 0;
+    call->view_count += is_array ? 1 : 0;
+    const char *format = is_array && view->format != NULL ? view->format : "B";
+    format += *format == '@' || *format == '=' || *format == '<' ? 1 : 0;
+    const char *const kind = strchr("dflqbihLQBI?", *format);
+    const char found = *format == '\0' || kind == NULL ? ' '
+        : *format == '?' ? 'b' : *format == 'd' || *format == 'f' ? 'f'
+        : *format >= 'a' ? 'i' : 'u';
+    if (!is_array || found != wanted[0] || view->itemsize != wanted[1] - '0'
+        || view->ndim != dims) {
+        char what[96] = "a contiguous array of ";
+        const char *const numbers = wanted[0] == 'f' ? "float64 of "
+            : wanted[0] == 'b' ? "bool of "
+            : wanted[0] == 'u' ? (wanted[1] == '8' ? "uint64 of " : "uint8 of ")
+            : wanted[1] == '8' ? "int64 of " : "int8 of ";
+        strcat(what, numbers);
+        strncat(what, wanted + 2, 1);
+        strcat(what, dims == 1 ? " dimension" : " dimensions");
+        strcat(what, is_written ? " that can be written" : "");
         fail(call, name, what);
         return;
     }
-    call->view_count++;
-    const char *format = view->format;
-    if (format != NULL && (*format == '@' || *format == '=' || *format == '<')) {
-        format++;
-    }
-    const char found = format == NULL ? 'B' : *format;
-    const char class = found == 'd' ? 'f' : found == '?' ? 'b'
-        : found == 'l' || found == 'q' || found == 'b' || found == 'i' ? 'i'
-        : found == 'L' || found == 'Q' || found == 'B' ? 'u' : ' ';
-    if (class != kind || view->itemsize != size || view->ndim != dims) {
-        fail(call, name, what);
-        return;
-    }
-    *data = view->buf;
+    call->cells[call->cell_count++].p = view->buf;
     for (int i = 0; i < dims; i++) {
-        shape[i] = view->shape[i];
+        call->cells[call->cell_count++].i = view->shape[i];
     }
 }
 
-static double take_real(Call *call, PyObject *given, const char *name)
+static void take_number(Call *call, PyObject *given, char kind, const char *name)
 {
-    const double value = api.PyFloat_AsDouble(given);
-    if (value < 0.0 && api.PyErr_Occurred() != NULL) { /* -1 where it fails */
-        fail(call, name, "a number");
+    Cell *cell = &call->cells[call->cell_count++];
+    if (kind == 'd') {
+        cell->d = api.PyFloat_AsDouble(given);
+        if (cell->d < 0.0 && api.PyErr_Occurred() != NULL) { /* -1 where it fails */
+            fail(call, name, "a number");
+        }
+        return;
     }
-    return value;
+    cell->i = kind == 'i' ? api.PyLong_AsLongLong(given) : api.PyObject_IsTrue(given);
+    if (cell->i == -1 && api.PyErr_Occurred() != NULL) {
+        fail(call, name, kind == 'i' ? "an integer" : "true or false");
+    }
 }
 
-static int64_t take_int(Call *call, PyObject *given, const char *name)
+/* Take arguments: to each belong its kind, its name and a space; `(` begins a tuple. */
+static void take(Call *call, const char *format, PyObject *const *args)
 {
-    const int64_t value = api.PyLong_AsLongLong(given);
-    if (value == -1 && api.PyErr_Occurred() != NULL) {
-        fail(call, name, "an integer");
+    PyObject *owner[CC_MOST_PARTS];
+    Py_ssize_t place[CC_MOST_PARTS] = {0};
+    int depth = 0;
+    while (*format != '\0' && !call->failed) {
+        const char *const kind = format;
+        if (*kind == ')') {
+            depth--;
+            format++;
+            continue;
+        }
+        const char *const name = kind + (*kind == '[' ? 5 : 1);
+        format = strchr(name, ' ') + 1;
+        PyObject *given = depth > 0
+            ? api.PySequence_GetItem(owner[depth], place[depth]) : args[place[0]];
+        place[depth]++;
+        if (given == NULL) {
+            fail(call, name, "in a tuple with all of its fields");
+            return;
+        }
+        if (depth > 0) {
+            call->items[call->item_count++] = given;
+        }
+        if (*kind == '(') {
+            owner[++depth] = given;
+            place[depth] = 0;
+        } else if (*kind == '[') {
+            take_array(call, given, kind + 1, name);
+        } else {
+            take_number(call, given, *kind, name);
+        }
     }
-    return value;
 }
 
-static bool take_bool(Call *call, PyObject *given, const char *name)
+/* Make the object of a result; of a tuple, `(` and its size as a letter come first. */
+static PyObject *make(const char **format, const Cell **cell)
 {
-    const int value = api.PyObject_IsTrue(given);
-    if (value < 0) {
-        fail(call, name, "true or false");
+    const char kind = *(*format)++;
+    if (kind == '(') {
+        const Py_ssize_t size = *(*format)++ - 'a';
+        PyObject *made = api.PyTuple_New(size);
+        for (Py_ssize_t i = 0; i < size; i++) {
+            (void)api.PyTuple_SetItem(made, i, make(format, cell));
+        }
+        return made;
     }
-    return value > 0;
+    if (kind == '\0') {
+        api.Py_IncRef(api.none);
+        return api.none;
+    }
+    const Cell found = *(*cell)++;
+    return kind == 'd' ? api.PyFloat_FromDouble(found.d)
+        : kind == 'b' ? api.PyBool_FromLong(found.i != 0)
+        : api.PyLong_FromLongLong(found.i);
 }
 
-/* Field of a tuple. */
-static PyObject *take_item(Call *call, PyObject *given, Py_ssize_t place, const char *name)
+static PyObject *run(void (*function)(const Cell *, Cell *), const char *format,
+                     const char *result, Py_ssize_t due, PyObject *const *args,
+                     Py_ssize_t count)
 {
-    if (call->failed) {
-        return given;
+    Call call;
+    PyObject *made = NULL;
+    call.view_count = call.item_count = call.cell_count = 0;
+    call.failed = count != due;
+    if (call.failed) {
+        api.PyErr_Format(api.type_error, "%zd arguments are given where %zd are due",
+                         count, due);
     }
-    PyObject *item = api.PySequence_GetItem(given, place);
-    if (item == NULL) {
-        fail(call, name, "a tuple with all of its fields");
-        return given;
+    take(&call, format, args);
+    if (!call.failed) {
+        Cell found[CC_MOST_PARTS];
+        const Cell *cell = found;
+        void *thread = api.PyEval_SaveThread();
+        function(call.cells, found);
+        api.PyEval_RestoreThread(thread);
+        made = make(&result, &cell);
     }
-    call->items[call->item_count++] = item;
-    return item;
+    while (call.view_count > 0) {
+        api.PyBuffer_Release(&call.views[--call.view_count]);
+    }
+    while (call.item_count > 0) {
+        api.Py_DecRef(call.items[--call.item_count]);
+    }
+    return made;
 }
 
-static bool has_count(Call *call, Py_ssize_t given, Py_ssize_t wanted)
-{
-    if (given == wanted) {
-        return true;
+#define CC_ENTRY(name, format, due, result)                                \
+    CC_COLD static PyObject *py_##name(PyObject *self,                     \
+                                       PyObject *const *args,              \
+                                       Py_ssize_t count)                   \
+    {                                                                      \
+        (void)self;                                                        \
+        return run(call_##name, format, result, due, args, count);         \
     }
-    call->failed = true;
-    api.PyErr_Format(api.type_error, "%zd arguments are given where %zd are due", given,
-                     wanted);
-    return false;
-}

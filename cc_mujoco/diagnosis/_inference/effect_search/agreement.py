@@ -63,12 +63,6 @@ def check_agreement(
     """Repeat the search on parts of the data, with the candidates of the whole.
 
     Fits begin where those of the whole end, with their floor and numerical resolution.
-
-    Args:
-        baseline_fit: of all data.
-        found: on all data.
-        limits: of decisions.
-        progress: called with the share done and what is being done.
     """
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= MAX_EXPLAINED_ERROR:

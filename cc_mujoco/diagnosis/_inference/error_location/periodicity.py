@@ -108,11 +108,7 @@ class _Candidate(NamedTuple):
 
 
 def strongest_line(samples: Samples) -> PeriodicError | None:
-    """Return the period that takes most of an error; None where chance explains all.
-
-    Args:
-        samples: of one channel.
-    """
+    """Return the period that takes most of an error; None where chance explains all."""
     if samples.error.size < 100 or not np.any(samples.error):
         return None
     fit = _Prepared(samples)

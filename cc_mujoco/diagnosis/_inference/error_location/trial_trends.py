@@ -100,12 +100,7 @@ class Trend(NamedTuple):
 
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
-    """Return the parameters whose values by trial take most of the error, best first.
-
-    Args:
-        problem: the model.
-        x: where it was fitted to all trials.
-    """
+    """Return parameters whose values by trial take most of the error, best first."""
     fit = _ByTrial(problem, x, unhooked=False)
     if len(fit.trials) < MIN_TREND_TRIALS:
         return ()

@@ -116,11 +116,6 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
 
     An interval over more than six powers of ten says nothing and is NaN: the data do
     not determine that parameter.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-        spread: of that.
     """
     deviations = np.sqrt(np.diag(spread.covariance))
     found = {

@@ -30,11 +30,6 @@ def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem 
     """Return the same problem simulated more finely; None where that changes nothing.
 
     Or where it is as fine as it gets.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-        masks: samples that count.
     """
     plant = problem.plant
     if 2 * plant.segments > MAX_CABLE_SEGMENTS and 2 * plant.substeps > MAX_SUBSTEPS:

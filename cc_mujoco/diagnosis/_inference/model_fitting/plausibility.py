@@ -34,12 +34,7 @@ _TORQUES = ("N m", "N m/s", "N m/rad", "kg m^2")
 
 
 def implausibility(problem: Problem, x: FloatArray) -> str:
-    """Describe impossible effects of a model; empty if there are none.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-    """
+    """Describe impossible effects of a model; empty if there are none."""
     values = problem.values(x)
     for name in problem.effects:
         for parameter in problem.plant.library.effects[name].parameters:
@@ -115,11 +110,6 @@ def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
 
     The conduit of a scene holds its cable evenly from end to end; those of rigs do not,
     and good sensors see it.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-        name: of the effect.
     """
     values = problem.values(x)
     sizes = {"": 0.0}

@@ -99,10 +99,6 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
     if it is clearly no chance, if the rule that found the tie would find none with it,
     and if the data have no such trial yet. Where no trial settles the tie whichever
     effect is true, one is proposed that does if it is the effect that fits better now.
-
-    Args:
-        rivals: the tie.
-        thresholds: of decisions.
     """
     fitted = rivals.fitted
     problem = fitted[0][0]

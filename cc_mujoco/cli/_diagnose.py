@@ -157,10 +157,8 @@ class Diagnose:
             raise CableError("--plan is for before there are data; give none with it.")
         scene = _require_scene(scene, data)
 
-        from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
-            MIN_CLARITY,
-        )
         from cc_mujoco.diagnosis._next_experiment import DEFAULT_SPEED, PLAN_PAGE, plan
+        from cc_mujoco.diagnosis._propose.identifiability import MIN_CLARITY
 
         found = plan(
             scene,

@@ -23,19 +23,14 @@ from cc_mujoco.diagnosis._checks.run import (
     check_known_torques,
     check_load_cells,
 )
-from cc_mujoco.diagnosis._inference.partial_instruments.loss_only import diagnose_loss
-from cc_mujoco.diagnosis._inference.partial_instruments.motion_only import (
-    diagnose_motion,
-)
-from cc_mujoco.diagnosis._inference.pipeline import (
-    run_inference,
-    unanswered_diagnosis,
-)
-from cc_mujoco.diagnosis._inference.progress import Progress, no_progress
-from cc_mujoco.diagnosis._inference.result import DiagnosisResult, Options
 from cc_mujoco.diagnosis._loading import load
+from cc_mujoco.diagnosis._partial.loss_only import diagnose_loss
+from cc_mujoco.diagnosis._partial.motion_only import diagnose_motion
 from cc_mujoco.diagnosis._phrases import DATA_PREFIX
+from cc_mujoco.diagnosis._pipeline import run_inference, unanswered_diagnosis
+from cc_mujoco.diagnosis._progress import Progress, no_progress
 from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
+from cc_mujoco.diagnosis._result import DiagnosisResult, Options
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
 from cc_mujoco.diagnosis._verdict import Diagnosis

@@ -43,12 +43,8 @@ from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.noise import noise_of
 from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
-from cc_mujoco.diagnosis._checks.run import (
-    check_motions,
-    check_recording,
-    check_trials,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import compared_band
+from cc_mujoco.diagnosis._checks.run import check_motions, check_recording, check_trials
+from cc_mujoco.diagnosis._rig.lowpass import compared_band
 from cc_mujoco.errors import CableError
 
 

@@ -29,21 +29,17 @@ from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import Instruments
 from cc_mujoco.datasets._torques import derived_noise, expected_instruments
 from cc_mujoco.datasets._trials import Noise
-from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import declared_sentence
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
+from cc_mujoco.diagnosis._phrases import format_number, format_share, plain_name
+from cc_mujoco.diagnosis._propose.identifiability import MIN_CLARITY
+from cc_mujoco.diagnosis._propose.planning import SATURATED_CLARITY, TrialPlan, planned
+from cc_mujoco.diagnosis._rig.motions import (
     MOTION_STEP,
     middle_angle,
     trial_table,
     write_motion,
 )
-from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
-from cc_mujoco.diagnosis._inference.trial_planning.planning import (
-    SATURATED_CLARITY,
-    TrialPlan,
-    planned,
-)
-from cc_mujoco.diagnosis._phrases import format_number, format_share, plain_name
 from cc_mujoco.diagnosis._scene.requirements import require_repairable
+from cc_mujoco.diagnosis._search.verdict_rules import declared_sentence
 from cc_mujoco.diagnosis.effects import EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import single_threaded_blas

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import EFFECTS, Options, prepare, run_inference
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,
 )
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, dataset
 

@@ -15,14 +15,10 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._torques import expected_instruments
 from cc_mujoco.diagnosis import MOTION_STEP, plan
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import middle_angle, motions
-from cc_mujoco.diagnosis._inference.trial_planning.identifiability import MIN_CLARITY
-from cc_mujoco.diagnosis._inference.trial_planning.planning import (
-    MAX_SLACK,
-    TrialPlan,
-    planned,
-)
 from cc_mujoco.diagnosis._next_experiment import PLAN_PAGE
+from cc_mujoco.diagnosis._propose.identifiability import MIN_CLARITY
+from cc_mujoco.diagnosis._propose.planning import MAX_SLACK, TrialPlan, planned
+from cc_mujoco.diagnosis._rig.motions import middle_angle, motions
 from cc_mujoco.errors import CableError
 from hardware.devices import ARM, KNEE, written
 

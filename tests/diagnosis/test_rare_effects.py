@@ -18,11 +18,11 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import Thresholds
-from cc_mujoco.diagnosis._inference.effect_search.search import search, search_rare
-from cc_mujoco.diagnosis._inference.model_fitting.effect_check import check_effects
-from cc_mujoco.diagnosis._inference.model_fitting.folds import interleaved_folds
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._fit.effect_check import check_effects
+from cc_mujoco.diagnosis._fit.folds import interleaved_folds
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._search.acceptance import Thresholds
+from cc_mujoco.diagnosis._search.search import search, search_rare
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, usual_effects
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset

@@ -23,9 +23,9 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.model_fitting.effect_check import check_effects
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._fit.effect_check import check_effects
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis.effects import effect_of_class, effects_in_use
 from cc_mujoco.errors import CableError

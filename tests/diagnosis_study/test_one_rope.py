@@ -17,7 +17,7 @@ from proposal_loop import trial_of
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import Diagnosis, infer, plan
-from cc_mujoco.diagnosis._inference.trial_planning.planning import MAX_SLACK
+from cc_mujoco.diagnosis._propose.planning import MAX_SLACK
 from cc_mujoco.hardware._trials import Planned, read_plan
 from diagnosis.rigs import alone
 from rig.dataset import run, truth_of

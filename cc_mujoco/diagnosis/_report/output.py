@@ -24,21 +24,16 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._inference.result import DiagnosisResult
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
-    CLOCK_PARAMETERS,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.lowpass import low_pass
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import (
-    CataloguedTrial,
-    write_motion,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.occasions import occasions_of
-from cc_mujoco.diagnosis._inference.rig_simulation.replays import shift_signal
 from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
 from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
 from cc_mujoco.diagnosis._report.report import write_report
+from cc_mujoco.diagnosis._result import DiagnosisResult
 from cc_mujoco.diagnosis._resume import VERDICT_FILE
+from cc_mujoco.diagnosis._rig.bench_simulation import CLOCK_PARAMETERS
+from cc_mujoco.diagnosis._rig.lowpass import low_pass
+from cc_mujoco.diagnosis._rig.motions import CataloguedTrial, write_motion
+from cc_mujoco.diagnosis._rig.occasions import occasions_of
+from cc_mujoco.diagnosis._rig.replays import shift_signal
 from cc_mujoco.diagnosis._scene.realisation import (
     is_realisable,
     realisations,

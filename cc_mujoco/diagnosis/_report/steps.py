@@ -15,11 +15,7 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._report.unknown import isolating_trial
-from cc_mujoco.diagnosis._verdict import (
-    Diagnosis,
-    FoundEffect,
-    next_folder,
-)
+from cc_mujoco.diagnosis._verdict import Diagnosis, FoundEffect, next_folder
 from cc_mujoco.report._html import Html, bullet_list, element, join_pieces, list_words
 
 OPEN_RECORDING = "rerun evidence.rrd"

@@ -18,11 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.datasets._bench import Bench, driven_joint
-from cc_mujoco.diagnosis._inference.rig_simulation.records import (
-    LEAD_SAMPLES,
-    RAMP_SAMPLES,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.replays import with_lead_in
+from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, RAMP_SAMPLES
+from cc_mujoco.diagnosis._rig.replays import with_lead_in
 from cc_mujoco.diagnosis._scene.instruments import (
     add_instruments,
     angle_sensors,

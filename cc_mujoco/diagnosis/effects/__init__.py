@@ -27,16 +27,8 @@ from cc_mujoco.diagnosis.effects._effect import (
     follow_with_play,
     form_key,
 )
-from cc_mujoco.diagnosis.effects._effect_class import (
-    Shape,
-    Size,
-    effect_of_class,
-)
-from cc_mujoco.diagnosis.effects._library import (
-    EFFECTS,
-    effects_in_use,
-    usual_effects,
-)
+from cc_mujoco.diagnosis.effects._effect_class import Shape, Size, effect_of_class
+from cc_mujoco.diagnosis.effects._library import EFFECTS, effects_in_use, usual_effects
 from cc_mujoco.diagnosis.effects._rare_effects import CoupledNeighbour
 from cc_mujoco.diagnosis.effects._sensor_effects import (
     GAIN_BOUNDS,

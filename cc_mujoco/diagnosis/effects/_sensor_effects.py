@@ -6,12 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco.diagnosis.effects._effect import (
-    Effect,
-    Signals,
-    Values,
-    sized,
-)
+from cc_mujoco.diagnosis.effects._effect import Effect, Signals, Values, sized
 from cc_mujoco.native import FloatArray
 
 GAIN_BOUNDS = (-0.3, 0.3)

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
+from cc_mujoco.diagnosis._phrases import format_odds
+from cc_mujoco.diagnosis._search.acceptance import (
     FORM_ERROR_SHARE,
     MAX_EXPLAINED_ERROR,
     Thresholds,
     comparison_z,
 )
-from cc_mujoco.diagnosis._inference.effect_search.belief import (
+from cc_mujoco.diagnosis._search.belief import (
     FAR_OFF_RATE,
     MEETING_FORM_SHARE,
     RELIABILITY,
@@ -25,7 +26,6 @@ from cc_mujoco.diagnosis._inference.effect_search.belief import (
     _worded,
     probabilities,
 )
-from cc_mujoco.diagnosis._phrases import format_odds
 from cc_mujoco.diagnosis._verdict import Alternative, Verdict
 
 BLOCKS = 64

@@ -20,15 +20,15 @@ from cc_mujoco.diagnosis import (
     plant_of,
     prepare,
 )
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import Thresholds
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import CataloguedTrial
-from cc_mujoco.diagnosis._inference.trial_planning import experiment
-from cc_mujoco.diagnosis._inference.trial_planning.experiment import (
+from cc_mujoco.diagnosis._propose import experiment
+from cc_mujoco.diagnosis._propose.experiment import (
     Rivals,
     propose,
     recorded,
     refit_difference,
 )
+from cc_mujoco.diagnosis._rig.motions import CataloguedTrial
+from cc_mujoco.diagnosis._search.acceptance import Thresholds
 from cc_mujoco.estimation._least_squares import Fit
 from diagnosis.recorded import BENCH, dataset
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.diagnosis._inference.effect_search import verdict_rules
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import Round, Thresholds
-from cc_mujoco.diagnosis._inference.effect_search.verdict_rules import (
+from cc_mujoco.diagnosis._fit.stretches import Stretch
+from cc_mujoco.diagnosis._search import verdict_rules
+from cc_mujoco.diagnosis._search.acceptance import Round, Thresholds
+from cc_mujoco.diagnosis._search.verdict_rules import (
     FINDING_ERROR,
     Judgement,
     judge,
     only_refines,
 )
-from cc_mujoco.diagnosis._inference.model_fitting.stretches import Stretch
 from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
 from cc_mujoco.estimation import Estimate
 

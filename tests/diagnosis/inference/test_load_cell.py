@@ -13,8 +13,8 @@ from cc_mujoco.datasets._torques import add_derived_torques, expected_instrument
 from cc_mujoco.diagnosis import plant_of, prepare
 from cc_mujoco.diagnosis._checks.noise import noise_of
 from cc_mujoco.diagnosis._checks.run import check_load_cells
-from cc_mujoco.diagnosis._inference.model_fitting.noise_floor import noise_floor
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import motions, trial_table
+from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
+from cc_mujoco.diagnosis._rig.motions import motions, trial_table
 from diagnosis.recorded import BENCH, CELL, dataset
 
 CHANNEL = "tension_antagonist_distal_n"

@@ -13,32 +13,20 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._inference.error_location.occasion_report import (
-    compare_size,
-    describe_change,
-)
-from cc_mujoco.diagnosis._inference.error_location.trial_trends import (
+from cc_mujoco.diagnosis._fit.baseline import fit_baseline, plant_of
+from cc_mujoco.diagnosis._fit.fitting import fit
+from cc_mujoco.diagnosis._fit.start_values import prepare_start
+from cc_mujoco.diagnosis._locate.occasion_report import compare_size, describe_change
+from cc_mujoco.diagnosis._locate.trial_trends import (
     TrialConstants,
     constants_by_occasion,
 )
-from cc_mujoco.diagnosis._inference.model_fitting.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis._inference.model_fitting.fitting import fit
-from cc_mujoco.diagnosis._inference.model_fitting.start_values import prepare_start
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
-    SimulatedRig,
-    baseline_parameters,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.motions import motions, trial_table
-from cc_mujoco.diagnosis._inference.rig_simulation.occasions import (
-    occasions_of,
-    values_on,
-)
-from cc_mujoco.diagnosis._inference.rig_simulation.records import prepare
-from cc_mujoco.diagnosis._inference.trial_planning.experiment import (
-    as_record,
-    next_trial_name,
-)
 from cc_mujoco.diagnosis._phrases import MINUS, plain_name
+from cc_mujoco.diagnosis._propose.experiment import as_record, next_trial_name
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._rig.motions import motions, trial_table
+from cc_mujoco.diagnosis._rig.occasions import occasions_of, values_on
+from cc_mujoco.diagnosis._rig.records import prepare
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from diagnosis.recorded import BENCH, dataset
 

@@ -19,13 +19,13 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.error_location.outlier_trials import (
+from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives
+from cc_mujoco.diagnosis._fit.stretches import worst_stretch
+from cc_mujoco.diagnosis._locate.outlier_trials import (
     find_outlier_trial,
     misfits,
     trial_errors,
 )
-from cc_mujoco.diagnosis._inference.model_fitting.jacobian import TorqueDerivatives
-from cc_mujoco.diagnosis._inference.model_fitting.stretches import worst_stretch
 from diagnosis.instrumented import told_by
 from diagnosis.recorded import BENCH, dataset
 

@@ -14,13 +14,13 @@ from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis import Problem, fit, prepare
 from cc_mujoco.diagnosis._checks.repeatability import repeat_scatter
-from cc_mujoco.diagnosis._inference.model_fitting.noise_floor import noise_floor
-from cc_mujoco.diagnosis._inference.rig_simulation.bench_simulation import (
+from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
+from cc_mujoco.diagnosis._rig.bench_simulation import (
     CLOCK_PARAMETERS,
     SimulatedRig,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._inference.rig_simulation.records import play_filter
+from cc_mujoco.diagnosis._rig.records import play_filter
 from diagnosis.recorded import BENCH
 
 FINE = 1.0 / 8000.0

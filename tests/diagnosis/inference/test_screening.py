@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import BaselineFit, fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._inference.effect_search import search
-from cc_mujoco.diagnosis._inference.effect_search.screening import Changes, screen
-from cc_mujoco.diagnosis._inference.model_fitting.folds import (
-    Fold,
-    divided_samples,
-    interleaved_folds,
-)
+from cc_mujoco.diagnosis._fit.folds import Fold, divided_samples, interleaved_folds
+from cc_mujoco.diagnosis._search import search
+from cc_mujoco.diagnosis._search.screening import Changes, screen
 from diagnosis.recorded import BENCH, dataset
 
 DRAG = {"viscous_friction": {"viscous_friction": 40.0}}

@@ -12,17 +12,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._inference.effect_search import acceptance, search
-from cc_mujoco.diagnosis._inference.effect_search.acceptance import (
+from cc_mujoco.diagnosis._search import acceptance, search
+from cc_mujoco.diagnosis._search.acceptance import (
     FORM_ERROR_SHARE,
     Thresholds,
     parted_by_form,
     tie_reason,
 )
-from cc_mujoco.diagnosis._inference.effect_search.screening import (
-    Changes,
-    bounded_least_squares,
-)
+from cc_mujoco.diagnosis._search.screening import Changes, bounded_least_squares
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")

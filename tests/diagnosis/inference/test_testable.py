@@ -14,9 +14,8 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._inference.effect_search.screening import Changes
-from cc_mujoco.diagnosis._inference.model_fitting.intervals import Spread, estimates
-from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
+from cc_mujoco.diagnosis._fit.intervals import Spread, estimates
+from cc_mujoco.diagnosis._propose.identifiability import (
     REMEDIES,
     _suspected_unit,
     confounded_effects,
@@ -24,6 +23,7 @@ from cc_mujoco.diagnosis._inference.trial_planning.identifiability import (
     deviating_parameters,
     untestable_effects,
 )
+from cc_mujoco.diagnosis._search.screening import Changes
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}

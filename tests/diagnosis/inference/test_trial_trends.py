@@ -10,7 +10,7 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._inference.error_location.trial_trends import (
+from cc_mujoco.diagnosis._locate.trial_trends import (
     TREND_FALSE_ALARM_RATE,
     TrialConstants,
     trial_constants,

@@ -1,0 +1,332 @@
+"""Error floor of any model: sensor noise, and that of angles sent through the rig.
+
+Where the cable runs, noise of the angles hardly matters; where its end sticks, the
+angle's last digit is worth newtons. So the floor is a number for every sample: how far
+simulated torques come off when a likely motion is read again, and the torque sensors'
+own noise. By what errors are divided is more: spikes of noise shift in time, and an
+angle that seems to stand still may have moved by its noise. That weights samples; the
+error of a model is held against what noise makes of errors so divided.
+
+Angles are read again as they might have been another time. What is played has lost what
+its filters took: movements smaller than the play that stills it. Read again, it would
+lose nothing, so the noise of a motor that goes along with a hand, of slow creep and of
+rests would seem small. And it has kept what they let pass: the ripple of digits, which
+would count twice where the angle moves. So what is read again is a likely motion: with
+the slow movements put back, and without ripple.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.datasets._channels import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+)
+from cc_mujoco.datasets._quantization import reconstruct_angle
+from cc_mujoco.datasets._trials import Dataset, Facts, Noise, Trial
+from cc_mujoco.diagnosis._checks.repeatability import repeat_scatter as scatter_of
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
+from cc_mujoco.diagnosis._rig.lowpass import low_pass
+from cc_mujoco.diagnosis._rig.records import Filtering, Record, play_filter
+from cc_mujoco.native import FloatArray
+
+NOISE_DRAWS = 6
+"""Simulations with resampled angles."""
+SMOOTHING_TIME = 0.04
+"""Time over which the scatter is taken together [s]."""
+MIN_FLOOR_SHARE = 1e-3
+"""Least floor, over the RMS of the channel."""
+
+_NO_NOISE = Noise(0.0, 0.0, "declared")
+_SLOW = 1.0 / 6.0
+"""Band of the movements that are put back, over that of the angles that are played."""
+_PUT_BACK = 0.5
+"""Share of them: some of what is slow is noise, and most of it where readings are
+rounded. On rigs without effects this makes the floor what readings are off by."""
+_SMOOTH = 1.0 / 5.0
+"""Band of the likely motion where the angle is well under way, the same."""
+_PACE = 4.0
+"""Way within `_WINDOW` from which an angle is under way, over the play."""
+_WINDOW = 0.05
+"""[s]."""
+_CLEAR = 0.2
+"""Time all of which an angle has to be under way; where it rests, smoothing would make
+it set out early, which a cable that sticks would feel [s]."""
+
+
+class NoiseFloor(NamedTuple):
+    """Standard deviations (rows, samples) of every record [N m].
+
+    Attributes:
+        noise: of what no model can explain; not less than repetitions differ.
+        tolerance: by which errors are divided.
+        scatter: (rows, 1), the part of `noise` by which repetitions differ beyond that
+            of sensors.
+    """
+
+    noise: tuple[FloatArray, ...]
+    tolerance: tuple[FloatArray, ...]
+    scatter: FloatArray
+
+
+def noise_floor(
+    dataset: Dataset,
+    plant: SimulatedRig,
+    filtering: Filtering,
+    values: Values,
+    effects: tuple[str, ...] = (),
+    seed: int = 0,
+) -> NoiseFloor:
+    """Return the noise in both torques of every record, through the simulated rig."""
+    random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
+    noise = {n: dataset.noise.get(n, _NO_NOISE) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
+    clean = plant.simulate(values, effects)
+    true = [likely(record, filtering) for record in plant.records]
+    exact = plant.limited(true).simulate(values, effects)
+
+    def scatter(
+        records: Sequence[Record], about: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        played = plant.limited(records).simulate(values, effects)
+        return [(a - b) ** 2 / NOISE_DRAWS for a, b in zip(played, about, strict=True)]
+
+    plain = [np.zeros(torque.shape) for torque in clean]
+    wide = [np.zeros(torque.shape) for torque in clean]
+    for _ in range(NOISE_DRAWS):
+        read = [resample_angles(r, noise, filtering, other) for r in true]
+        for total, square in zip(plain, scatter(read, exact), strict=True):
+            total += square
+        again = [resample_angles(r, noise, filtering, random) for r in plant.records]
+        moved = [unsettled(r, filtering, random) for r in again]
+        for total, square in zip(wide, scatter(moved, clean), strict=True):
+            total += square
+    known = plant.instruments
+    own = [
+        filtering.load**2
+        if name == JOINT_TORQUE and known.joint == "known load"
+        else dataset.noise.get(name, _NO_NOISE).deviation ** 2 * filtering.passed
+        for name in known.channels
+    ]
+    whole = np.concatenate([record.measured for record in plant.records], axis=1)
+    least = (MIN_FLOOR_SHARE * np.std(whole, axis=1)) ** 2
+    base = np.maximum(np.array(own), least)[:, None]
+    bases = [_cell_noise(base, record, dataset, filtering) for record in plant.records]
+    alone = [total + own for total, own in zip(plain, bases, strict=True)]
+    short = _unexplained(plant, clean, alone)
+    return NoiseFloor(
+        tuple(np.sqrt(each + short[:, None]) for each in alone),
+        tuple(
+            np.sqrt(_highest_local_mean(total, record.dt) + own)
+            for total, record, own in zip(wide, plant.records, bases, strict=True)
+        ),
+        np.sqrt(short)[:, None],
+    )
+
+
+def _cell_noise(
+    base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
+) -> FloatArray:
+    """Return the variance (rows, 1) of the instruments of a record [(N m)^2].
+
+    Args:
+        base: of the torque sensors.
+        record: the record, with a load cell in place of one of them or without.
+        dataset: of the record.
+        filtering: of its signals.
+    """
+    if (cell := record.load_cell) is None:
+        return base
+    found = base.copy()
+    channel = dataset.trial(record.trial).facts.load_cell
+    deviation = abs(cell.factor) * dataset.noise.get(channel, _NO_NOISE).deviation
+    row = dataset.instruments.rows.index(cell.row)
+    found[row] = max(deviation**2 * filtering.passed, MIN_FLOOR_SHARE**2 * base[row, 0])
+    return found
+
+
+def _unexplained(
+    plant: SimulatedRig, clean: Sequence[FloatArray], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the variance between repetitions beyond noise (rows,).
+
+    It is that of what the model leaves: a servo never repeats a motion to the digit,
+    and what another motion makes of the torques is for the model to tell. But it is no
+    more than the readings differ by: a model that is wrong makes newtons of a digit.
+    Noise counts where motions were repeated: how much of it reaches the torques is a
+    matter of the motion.
+    """
+    names = plant.instruments.channels
+    found = []
+    for torques in clean, [np.zeros(torque.shape) for torque in clean]:
+        trials: dict[str, list[tuple[Record, FloatArray]]] = {}
+        for record, torque in zip(plant.records, torques, strict=True):
+            left = np.where(record.counts, record.measured - torque, np.nan)
+            trials.setdefault(record.trial, []).append((record, left))
+        found.append(
+            scatter_of(
+                [_residual_trial(parts, names) for parts in trials.values()], names
+            )
+        )
+    compared = found[0].trials
+    if not compared:
+        return np.zeros(len(names))
+    deviation = np.minimum(found[0].deviation, found[1].deviation)
+    there = [
+        each[:, record.counts]
+        for each, record in zip(noise, plant.records, strict=True)
+        if record.trial in compared
+    ]
+    if not sum(each.shape[1] for each in there):  # none of them moves enough
+        return np.zeros(len(names))
+    known = np.concatenate(there, axis=1).mean(axis=1)
+    short: FloatArray = np.maximum(deviation**2 - known, 0.0)
+    return short
+
+
+def _residual_trial(
+    parts: Sequence[tuple[Record, FloatArray]], names: Sequence[str]
+) -> Trial:
+    """Return a trial whose torques are the residuals of a model."""
+    records = [record for record, _ in parts]
+    torques = dict(
+        zip(names, np.concatenate([left for _, left in parts], axis=1), strict=True)
+    )
+    ends = np.cumsum([0, *(record.time.size for record in records)]).tolist()
+    first = records[0]
+    return Trial(
+        first.trial,
+        np.concatenate([record.time for record in records]),
+        np.concatenate([record.motor_angle for record in records]),
+        torques.get(MOTOR_TORQUE),
+        np.concatenate([record.joint_angle for record in records]),
+        torques.get(JOINT_TORQUE),
+        tuple(slice(a, b) for a, b in pairwise(ends)),
+        first.dt,
+        facts=Facts(repeat_of=None if first.group == first.trial else first.group),
+    )
+
+
+def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
+    """Return the highest local mean nearby, because spikes shift in time."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    size = max(3, round(SMOOTHING_TIME / dt))
+    mean: FloatArray = uniform_filter1d(square, size, axis=1)
+    highest: FloatArray = maximum_filter1d(mean, size, axis=1)
+    return highest
+
+
+def likely(record: Record, filtering: Filtering) -> Record:
+    """Return the record along a motion whose reading may have been this one."""
+    motor, joint = (
+        _likely(angle, seen, width, record.dt, filtering.motion_band)
+        for angle, seen, width in zip(
+            (record.motor_angle, record.joint_angle),
+            record.read,
+            filtering.still,
+            strict=True,
+        )
+    )
+    return replace(record, motor_angle=motor, joint_angle=joint)
+
+
+def _likely(
+    angle: FloatArray, seen: FloatArray, width: float, dt: float, band: float
+) -> FloatArray:
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+    if width == 0.0:
+        return angle
+    hidden = low_pass(seen - angle, _SLOW * band, 1.0 / dt)
+    found = angle + _PUT_BACK * hidden
+    smooth = low_pass(found, _SMOOTH * band, 1.0 / dt)
+    half = max(1, round(0.5 * _WINDOW / dt))
+    wide = np.pad(smooth, half, mode="edge")
+    moves = np.abs(wide[2 * half :] - wide[: -2 * half]) > _PACE * width
+    clear = minimum_filter1d(moves.astype(float), 2 * round(0.5 * _CLEAR / dt) + 1)
+    share: FloatArray = uniform_filter1d(clear, 2 * half + 1)
+    return found + share * (smooth - found)
+
+
+def resample_angles(
+    record: Record,
+    noise: Mapping[str, Noise],
+    filtering: Filtering,
+    random: np.random.Generator,
+) -> Record:
+    """Return the record as it might have been read another time."""
+    angles = (record.motor_angle, record.joint_angle)
+    read = [
+        _read_again(record, angle, noise[name], width, filtering, random)
+        for angle, name, width in zip(
+            angles, (MOTOR_ANGLE, JOINT_ANGLE), filtering.still, strict=True
+        )
+    ]
+    return replace(record, motor_angle=read[0], joint_angle=read[1])
+
+
+def _read_again(
+    record: Record,
+    angle: FloatArray,
+    noise: Noise,
+    width: float,
+    filtering: Filtering,
+    random: np.random.Generator,
+) -> FloatArray:
+    """Return an angle read again with the same noise and shifted digits.
+
+    Rounding is no white noise: at rest and in slow creep the angle wanders inside a
+    digit, and no filter takes that out.
+    """
+    if noise.deviation == 0.0:
+        return angle
+    thin = round(record.dt / record.step)
+    size = (angle.size - 1) * thin + 1
+    read = np.interp(np.arange(size) / thin, np.arange(angle.size), angle)
+    digit = noise.resolution
+    white = max(noise.deviation**2 - digit**2 / 12.0, 0.0)
+    read += math.sqrt(white) * random.normal(size=size)
+    if digit > 0.0:
+        first = random.uniform(0.0, digit)
+        read = first + digit * np.round((read - first) / digit)
+        read = reconstruct_angle(read, noise)
+    smooth = low_pass(read, filtering.motion_band, 1.0 / record.step)[::thin]
+    return play_filter(smooth, width)
+
+
+def unsettled(
+    record: Record, filtering: Filtering, random: np.random.Generator
+) -> Record:
+    """Return the record with movements that are too small to be seen."""
+    motor, joint = (
+        angle + _unseen(angle, width, random)
+        for angle, width in zip(
+            (record.motor_angle, record.joint_angle), filtering.still, strict=True
+        )
+    )
+    return replace(record, motor_angle=motor, joint_angle=joint)
+
+
+def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
+    """Movement that may have happened where the angle was taken to stand still.
+
+    As far as the play filter lets it: a servo that integrates, or a hand that lets go,
+    creeps to the end of it.
+    """
+    moved = np.zeros(angle.size)
+    edges = np.flatnonzero(np.diff(angle) != 0.0)
+    for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
+        size = last - first
+        if size > 2:
+            bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
+            moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
+    return moved

@@ -1,1 +1,0 @@
-"""Search for the missing effect: replays, fits, folds, search, experiments."""

@@ -1,0 +1,379 @@
+"""Constants that differ from trial to trial, and whether they drift.
+
+Around a fitted model one parameter is given a value of its own in every trial, while
+all others are fitted to all trials. The derivatives of the fit serve for that, so it
+costs a few replays. A trend of these values is tested by weighted regression, in which
+trials may scatter beyond their own uncertainty (DerSimonian and Laird 1986), with
+Student's t (Hartung and Knapp 2001).
+
+    found = trial_constants(problem, x)
+    trial_trends(found[0], {"order": np.arange(8.0)})
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.diagnosis._fit.fitting import (
+    Problem,
+    huber_residual,
+    independence_weight,
+)
+from cc_mujoco.diagnosis._fit.jacobian import residual_changes, residual_slopes
+from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.estimation._least_squares import Tuned
+from cc_mujoco.native import FloatArray
+
+VARIED_PARAMETERS = (
+    "friction",
+    "pretension",
+    "axial_stiffness",
+    "friction_balance",
+    "motor_torque_offset",
+    "joint_torque_offset",
+    "joint_angle_offset",
+)
+"""Parameters that a rig may change between trials."""
+TREND_FALSE_ALARM_RATE = 1e-2
+"""Probability that trials without a trend show one, over all that is tested."""
+MIN_TREND_TRIALS = 4
+"""Trials from which on a trend can be tested."""
+MIN_TREND_SHARE = 0.3
+"""Share of the squared error beyond the floor that constants by trial have to take."""
+_MAX_FITTED = 2
+"""Parameters that are fitted by simulation, the best to first order."""
+_MAX_STEPS = 4
+_MISSED_SIGMAS = 2.0
+"""First-order change, in standard errors, that no step reaches where a fit fails."""
+_DAMPINGS = (0.0, 1e-3, 0.03, 1.0)
+"""Damping of a step that is tried, relative to the diagonal (Marquardt 1963)."""
+_MAX_LOG_STEP = math.log(2.0)
+
+
+class TrialConstants(NamedTuple):
+    """One parameter with a value of its own in every trial.
+
+    Attributes:
+        parameter: of the fit.
+        trials: names, in the order of the data.
+        change: (trials,) from their mean: of the logarithm where
+            `Tuned.factor`, else in its unit.
+        error: (trials,) standard errors of these.
+        share: of the squared error beyond the floor that these values take.
+        value: (trials,) in the unit of the parameter, of one that is no logarithm; NaN
+            where the fit by trial fails.
+        value_error: (trials,) standard errors of these.
+    """
+
+    parameter: Tuned
+    trials: tuple[str, ...]
+    change: FloatArray
+    error: FloatArray
+    share: float
+    value: FloatArray = np.zeros(0)
+    value_error: FloatArray = np.zeros(0)
+
+
+class Trend(NamedTuple):
+    """A regression of trial constants.
+
+    Attributes:
+        ordinate: along which.
+        slope: change per unit of it.
+        t: slope over its standard error.
+        freedom: degrees of freedom.
+        chance: probability of such a t, in either direction, without a trend.
+    """
+
+    ordinate: str
+    slope: float
+    t: float
+    freedom: int
+    chance: float
+
+
+def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
+    """Return parameters whose values by trial take most of the error, best first."""
+    fit = _ByTrial(problem, x, unhooked=False)
+    if len(fit.trials) < MIN_TREND_TRIALS:
+        return ()
+    able = [
+        index
+        for index, parameter in enumerate(problem.tuned)
+        if parameter.name in VARIED_PARAMETERS and fit.affects_every_trial(index)
+    ]
+    first = sorted(able, key=lambda index: -fit.foreseen(index))[:_MAX_FITTED]
+    found = [fit.fitted(index) for index in first]
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def constants_by_occasion(
+    problem: Problem, x: FloatArray, indices: Sequence[int]
+) -> tuple[TrialConstants, ...]:
+    """Return parameters with a value of their own on every occasion.
+
+    Args:
+        problem: the model.
+        x: where it was fitted to all trials.
+        indices: of the parameters; one that an occasion does not inform is left out.
+    """
+    fit = _ByTrial(problem, x, lambda record: record.occasion)
+    return tuple(fit.fitted(k) for k in indices if fit.affects_every_trial(k))
+
+
+def trial_trends(
+    found: TrialConstants, ordinates: Mapping[str, FloatArray]
+) -> tuple[Trend, ...]:
+    """Return regressions of trial constants, the least probable first.
+
+    Args:
+        found: the constants.
+        ordinates: (trials,) of each trial, by name; those without variation are left
+            out.
+    """
+    tried = []
+    for name, values in ordinates.items():
+        good = np.isfinite(values) & np.isfinite(found.change)
+        if good.sum() < MIN_TREND_TRIALS or np.ptp(values[good]) == 0.0:
+            continue
+        tried.append(_trend(name, values[good], found.change[good], found.error[good]))
+    return tuple(sorted(tried, key=lambda each: each.chance))
+
+
+def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
+    from scipy.stats import t as student
+
+    design = np.stack([np.ones(at.size), at - at.mean()], axis=1)
+    freedom = at.size - 2
+    least = 1e-3 * float(np.median(error)) + 1e-12
+    sure = 1.0 / np.maximum(error, least) ** 2
+
+    def regress(weights: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        square = design.T @ (design * weights[:, None])
+        inverse: FloatArray = np.linalg.inv(square).astype(np.float64)
+        size = inverse @ (design.T @ (weights * change))
+        left = change - design @ size
+        return size, inverse, float(weights @ left**2)
+
+    _, inverse, beyond = regress(sure)
+    # What a regression with these weights leaves on the mean of scatter of 1.
+    lost = np.trace(inverse @ (design.T @ (design * sure[:, None] ** 2)))
+    scatter = max(0.0, (beyond - freedom) / max(float(sure.sum() - lost), 1e-300))
+    size, inverse, beyond = regress(1.0 / (1.0 / sure + scatter))
+    spread = math.sqrt(max(beyond / freedom, 1e-300) * inverse[1, 1])
+    t = float(size[1] / spread)
+    return Trend(
+        name, float(size[1]), t, freedom, float(2.0 * student.sf(abs(t), freedom))
+    )
+
+
+class _ByTrial:
+    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
+
+    `group` names what counts as a trial, for example the occasion of a record; those
+    with the cables off are left out unless `unhooked`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        x: FloatArray,
+        group: Callable[[Record], str] = lambda record: record.trial,
+        unhooked: bool = True,
+    ) -> None:
+        records = problem.plant.records
+        self._problem, self._x = problem, x
+        self._masks = [
+            record.counts & (unhooked or not record.unhooked) for record in records
+        ]
+        self._seen = [k for k, mask in enumerate(self._masks) if mask.any()]
+        groups = [group(records[k]) for k in self._seen]
+        self.trials = tuple(dict.fromkeys(groups))
+        self._place = [self.trials.index(each) for each in groups]
+        self._torques = problem.torques(x, self._seen)
+        self._slopes = problem.slopes.of(problem, x, self._seen, self._torques)
+        self._rows = np.concatenate(
+            [
+                np.full(len(torque) * int(self._masks[k].sum()), place)
+                for k, place, torque in zip(
+                    self._seen, self._place, self._torques, strict=True
+                )
+            ]
+        )
+        self._error = self._weighted(self._torques)
+        self._jacobian = self._derivatives(self._torques)
+        self._prior = np.array([1.0 / p.prior for p in problem.tuned])
+        floor = problem.weight**2 * sum(
+            float(np.sum((noise / by)[:, mask] ** 2))
+            for noise, by, mask in zip(
+                problem.sensed, problem.floor, self._masks, strict=True
+            )
+        )
+        self._beyond = float(self._error @ self._error) - floor
+        self._noise = floor
+
+    def affects_every_trial(self, index: int) -> bool:
+        """Return whether every trial informs a parameter."""
+        square = np.bincount(
+            self._rows, self._jacobian[:, index] ** 2, len(self.trials)
+        )
+        return bool(np.all(square > 1e-4))
+
+    def foreseen(self, index: int) -> float:
+        """Return the share of the error that it takes by trial, to first order."""
+        design = self._design(self._jacobian, index)
+        step = self._solve(design, self._error, np.zeros(design.shape[1]), index)
+        return self._share(self._error + design @ step)
+
+    def fitted(self, index: int) -> TrialConstants:
+        """Fit a parameter by trial, by simulation."""
+        shared = self._x.size - 1
+        place = np.zeros(shared + len(self.trials))
+        torques, error = self._torques, self._error
+        best = self._cost(error, place, index)
+        slopes = self._jacobian
+        proposed = self._solve(self._design(slopes, index), error, place, index)
+        for _ in range(_MAX_STEPS):
+            design = self._design(slopes, index)
+            for damping in _DAMPINGS:
+                step = self._solve(design, error, place, index, damping)
+                step = self._limited(step, index)
+                there = self._simulated(place + step, index)
+                left = self._weighted(there)
+                cost = self._cost(left, place + step, index)
+                if cost < best:
+                    break
+            else:
+                break
+            done = cost > (1.0 - 1e-3) * best
+            place, torques, error, best = place + step, there, left, cost
+            slopes = self._derivatives(torques)
+            if done:
+                break
+        found = self._constants(index, place, torques, error, slopes)
+        own = np.abs(proposed[shared:]) * self._problem.tuned[index].scale
+        if not place.any() and np.any(own > _MISSED_SIGMAS * found.value_error):
+            found = found._replace(value=np.full(own.size, np.nan))
+        return found
+
+    def _limited(self, step: FloatArray, index: int) -> FloatArray:
+        """Return a step along which no logarithm changes by more than a factor of 2."""
+        tuned = self._problem.tuned
+        shared = [p for k, p in enumerate(tuned) if k != index]
+        own = [tuned[index]] * len(self.trials)
+        scales = np.array([p.scale if p.factor else 0.0 for p in (*shared, *own)])
+        longest = float(np.max(np.abs(step) * scales))
+        return step * min(1.0, _MAX_LOG_STEP / max(longest, 1e-300))
+
+    def _constants(
+        self,
+        index: int,
+        place: FloatArray,
+        torques: Sequence[FloatArray],
+        error: FloatArray,
+        slopes: FloatArray,
+    ) -> TrialConstants:
+        problem = self._problem
+        parameter, count = problem.tuned[index], len(self.trials)
+        design = self._design(slopes, index)
+        square = design.T @ design + np.diag(self._priors(index) ** 2)
+        plain = [np.zeros(mask.size)[None] for mask in self._masks]
+        for k, torque in zip(self._seen, torques, strict=True):
+            record = problem.plant.records[k]
+            plain[k] = huber_residual((record.measured - torque) / problem.floor[k])
+        # Errors of this model count for as many as are independent of its own.
+        ratio = problem.weight / max(independence_weight(plain, self._masks), 1e-300)
+        covariance = np.linalg.pinv(square, rcond=1e-10, hermitian=True) * ratio**2
+        centre = np.eye(count) - 1.0 / count
+        own = covariance[-count:, -count:]
+        spread = centre @ own @ centre
+        return TrialConstants(
+            parameter,
+            self.trials,
+            parameter.scale * (centre @ place[-count:]),
+            parameter.scale * np.sqrt(np.maximum(np.diag(spread), 0.0)),
+            self._share(error),
+            parameter.start + parameter.scale * (self._x[index] + place[-count:]),
+            parameter.scale * np.sqrt(np.maximum(np.diag(own), 0.0)),
+        )
+
+    def _share(self, error: FloatArray) -> float:
+        """Return the removed share of squared error beyond the floor, 0 without any."""
+        if self._beyond <= 0.02 * self._noise:
+            return 0.0
+        return 1.0 - (float(error @ error) - self._noise) / self._beyond
+
+    def _weighted(self, torques: Sequence[FloatArray]) -> FloatArray:
+        """Return the residuals of the samples that count (rows,), without priors."""
+        problem = self._problem
+        return np.concatenate(
+            [
+                problem.weight
+                * huber_residual(
+                    (problem.plant.records[k].measured - torque) / problem.floor[k]
+                )[:, self._masks[k]].ravel()
+                for k, torque in zip(self._seen, torques, strict=True)
+            ]
+        )
+
+    def _derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
+        """Return the derivatives of the residuals (rows, parameters)."""
+        steep = residual_slopes(self._problem, torques, self._masks)
+        return residual_changes(steep, self._slopes).T
+
+    def _design(self, slopes: FloatArray, index: int) -> FloatArray:
+        """Return the derivatives by the others, then by this one in every trial."""
+        own = np.zeros((len(slopes), len(self.trials)))
+        own[np.arange(len(slopes)), self._rows] = slopes[:, index]
+        return np.concatenate([np.delete(slopes, index, axis=1), own], axis=1)
+
+    def _priors(self, index: int) -> FloatArray:
+        """Return the inverse deviations of the priors, without values of one trial."""
+        known = np.delete(self._prior, index)
+        return np.concatenate([known, np.zeros(len(self.trials))])
+
+    def _off(self, place: FloatArray, index: int) -> FloatArray:
+        """Return the residuals of the priors (unknowns,)."""
+        start = np.delete(self._x, index)
+        at = np.concatenate([start, np.zeros(len(self.trials))]) + place
+        return -self._priors(index) * at
+
+    def _cost(self, error: FloatArray, place: FloatArray, index: int) -> float:
+        off = self._off(place, index)
+        return float(error @ error + off @ off)
+
+    def _solve(
+        self,
+        design: FloatArray,
+        error: FloatArray,
+        place: FloatArray,
+        index: int,
+        damping: float = 0.0,
+    ) -> FloatArray:
+        """Return the Gauss-Newton step of the unknowns."""
+        known = self._priors(index)
+        square = design.T @ design + np.diag(known**2)
+        slope = design.T @ error - known * self._off(place, index)
+        size = np.sqrt(np.diag(square))
+        size[size == 0.0] = 1.0
+        scaled = square / np.outer(size, size)
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
+        step: FloatArray = -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
+        return step
+
+    def _simulated(self, place: FloatArray, index: int) -> list[FloatArray]:
+        """Return the torques of the visible records, each with its trial's value."""
+        shared = np.insert(place[: self._x.size - 1], index, 0.0)
+        found = []
+        for trial, own in enumerate(place[self._x.size - 1 :]):
+            at = self._x + shared
+            at[index] += own
+            chosen = [
+                k for k, p in zip(self._seen, self._place, strict=True) if p == trial
+            ]
+            found += list(zip(chosen, self._problem.torques(at, chosen), strict=True))
+        return [torque for _, torque in sorted(found, key=lambda each: each[0])]

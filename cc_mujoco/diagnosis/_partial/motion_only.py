@@ -1,0 +1,308 @@
+"""Dead zone, lag and ratio of a joint behind its motor, where no torque is known.
+
+Robots that only command and measure positions show how the joint follows. With the
+motor angle in turns of the joint u, the joint angle is
+
+    q(t) = (1 + c) mean_k P[u; h (1 + k g)](t - d) + constant of the trial
+
+where P is play of half width h, k is -1, 0 and 1, and d the lag. With g = 0 the joint
+sets off at once after a reversal. A larger g spreads that over a range, as a sum of
+play operators does (Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989). A
+loose joint has a dead zone, and so has a cable that stretches against friction: only a
+torque distinguishes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.cable import Parameter
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._partial.measurement_mode import describe_mode
+from cc_mujoco.diagnosis._phrases import (
+    NO_SCENE_PREFIX,
+    format_fitted,
+    format_interval,
+    format_number,
+)
+from cc_mujoco.diagnosis._rig.lowpass import compared_band, low_pass
+from cc_mujoco.diagnosis._rig.replays import shift_signal
+from cc_mujoco.diagnosis._search.acceptance import MAX_EXPLAINED_ERROR, Thresholds
+from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
+from cc_mujoco.diagnosis.effects import follow_with_play
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation._least_squares import (
+    Estimate,
+    Tuned,
+    covariance,
+    differences,
+    estimate,
+    fit,
+)
+from cc_mujoco.native import FloatArray
+
+DEAD_ZONE_TIE = ("backlash", "end_compliance")
+"""Effects that make a dead zone."""
+LAG_TIE = ("sensor_delay", "viscous_friction")
+"""Effects that make a lag."""
+MAX_LAG = 0.2
+"""Largest lag that is fitted [s]."""
+_WHAT_TELLS = (
+    "Record a torque at either end, or load the joint with a known spring or weight "
+    "and declare it in [rig], to distinguish the effects."
+)
+MIN_SAMPLES = 100
+"""Samples that must count."""
+_RANGE_OVER_PLAY = 3.0
+"""Range of motion, over a first estimate of the play, from which samples count: before,
+where the joint lies within its play is not known."""
+_PARAMETERS = (
+    Parameter("dead_zone", "rad", "range within which the joint does not follow", 0.0),
+    Parameter("dead_zone_spread", "1", "range over which it sets off", 0.0, 1.0),
+    Parameter("lag", "s", "time by which the joint follows late", -MAX_LAG, MAX_LAG),
+    Parameter("ratio_change", "1", "deviation of the ratio from that of the pulleys"),
+)
+
+
+class _Stretch(NamedTuple):
+    """Continuous part of a trial.
+
+    Attributes:
+        trial: number of its trial.
+        motor: angle in turns of the joint (samples,) [rad].
+        joint: angle (samples,) [rad].
+        step: time between samples [s].
+        counts: samples that are compared.
+    """
+
+    trial: int
+    motor: FloatArray
+    joint: FloatArray
+    step: float
+    counts: NDArray[np.bool_]
+
+
+def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
+    """Return how the joint follows the motor, and what these data cannot tell.
+
+    Args:
+        dataset: trials without any torque.
+        bench: rig as the scene has it, of which only the ratio counts.
+
+    Raises:
+        CableError: other joints move the cables, or the motor hardly moves.
+    """
+    if bench.led:
+        raise CableError(
+            f"scene {bench.path} has a cable whose path its joint moves, which takes a "
+            "torque to diagnose; record one, or declare a load in [rig]"
+        )
+    limits = Thresholds()
+    noise = _noise(dataset, bench)
+    stretches = _stretches(dataset, bench)
+    start = _start(stretches)
+    stretches = [_counted(each, start[0]) for each in stretches]
+    if sum(int(each.counts.sum()) for each in stretches) < MIN_SAMPLES:
+        raise CableError(
+            f"in {dataset.path or 'these trials'} the motor moves less than "
+            f"{_RANGE_OVER_PLAY:g} times the dead zone of the joint, about "
+            f"{start[0]:.2g} rad; record larger motions"
+        )
+    # A clock is off by half a sample, which is no lag.
+    clock = 0.5 * max(each.step for each in stretches)
+    speed = _rms([np.gradient(s.motor, s.step) for s in stretches])
+    size = _rms([s.motor - float(np.mean(s.motor)) for s in stretches])
+    scales = (noise, 0.1, noise / max(speed, 1e-9), noise / max(size, 1e-9))
+    free = tuple(
+        Tuned(p, 0.0, scale, p.low / scale, p.high / scale)
+        for p, scale in zip(_PARAMETERS, scales, strict=True)
+    )
+
+    def residuals(x: FloatArray) -> list[FloatArray]:
+        values = [p.value(place) for p, place in zip(free, x, strict=True)]
+        return [each / noise for each in _errors(stretches, values)]
+
+    def residual(x: FloatArray) -> FloatArray:
+        return np.concatenate(residuals(x))
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        steps = {k: 0.5 if x[k] + 0.5 < free[k].high else -0.5 for k in range(x.size)}
+        columns = differences(lambda there: [residual(there)], x, steps, [residual(x)])
+        return np.array([columns[k][0] for k in range(x.size)]).T
+
+    begin = np.array(start) / scales
+    best = min(
+        (
+            fit(residual, jacobian, free, begin * keep, tolerance=1e-4)
+            for keep in ([1, 0, 1, 1], [0, 0, 1, 1], [1, 0, 0, 1])
+        ),
+        key=lambda found: found.cost,
+    )
+    rigid = fit(
+        lambda x: residual(np.array([0.0, 0.0, 0.0, x[0]])),
+        lambda x: jacobian(np.array([0.0, 0.0, 0.0, x[0]]))[:, 3:],
+        free[3:],
+        [start[3] / scales[3]],
+    )
+    spread = np.sqrt(np.diag(covariance(jacobian(best.x), residuals(best.x))))
+    values = {
+        p.name: estimate(p, place, deviation)
+        for p, place, deviation in zip(
+            free, best.x.tolist(), spread.tolist(), strict=True
+        )
+    }
+    samples = residual(best.x).size
+    before, after = (np.sqrt(2.0 * f.cost / samples).item() for f in (rigid, best))
+    zone, lag = values["dead_zone"], values["lag"]
+    stands = zone.ci95[0] > noise
+    late = min(lag.ci95) > clock or max(lag.ci95) < -clock
+    ties = tuple(
+        tie for tie, sure in ((DEAD_ZONE_TIE, stands), (LAG_TIE, late)) if sure
+    )
+    kind: Verdict = "tie" if ties else "unknown"
+    if before <= limits.misfit:
+        kind, ties = "none", ()
+    return Diagnosis(
+        kind,
+        _statement(kind, values, (stands, late), before, after),
+        ties=ties,
+        baseline=Baseline(values, ()),
+        remaining=after,
+        instruments=describe_mode(dataset.instruments),
+        problems=(f"{NO_SCENE_PREFIX}: no torque shows what is in the cables.",),
+        question=_WHAT_TELLS if ties else "",
+    )
+
+
+def _noise(dataset: Dataset, bench: Bench) -> float:
+    """Return the noise of the difference of both angles, as compared [rad]."""
+    rate = float(min(trial.rate for trial in dataset.trials))
+    passed = min(1.0, 2.0 * compared_band(rate) / rate)
+    joint, motor = (
+        dataset.noise[name].deviation if name in dataset.noise else 0.0
+        for name in (JOINT_ANGLE, MOTOR_ANGLE)
+    )
+    ratio = bench.motor_radius / bench.joint_radius
+    whole: float = np.hypot(joint, ratio * motor).item()
+    return max(whole * math.sqrt(passed), 1e-9)
+
+
+def _stretches(dataset: Dataset, bench: Bench) -> list[_Stretch]:
+    ratio = bench.motor_radius / bench.joint_radius
+    found = []
+    for place, trial in enumerate(dataset.trials):
+        band = compared_band(trial.rate)
+        for part in trial.segments:
+            angles = np.array([trial.motor_angle[part], trial.joint_angle[part]])
+            motor, joint = low_pass(angles, band, trial.rate)
+            counts = np.ones(motor.size, dtype=bool)
+            turned = bench.turned(joint)
+            found.append(_Stretch(place, ratio * motor, turned, trial.step, counts))
+    return found
+
+
+def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
+    """Return a first estimate: dead zone, spread, lag and change of the ratio."""
+    rows, wanted = [], []
+    for own in stretches:
+        speed = np.gradient(own.motor, own.step)
+        moves = np.abs(speed) > 0.2 * np.sqrt(np.mean(speed**2))
+        columns = np.array([-0.5 * np.sign(speed), -speed, own.motor])[:, moves]
+        rows.append(columns - columns.mean(axis=1, keepdims=True))
+        gap = (own.joint - own.motor)[moves]
+        wanted.append(gap - gap.mean())
+    zone, lag, change = np.linalg.lstsq(
+        np.concatenate(rows, axis=1).T, np.concatenate(wanted), rcond=1e-9
+    )[0].tolist()
+    return max(zone, 0.0), 0.0, min(max(lag, -MAX_LAG), MAX_LAG), change
+
+
+def _counted(stretch: _Stretch, play: float) -> _Stretch:
+    """Return the same, from where the motor has moved well beyond the play.
+
+    What it did before the stretch is not known, and the joint follows late.
+    """
+    motor = stretch.motor
+    reach = np.maximum.accumulate(motor) - np.minimum.accumulate(motor)
+    counts = reach > _RANGE_OVER_PLAY * play
+    counts[: round(MAX_LAG / stretch.step)] = False
+    return stretch._replace(counts=counts)
+
+
+def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[FloatArray]:
+    """Return measured minus modelled angle of the samples that count [rad]."""
+    zone, spread, lag, change = values
+    errors = []
+    for own in stretches:
+        late = shift_signal(own.motor, -lag / own.step)
+        widths = [0.5 * zone * (1.0 + k * spread) for k in (-1.0, 0.0, 1.0)]
+        followed = np.mean([follow_with_play(late, width) for width in widths], axis=0)
+        errors.append((own.joint - (1.0 + change) * followed)[own.counts])
+    found = []
+    for own, error in zip(stretches, errors, strict=True):
+        own_errors = [
+            e for s, e in zip(stretches, errors, strict=True) if s.trial == own.trial
+        ]
+        whole = np.concatenate(own_errors)
+        found.append(error - whole.mean() if whole.size else error)
+    return found
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _statement(
+    kind: Verdict,
+    values: dict[str, Estimate],
+    sure: tuple[bool, bool],
+    before: float,
+    after: float,
+) -> str:
+    """Return the finding as a few sentences."""
+    zone, lag, spread = (values[n] for n in ("dead_zone", "lag", "dead_zone_spread"))
+    off = f"The joint is {format_number(before)} times the noise off a rigid drive"
+    if kind == "none":
+        return f"{off}: these data show neither a dead zone nor a lag."
+    stands, late = sure
+    found = []
+    if stands:
+        found.append(
+            f"a dead zone of {format_fitted(zone)} rad (95 %: {format_interval(zone)})"
+        )
+    if late:
+        found.append(f"a lag of {format_fitted(lag)} s (95 %: {format_interval(lag)})")
+    if not found:
+        return (
+            f"{off}, and neither a dead zone nor a lag explains it; "
+            f"{format_number(after)} times the noise is left."
+        )
+    text = f"{off}. It has {' and '.join(found)}; with that {format_number(after)} "
+    text += "times the noise is left."
+    if stands:
+        if spread.ci95[1] < 0.5:
+            text += " After a reversal the joint sets off at once."
+        elif spread.ci95[0] > 0.5:
+            text += (
+                " After a reversal the joint sets off gradually, which a loose joint "
+                "alone does not."
+            )
+        text += (
+            " Without a torque or a known load, play cannot be distinguished from a "
+            "cable that stretches against friction."
+        )
+    if late:
+        text += (
+            " A late sensor cannot be distinguished from friction that grows with "
+            "speed."
+        )
+    if after > MAX_EXPLAINED_ERROR:
+        text += " Something else moves the joint as well."
+    return text

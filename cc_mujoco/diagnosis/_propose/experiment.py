@@ -1,0 +1,450 @@
+"""Choice of the next experiment, in which two rivals no longer look the same."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.diagnosis._fit.fitting import Problem, huber_residual
+from cc_mujoco.diagnosis._fit.folds import CrossValidation
+from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives, jacobian
+from cc_mujoco.diagnosis._phrases import format_number
+from cc_mujoco.diagnosis._rig.motions import (
+    MOTION_STEP,
+    CataloguedTrial,
+    motions,
+    trial_table,
+)
+from cc_mujoco.diagnosis._rig.occasions import occasions_of
+from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._search.acceptance import (
+    FORM_ERROR_SHARE,
+    Thresholds,
+    tie_reason,
+)
+from cc_mujoco.diagnosis._verdict import NextExperiment
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.native import FloatArray
+
+DECISIVE_SIGMAS = 5.0
+"""Difference over its standard deviation, by noise and form, that settles it."""
+MIN_MOTION_CORRELATION = 0.9
+"""Correlation with a motion from which on a trial is one of it."""
+
+
+def catalogue(problem: Problem) -> list[CataloguedTrial]:
+    """Return trials within the speeds and tensions of the data, and one beyond."""
+    records = problem.plant.records
+    swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
+    rate = max(
+        float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
+        for r in records
+    )
+    plant = problem.plant
+    return motions(plant.bench, swing, rate, instruments=plant.instruments)
+
+
+class Rivals(NamedTuple):
+    """Two effects that the data do not distinguish.
+
+    Attributes:
+        ids: of the effects.
+        before: the model without either.
+        models: with either.
+        confused: whether they are easily confused.
+    """
+
+    ids: tuple[str, str]
+    before: CrossValidation
+    models: tuple[CrossValidation, CrossValidation]
+    confused: bool
+
+    @property
+    def fitted(self) -> list[tuple[Problem, FloatArray]]:
+        """The two models and where they were fitted, weighted by their own errors.
+
+        By the errors of the model before, old and new data would count for as little
+        as while neither effect was known.
+        """
+        found = []
+        for model in self.models:
+            x = np.mean([fit.x for fit in model.fits], axis=0)
+            masks = [record.free for record in model.problem.plant.records]
+            found.append((model.problem.with_updated_floor(x, masks), x))
+        return found
+
+
+class Proposal(NamedTuple):
+    """Trial to record, and what it is for."""
+
+    experiment: NextExperiment
+    motion: CataloguedTrial
+
+
+def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
+    """Return the trial that distinguishes two fitted rivals, or None.
+
+    If one of them were true, the other would be fitted again, to the old data and the
+    new; the difference that counts is what would be left then. A difference that comes
+    from friction, say, which the two estimate differently, settles nothing; nor does
+    one that is no more than effects are off by in their form. A trial is proposed only
+    if it is clearly no chance, if the rule that found the tie would find none with it,
+    and if the data have no such trial yet. Where no trial settles the tie whichever
+    effect is true, one is proposed that does if it is the effect that fits better now.
+    """
+    fitted = rivals.fitted
+    problem = fitted[0][0]
+    noise = _row_medians(problem.noise)
+    floor = _row_medians(
+        rivals.before.problem.floor
+    )  # by which held-out errors are divided
+    known = [
+        jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
+    ]
+    best: tuple[tuple[bool, bool, float], Proposal] | None = None
+    trial = next_trial_name(problem.plant.records)
+    better, worse = np.argsort([model.held_out_mse for model in rivals.models])
+    every = catalogue(problem)
+    done = recorded(every, problem.plant.bench, problem.plant.records)
+    for motion in every:
+        if motion.description in done:
+            continue
+        record = as_record(problem, motion)
+        shown = [
+            other.plant.limited([record]).simulate(other.values(x), other.effects)[0]
+            for other, x in fitted
+        ]
+        difference = (shown[0] - shown[1]) / noise
+        without = _without_effects(fitted, rivals.ids, record)
+        unsure = form_error(shown, without, noise)
+        lefts = [
+            refit_difference(
+                other, x, replace(record, measured=torque), noise, old, difference
+            )
+            for (other, x), torque, old in zip(fitted, shown, known, strict=True)
+        ]
+        share = noise / floor
+        made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
+        left = min(lefts, key=np.linalg.norm)
+        weight = min(other.weight for other, _ in fitted)
+        score = weight * float(np.linalg.norm(left / np.hypot(1.0, unsure)))
+        if score < DECISIVE_SIGMAS:
+            continue
+        # Where one is true, what is left is of the other one, fitted again.
+        settles = [
+            separates_rivals(
+                rivals, record, true, made[true], share * lefts[1 - true], thresholds
+            )
+            for true in (0, 1)
+        ]
+        # A load cell is put into a cable only where nothing else settles the tie.
+        rank = settles[worse], not motion.load_cell, score
+        if settles[better] and (best is None or rank > best[0]):
+            description = _describe_difference(problem, rivals.ids, shown, left, noise)
+            if not settles[worse]:
+                names = [EFFECTS[rivals.ids[each]].title for each in (better, worse)]
+                description += (
+                    f"; it settles the tie if it is {names[0]}, which fits better now, "
+                    f"and need not if it is {names[1]}"
+                )
+            tension = record.pretension or 0.0
+            experiment = NextExperiment(
+                motion.description,
+                rivals.ids,
+                description,
+                trial,
+                tuple(trial_table(trial, motion, tension, record.occasion)),
+            )
+            best = rank, Proposal(experiment, motion)
+    return best[1] if best else None
+
+
+def next_trial_name(records: Sequence[Record]) -> str:
+    """Return a name that no trial has on any occasion."""
+    taken = {record.trial.rsplit("/", 1)[-1] for record in records}
+    names = (f"trial_{k:02d}" for k in itertools.count(1))
+    return next(name for name in names if name not in taken)
+
+
+def _describe_difference(
+    problem: Problem,
+    ids: tuple[str, str],
+    shown: Sequence[FloatArray],
+    left: FloatArray,
+    noise: FloatArray,
+) -> str:
+    """Return by how much two models differ on a trial, in words."""
+    sizes = np.sqrt(np.mean(left**2, axis=1))
+    row = int(np.argmax(sizes))
+    most = int(np.argmax(np.abs(left[row])))
+    channel = problem.plant.instruments.channels[row]
+    return (
+        f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} N m RMS even when all "
+        f"else is tuned, {format_number(sizes[row])} times the noise; at "
+        f"{most * MOTION_STEP:.1f} s {EFFECTS[ids[0]].title} gives "
+        f"{shown[0][row, most]:.3g} N m and {EFFECTS[ids[1]].title} "
+        f"{shown[1][row, most]:.3g} N m"
+    )
+
+
+def recorded(
+    every: Sequence[CataloguedTrial], bench: Bench, records: Sequence[Record]
+) -> set[str]:
+    """Return the descriptions of motions of which the data have a trial.
+
+    That is, one whose notes name the motion, or one of the same pretension, tilt,
+    weights and sensors whose motor and joint move as far, and whose motor follows the
+    motion, begun at any time. With the cables off it is enough that the joint moves
+    half as far. Of several it is the one by which the joint lags as much.
+
+    Args:
+        every: motion of the catalogue.
+        bench: the rig.
+        records: of the data.
+    """
+    known = [r.pretension for r in records if r.pretension]
+    usual = float(np.median(known)) if known else 1.0
+
+    def lag(motor: FloatArray, joint: FloatArray) -> float:
+        return float(np.ptp(bench.carried(motor) - joint))
+
+    found = set()
+    for record in records:
+        if any(record.notes == motion.description for motion in every):
+            found.add(record.notes)  # as proposed or planned, however well followed
+            continue
+        tension = usual if record.pretension is None else record.pretension
+        own = lag(record.motor_angle, record.joint_angle)
+        matching = [
+            m for m in every if _matches_motion(m, bench, record, tension / usual)
+        ]
+        if matching:
+            nearest = min(matching, key=lambda m: abs(lag(m.motor, m.joint) - own))
+            found.add(nearest.description)
+    return found
+
+
+def _matches_motion(
+    motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
+) -> bool:
+    """Return whether a record may be one of a motion.
+
+    Args:
+        motion: of the catalogue.
+        bench: the rig.
+        record: of the data.
+        pretension: of it, over the usual one of the data.
+    """
+    if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
+        return False
+    if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
+        return False
+    if record.load_cell != motion.cell_on(bench, record.pretension):
+        return False
+    weights = zip(record.known_torques, motion.known_torques, strict=True)
+    if any((own != 0.0) != (other != 0.0) for own, other in weights):
+        return False
+    spans = [
+        (float(np.ptp(there)), float(np.ptp(here)))
+        for there, here in (
+            (record.motor_angle, motion.motor),
+            (record.joint_angle, motion.joint),
+        )
+    ]
+    if motion.pretension == 0.0:  # moved by hand
+        return spans[1][0] > 0.5 * spans[1][1]
+    largest = max(max(pair) for pair in spans)
+    if any(abs(a - b) > 0.2 * max(a, b) + 0.02 * largest for a, b in spans):
+        return False
+    known = record.dt * np.arange(record.motor_angle.size)
+    there = np.interp(np.arange(0.0, known[-1], MOTION_STEP), known, record.motor_angle)
+    there = there - there.mean()
+    motor = motion.motor - motion.motor.mean()
+    size = there.size + motor.size
+    product = np.fft.rfft(there, size) * np.conj(np.fft.rfft(motor, size))
+    most = float(np.max(np.fft.irfft(product, size)))
+    norm = float(np.linalg.norm(there) * np.linalg.norm(motor))
+    return norm == 0.0 or most > MIN_MOTION_CORRELATION * norm
+
+
+def separates_rivals(
+    rivals: Rivals,
+    record: Record,
+    true: int,
+    made: FloatArray,
+    left: FloatArray,
+    thresholds: Thresholds,
+) -> bool:
+    """Return whether two effects would be in no tie with a trial more.
+
+    Args:
+        rivals: the tie.
+        record: the trial.
+        true: index of the effect that is true.
+        made: (rows, samples) what it changes there, over the floor.
+        left: (rows, samples) what the other one, fitted again, is off by there.
+        thresholds: of decisions.
+    """
+    model, other = rivals.models[true], rivals.models[1 - true]
+    names = rivals.ids[true], rivals.ids[1 - true]
+    before = _with_trial(rivals.before, record, made)
+    better = _with_trial(model, record, np.zeros_like(left))
+    worse = _with_trial(other, record, left)
+    return not tie_reason(before, better, worse, names, rivals.confused, thresholds)
+
+
+def _with_trial(
+    crossed: CrossValidation, record: Record, error: FloatArray
+) -> CrossValidation:
+    """Return the same with one trial more, of which a model is off by this, and noise.
+
+    Args:
+        crossed: held-out errors.
+        record: the trial.
+        error: (rows, samples) over the floor.
+    """
+    problem = crossed.problem
+    base = problem.plant.records[0]
+    times = max(1, round(record.dt / base.dt))
+    floor, noise = (
+        np.repeat(_row_medians(each), times * record.time.size, axis=1)
+        for each in (problem.floor, problem.noise)
+    )
+    more = replace(record, dt=base.dt, group=record.trial)
+    wider = replace(
+        problem,
+        plant=problem.plant.limited([*problem.plant.records, more]),
+        floor=(*problem.floor, floor),
+        noise=(*problem.noise, noise),
+        slopes=TorqueDerivatives(),
+    )
+    off = np.hypot(huber_residual(np.repeat(error, times, axis=1)), noise / floor)
+    return crossed._replace(problem=wider, errors=(*crossed.errors, off))
+
+
+def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
+    """Return the median of every row of (rows, samples) of all records (rows, 1)."""
+    found: FloatArray = np.median(np.concatenate(each, axis=1), axis=1)[:, None]
+    return found
+
+
+def _without_effects(
+    fitted: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str], record: Record
+) -> list[FloatArray]:
+    """Return the torques (rows, samples) of each model without its effect [N m]."""
+    found = []
+    for (problem, x), name in zip(fitted, ids, strict=True):
+        rest = [effect for effect in problem.effects if effect != name]
+        found.append(
+            problem.plant.limited([record]).simulate(problem.values(x), rest)[0]
+        )
+    return found
+
+
+def form_error(
+    shown: Sequence[FloatArray], without: Sequence[FloatArray], noise: FloatArray
+) -> FloatArray:
+    """Compute the model-form error of an effect, relative to the noise (rows, 1).
+
+    Args:
+        shown: what each model says of a trial (rows, samples) [N m].
+        without: the same without the effect.
+        noise: (rows, 1) of the torques [N m].
+    """
+    sizes = [
+        np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
+        for torque, rest in zip(shown, without, strict=True)
+    ]
+    found: FloatArray = np.sqrt(FORM_ERROR_SHARE * np.min(sizes, axis=0))
+    return found
+
+
+def refit_difference(
+    problem: Problem,
+    x: FloatArray,
+    record: Record,
+    noise: FloatArray,
+    known: FloatArray,
+    difference: FloatArray,
+) -> FloatArray:
+    """Compute the rest of a difference after a refit of a model (2, samples).
+
+    Parameters stay within their bounds, as they do in fits.
+
+    Args:
+        problem: the model.
+        x: where it was fitted.
+        record: the new trial, with what the model says of it as measured.
+        noise: (2, 1) of the torques [N m].
+        known: (residuals, parameters) Jacobian on the data there are, and priors.
+        difference: (2, samples) of the signals, relative to the noise.
+    """
+    from scipy.optimize import lsq_linear
+
+    wide = (np.broadcast_to(noise, difference.shape),)
+    new = replace(
+        problem,
+        plant=problem.plant.limited([record]),
+        noise=wide,
+        floor=wide,
+        slopes=TorqueDerivatives(),
+    )
+    every = [np.ones(record.counts.size, dtype=bool)]
+    slopes = jacobian(new, x, every)[: difference.size]
+    wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])
+    low, high = (
+        np.array([getattr(parameter, side) for parameter in problem.tuned])
+        for side in ("low", "high")
+    )
+    moves = np.flatnonzero(high > low)
+    table = np.concatenate([slopes, known])[:, moves]
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    axes, short = np.linalg.qr(table / size)
+    margins = np.minimum(low - x, 0.0)[moves], np.maximum(high - x, 0.0)[moves]
+    bounds = tuple(side * size for side in (margins[0] - 1e-9, margins[1] + 1e-9))
+    change = np.zeros(x.size)
+    change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
+    left: FloatArray = (
+        difference - (slopes @ change).reshape(difference.shape) / problem.weight
+    )
+    return left
+
+
+def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
+    """Return a motion as a record of the last occasion of the data."""
+    records = problem.plant.records
+    last = occasions_of(records)[-1]  # on which it is recorded
+    records = tuple(each for each in records if each.occasion == last)
+    base = next((each for each in records if not each.unhooked), records[0])
+    size = min(motion.motor.size, motion.joint.size)
+    tension = base.pretension
+    if tension is None:
+        tension = problem.plant.bench.cables[0].pretension
+    return replace(
+        base,
+        trial="next",
+        dt=MOTION_STEP,
+        time=np.arange(size, dtype=np.float64) * MOTION_STEP,
+        motor_angle=motion.motor[:size],
+        joint_angle=motion.joint[:size],
+        read=np.array([motion.motor[:size], motion.joint[:size]]),
+        measured=np.zeros((len(base.measured), size)),
+        counts=np.ones(size, dtype=bool),
+        pretension=tension * motion.pretension,
+        start=0.0,
+        tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
+        load_cell=motion.cell_on(problem.plant.bench, tension * motion.pretension),
+        notes="",
+        path=None,
+        columns={
+            name: np.full(size, np.mean(values))
+            for name, values in base.columns.items()
+        },
+    )

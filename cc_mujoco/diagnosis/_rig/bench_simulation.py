@@ -1,0 +1,616 @@
+"""Simulation of the rig: baseline parameters, effects and sensor readings.
+
+Both angles of a record go in, both torques come out. The baseline holds everything a
+careful experimenter tunes before blaming physics: friction (times wrap), stiffness,
+pretension, the balance of two cables, offsets, the clocks' offset and, where the rig's
+file says they are uncertain, the pulleys.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from cc_mujoco.cable import PARAMETERS, Cable, Parameter
+from cc_mujoco.datasets._angle_pairs import RATIO_KEY
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis._rig.library import Library, available_effects
+from cc_mujoco.diagnosis._rig.load_trials import (
+    load_parameters,
+    load_torque,
+    load_values,
+)
+from cc_mujoco.diagnosis._rig.lowpass import low_pass
+from cc_mujoco.diagnosis._rig.occasions import change_parameters, values_on
+from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._rig.replays import Setting, cached_replay, shift_signal
+from cc_mujoco.diagnosis.effects import (
+    EFFECTS,
+    JOINT_DELAY,
+    USUAL_CONDITIONS,
+    WIND_UP_BOUNDS,
+    EffectParameter,
+    RigGeometry,
+    Signals,
+    TrialConditions,
+    acceleration,
+    dry_friction,
+)
+from cc_mujoco.estimation._least_squares import Tuned, in_threads
+from cc_mujoco.native import FloatArray
+
+Values = Mapping[str, float]
+
+PRETENSION_DEVIATION = 0.1
+"""Relative standard deviation of a pretension that is not measured."""
+GUESSED_PRETENSION_DEVIATION = 1.0
+"""Relative standard deviation of a pretension that is estimated from the data."""
+MAX_FITTED_STIFFNESS = 0.9 * max(
+    p.high for p in PARAMETERS if p.name == "axial_stiffness"
+)
+"""Largest axial stiffness that is fitted, below the limit of a cable [N]."""
+MAX_FITTED_PRETENSION = 0.9 * max(p.high for p in PARAMETERS if p.name == "pretension")
+"""Largest pretension that is fitted, below the limit of a cable [N]."""
+_WIND_UP = 1e-3
+"""Turn of a motor over which its friction builds up, where a fit starts [rad]."""
+TORQUE_OFFSETS = ("motor_torque_offset", "joint_torque_offset")
+"""Parameters for the readings of the torque sensors at zero torque [N m]."""
+TORQUE_DELAYS = ("motor_torque_late", "joint_torque_late")
+CLOCK_PARAMETERS = ("clock_offset", *TORQUE_DELAYS)
+"""Parameters for the lead of the joint angle over the motor's and torque delays [s].
+
+Their prior deviation is half a sample and their bound one sample. A larger delay is an
+effect.
+"""
+OFFSET_DEVIATION = 0.01
+"""Standard deviation of a torque sensor's offset, over the RMS of its readings.
+
+The offset is bounded by two deviations. A larger one is an effect.
+"""
+RATIO_DEVIATION = 0.003
+"""Relative standard deviation of the ratio of two pulleys of nominal size."""
+COARSENING = 8
+"""Factor by which segments and steps of a simulation are reduced for differences."""
+MIN_SEGMENTS = 8
+"""Least segments per cable of a simulation."""
+MIN_FITTED_FRICTION = 1e-3
+"""Smallest coefficient of friction from which a fit starts."""
+MAX_FITTED_FRICTION = 3.5
+"""Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
+BALANCE_DEVIATION = 0.03
+"""Standard deviation of the difference of two cables' friction, relative."""
+
+BASELINE: dict[str, Parameter] = {
+    parameter.name: parameter
+    for parameter in (
+        *(
+            replace(p, scale="log")
+            for p in PARAMETERS
+            if p.name in ("friction", "axial_stiffness", "pretension")
+        ),
+        Parameter(
+            TORQUE_OFFSETS[0], "N m", "reading of the motor torque sensor at no torque"
+        ),
+        Parameter(
+            TORQUE_OFFSETS[1], "N m", "reading of the joint torque sensor at no torque"
+        ),
+        Parameter("joint_angle_offset", "rad", "joint angle where the motor is at 0"),
+        Parameter(
+            CLOCK_PARAMETERS[0], "s", "lead of the joint's angle over the motor's"
+        ),
+        Parameter(TORQUE_DELAYS[0], "s", "delay of the motor torque sensor"),
+        Parameter(TORQUE_DELAYS[1], "s", "delay of the joint torque sensor"),
+        Parameter("friction_balance", "1", "difference of two cables' friction"),
+        Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
+        Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
+        Parameter("motor_friction", "N m", "dry friction of the motor"),
+        Parameter(
+            "motor_wind_up",
+            "rad",
+            "turn of the motor over which its dry friction builds up",
+            scale="log",
+        ),
+        Parameter("motor_damping", "N m s/rad", "viscous friction of the motor"),
+        Parameter("torque_constant", "N m/A", "torque per current", scale="log"),
+    )
+}
+"""Parameters of the baseline by name.
+
+Their bounds depend on the data, see `baseline_parameters`.
+"""
+
+
+def baseline_parameters(
+    bench: Bench,
+    records: Sequence[Record],
+    constants: Mapping[str, Constant],
+    instruments: Instruments = TORQUE_SENSORS,
+    guessed: Collection[str] = (),
+) -> tuple[Tuned, ...]:
+    """Return the parameters of the baseline for these data.
+
+    Args:
+        bench: bench with the values of the constants, see `Bench.known`.
+        records: records to explain.
+        constants: constants of the rig's file, for their uncertainties.
+        instruments: instruments that measure the torques.
+        guessed: names of parameters that are estimated from the data.
+    """
+    cable = bench.cables[0]
+    step = records[0].step
+
+    def unsure(name: str, value: float, otherwise: float) -> float:
+        given = constants.get(name, Constant(value)).uncertainty
+        return given / value if given > 0.0 and value > 0.0 else otherwise
+
+    known = unsure(
+        "pretension",
+        cable.pretension,
+        GUESSED_PRETENSION_DEVIATION
+        if "pretension" in guessed
+        else PRETENSION_DEVIATION,
+    )
+    wide = math.log(100.0)
+    stiffest = min(wide, math.log(MAX_FITTED_STIFFNESS / cable.axial_stiffness))
+    whole = np.concatenate([record.measured for record in records], axis=1)
+    rms = dict(zip(instruments.rows, np.std(whole, axis=1).tolist(), strict=True))
+    # A load by its motion has no sensor that could be off or late.
+    sensors = [k for k in instruments.rows if instruments[k] != "known load"]
+    centre = _angle_offset(bench, records)
+    friction = max(cable.friction, MIN_FITTED_FRICTION)
+    most = max(0.0, math.log(MAX_FITTED_FRICTION / friction))
+    least = min(-wide, math.log(MIN_FITTED_FRICTION / friction))
+    found = [
+        Tuned(BASELINE[name], value, 1.0, low, high, unsure(name, value, math.inf))
+        for name, value, low, high in (
+            ("friction", friction, least, most),
+            ("axial_stiffness", cable.axial_stiffness, -wide, stiffest),
+        )
+    ]
+    tautest = math.log(MAX_FITTED_PRETENSION / max(cable.pretension, 1e-9)) / known
+    found += [
+        Tuned(
+            BASELINE["pretension"],
+            cable.pretension,
+            known,
+            -10.0,
+            min(10.0, tautest),
+            1.0,
+        ),
+        *(
+            Tuned(BASELINE[TORQUE_OFFSETS[k]], 0.0, size, -2.0, 2.0, 1.0)
+            for k in sensors
+            for size in [max(OFFSET_DEVIATION * rms[k], 1e-6)]
+        ),
+        *(
+            [Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3)]
+            if not bench.ends_held
+            else []
+        ),
+        *(
+            Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5)
+            for name in ("clock_offset", *(TORQUE_DELAYS[k] for k in sensors))
+            if name != "clock_offset" or not bench.ends_held
+        ),
+    ]
+    if len(bench.cables) == 2:
+        found.append(
+            Tuned(
+                BASELINE["friction_balance"], 0.0, BALANCE_DEVIATION, -10.0, 10.0, 1.0
+            )
+        )
+    # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
+    # Where the path is the arm at the joint it is the motor's.
+    for name, given, otherwise in (
+        ("motor_radius", bench.motor_radius, RATIO_DEVIATION if bench.tied else 0.0),
+        ("joint_radius", bench.joint_radius, 0.0 if bench.tied else RATIO_DEVIATION),
+    ):
+        relative = unsure(name, given, 0.0 if bench.ends_held else otherwise)
+        if name == "joint_radius" and RATIO_KEY in constants:
+            pairs = constants[RATIO_KEY]
+            relative = max(relative, pairs.uncertainty / pairs.value)
+        if relative > 0.0:
+            found.append(Tuned(BASELINE[name], given, relative, -10.0, 10.0, 1.0))
+    if instruments.motor == "motor current":
+        found += _motor_parameters(records, constants, rms[0])
+    if instruments.joint == "known load":
+        found += load_parameters(constants)
+    found += change_parameters(found, records, lambda own: _angle_offset(bench, own))
+    return tuple(found)
+
+
+def _motor_parameters(
+    records: Sequence[Record], constants: Mapping[str, Constant], rms: float
+) -> list[Tuned]:
+    """Return the parameters of the motor's own friction, for a torque by current."""
+    speed = _top_speed(records)
+    found = [
+        Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
+        Tuned(
+            BASELINE["motor_wind_up"],
+            _WIND_UP,
+            1.0,
+            math.log(WIND_UP_BOUNDS[0] / _WIND_UP),
+            math.log(WIND_UP_BOUNDS[1] / _WIND_UP),
+            2.0,
+        ),
+        Tuned(BASELINE["motor_damping"], 0.0, 0.1 * rms / speed, 0.0, 100.0),
+    ]
+    known = constants["torque_constant"]
+    if known.uncertainty > 0.0:
+        size = known.uncertainty / known.value
+        found.append(
+            Tuned(BASELINE["torque_constant"], known.value, size, -10.0, 10.0, 1.0)
+        )
+    return found
+
+
+def _top_speed(records: Sequence[Record]) -> float:
+    """Return the usual top speed of the motor [rad/s]."""
+    speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
+    return max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
+
+
+def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
+    """Estimate the joint angle at which the motor at zero is in balance [rad]."""
+    ratio = bench.motor_radius / bench.joint_radius
+    gaps = [
+        np.median(ratio * r.motor_angle - bench.turned(r.joint_angle, r.path))
+        for r in records
+    ]
+    return float(np.median(gaps))
+
+
+@dataclass(frozen=True)
+class SimulatedRig:
+    """Simulates records.
+
+    Attributes:
+        bench: bench with the nominal radii and cables.
+        records: records to simulate.
+        segments: segments per cable.
+        substeps: simulation steps per sample.
+        instruments: instruments that measure the torques of the records.
+        constants: constants of motor and load in the rig's file.
+        given: values of the scene that the data contradict, by name; the bench has
+            estimates in their place.
+    """
+
+    bench: Bench
+    records: tuple[Record, ...]
+    segments: int
+    substeps: int = 1
+    instruments: Instruments = TORQUE_SENSORS
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    given: Values = field(default_factory=dict)
+
+    @cached_property
+    def library(self) -> Library:
+        """Effects that the instruments can detect."""
+        bench = self.bench
+        return available_effects(
+            len(bench.cables),
+            self.instruments,
+            bench.led,
+            bench.tied,
+            self._columns,
+            self.constants,
+            bench.ends_held,
+        )
+
+    @cached_property
+    def _absent(self) -> dict[str, float]:
+        """Sizes of effects that a rig does not have."""
+        return {
+            parameter.name: 0.0
+            for effect in EFFECTS.values()
+            for parameter in effect.parameters
+            if parameter.linear
+        }
+
+    @property
+    def _columns(self) -> frozenset[str]:
+        """Further columns that every record has."""
+        own = [frozenset(record.columns) for record in self.records]
+        return frozenset.intersection(*own) if own else frozenset()
+
+    def simulate(
+        self,
+        values: Values,
+        effects: Sequence[str] = (),
+        only: Sequence[int] | None = None,
+    ) -> list[FloatArray]:
+        """Return the torques (rows, samples) of every record, as instruments show them.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            only: indices of the records to simulate; default all.
+        """
+        chosen = self.records if only is None else [self.records[k] for k in only]
+        here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
+
+        def circumstances(record: Record) -> tuple[float | None, TrialConditions, str]:
+            own = self.conditions_of(record, effects)
+            return record.pretension, own, record.occasion
+
+        settings = {
+            (pretension, conditions, occasion): self.setting(
+                here[occasion], effects, pretension, conditions
+            )
+            for pretension, conditions, occasion in set(map(circumstances, chosen))
+        }
+        return in_threads(
+            lambda record: self._shown(
+                record, settings[circumstances(record)], here[record.occasion], effects
+            ),
+            chosen,
+        )
+
+    @staticmethod
+    def conditions_of(record: Record, effects: Sequence[str]) -> TrialConditions:
+        """Return the conditions of a record's trial that matter to these effects."""
+        by_trial = any(EFFECTS[name].by_trial for name in effects)
+        return record.conditions if by_trial else USUAL_CONDITIONS
+
+    def slack_share(self, values: Values, effects: Sequence[str], index: int) -> float:
+        """Return the share of a record's samples in which a cable pulls nothing.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            index: of the record; without its cables it is 0.
+        """
+        record = self.records[index]
+        if record.unhooked:
+            return 0.0
+        here = values_on(values, record.occasion)
+        conditions = self.conditions_of(record, effects)
+        setting = self.setting(here, effects, record.pretension, conditions)
+        played = cached_replay(record, setting)
+        loose = np.minimum(played.tension_proximal, played.tension_distal) <= 0.0
+        return float(np.mean(np.any(loose, axis=0)))
+
+    def setting(
+        self,
+        values: Values,
+        effects: Sequence[str],
+        pretension: float | None = None,
+        conditions: TrialConditions = USUAL_CONDITIONS,
+    ) -> Setting:
+        """Return the replay setting of the cables for these values, see `cables`."""
+        radii = self.radii(values)
+        whole = {**self._absent, **values}
+        return Setting(
+            self.cables(values, effects, pretension, conditions),
+            *radii,
+            backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
+            late=values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
+            offset=values.get("joint_angle_offset", 0.0),
+            substeps=self.substeps,
+            lever=self.bench.lever,
+            courses=self.bench.courses(self.segments),
+            share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
+            arm=_moment_arm(
+                [EFFECTS[name].joint_arm for name in effects], whole, self.bench.arm
+            ),
+            motor_arm=_moment_arm([EFFECTS[name].motor_arm for name in effects], whole),
+        )
+
+    def cables(
+        self,
+        values: Values,
+        effects: Sequence[str],
+        pretension: float | None = None,
+        conditions: TrialConditions = USUAL_CONDITIONS,
+    ) -> tuple[Cable, ...]:
+        """Return the cables with these parameter values.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            pretension: of a trial, in place of the scene's [N], scaled equally.
+            conditions: of a trial.
+        """
+        start = self.bench.cables[0].pretension
+        tension = values.get("pretension", start)
+        if pretension is not None and start > 0.0:
+            tension *= pretension / start
+        balance = values.get("friction_balance", 0.0)
+        made = tuple(
+            cable.replace(
+                friction=max(
+                    values.get("friction", cable.friction) * (1.0 + side), 0.0
+                ),
+                axial_stiffness=values.get("axial_stiffness", cable.axial_stiffness),
+                pretension=max(tension, 0.0),
+                segments=max(self.segments, self.bench.min_cable_segments),
+                static_friction=0.0,
+            )
+            for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
+        )
+        rig = RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
+        values = {**self._absent, **values}
+        for name in effects:
+            change = EFFECTS[name].cables
+            if change is not None:
+                made = change(made, values, rig)
+        return made
+
+    def radii(self, values: Values) -> tuple[float, float]:
+        """Return the radii of the motor's and the joint's pulley [m]."""
+        return (
+            values.get("motor_radius", self.bench.motor_radius),
+            values.get("joint_radius", self.bench.joint_radius),
+        )
+
+    def _shown(
+        self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
+    ) -> FloatArray:
+        """Return the readings of torque (rows, samples) of a record."""
+        if record.swapped:
+            values = _swap_sensors(values)
+        shown = self._torques(record, setting, values)
+        values = {**self._absent, **values}
+        for sensor in (False, True):
+            for name in effects:
+                effect = EFFECTS[name]
+                if effect.torques is not None and effect.sensor is sensor:
+                    shown = effect.torques(shown, values)
+        behind = [values.get(name, 0.0) for name in TORQUE_DELAYS]
+        both = np.array(
+            [
+                shift_signal(shown.motor, -behind[0] / record.dt)
+                + values.get(TORQUE_OFFSETS[0], 0.0),
+                shift_signal(shown.joint, -(setting.late + behind[1]) / record.dt)
+                + values.get(TORQUE_OFFSETS[1], 0.0),
+            ]
+        )
+        if (cell := record.load_cell) is not None:  # no torque sensor shows its fault
+            late = setting.late if cell.row else 0.0
+            ends = (shown.tension_proximal, shown.tension_distal)[cell.row]
+            pull = cell.torque(ends[cell.cable])
+            both[cell.row] = shift_signal(pull, -late / record.dt)
+        rows = both[list(self.instruments.rows)]
+        return low_pass(rows, record.band, 1.0 / record.dt)
+
+    def _torques(self, record: Record, setting: Setting, values: Values) -> Signals:
+        """Return both torques before any effect outside the cables.
+
+        The readings were converted to torques by the declared values, so deviations of
+        tuned values are applied relative to these.
+        """
+        played = cached_replay(record, setting)
+        joint_angle, motor, joint = played.joint_angle, played.motor, played.joint
+        known = self.instruments
+        if known.motor == "load cells":
+            motor = self.bench.motor_radius * played.proximal
+        rotor = self.constants.get("rotor_inertia")
+        if rotor is not None and known.motor in ("torque sensor", "motor current"):
+            motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
+        weights = record.known_torques
+        if known.motor in ("torque sensor", "motor current"):
+            motor = motor + weights[0]
+        if known.motor == "motor current":
+            speed = np.gradient(record.motor_angle, record.dt)
+            share = dry_friction(
+                record.motor_angle, values.get("motor_wind_up", _WIND_UP)
+            )
+            motor = (
+                motor
+                + values.get("motor_friction", 0.0) * share
+                + values.get("motor_damping", 0.0) * speed
+            )
+            given = self.constants["torque_constant"].value
+            motor = motor * (given / values.get("torque_constant", given))
+        if known.joint == "load cells":
+            joint = self.bench.joint_radius * played.distal
+        if known.joint == "torque sensor":
+            joint = joint + weights[1]
+        if known.joint == "known load":
+            given_load = load_values(self.constants)
+            here = {k: values.get(k, v) for k, v in given_load.items()}
+            here["load_rest_angle"] = values.get(
+                "load_rest_angle", given_load.get("load_rest_angle", 0.0)
+            )
+            joint = joint - (
+                load_torque(joint_angle, record.dt, here, record.tilt)
+                - load_torque(joint_angle, record.dt, given_load, record.tilt)
+            )
+        time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
+        # A lever has its arm by the joint's own angle, and so have weights and springs.
+        # With pulleys, the offset is the motor's zero as much as the joint's.
+        there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
+        return Signals(
+            record.dt,
+            time,
+            record.motor_angle,
+            there,
+            motor,
+            joint,
+            record.tilt,
+            played.tension_proximal,
+            played.tension_distal,
+            setting.motor_radius,
+            setting.joint_radius,
+            record.conditions,
+            record.columns,
+        )
+
+    def finer(self, segments: int = 1, substeps: int = 1) -> SimulatedRig:
+        """Return the same with more segments or smaller steps, by these factors."""
+        return replace(
+            self, segments=self.segments * segments, substeps=self.substeps * substeps
+        )
+
+    @cached_property
+    def coarse(self) -> SimulatedRig:
+        """Same rig with an eighth of the segments and steps, where it has many.
+
+        Differences of two simulations need no more: most of the numerical error is in
+        both.
+        """
+        segments = max(self.segments // COARSENING, min(self.segments, MIN_SEGMENTS))
+        substeps = max(self.substeps // COARSENING, 1)
+        if (segments, substeps) == (self.segments, self.substeps):
+            return self
+        return replace(self, segments=segments, substeps=substeps)
+
+    def limited(self, records: Sequence[Record]) -> SimulatedRig:
+        """Return the same plant for other records."""
+        return replace(self, records=tuple(records))
+
+
+def _moment_arm(
+    changes: Sequence[Callable[[Values], tuple[float, ...]] | None],
+    values: Values,
+    known: tuple[float, ...] = (),
+) -> tuple[float, ...]:
+    """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
+    found = [np.array(change(values)) for change in changes if change is not None]
+    found.append(np.array(known))
+    size = max((each.size for each in found), default=0)
+    total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
+    return tuple(total.tolist()) if total.any() else ()
+
+
+def _swap_sensors(values: Values) -> dict[str, float]:
+    """Return values by which each torque is read by the other torque's sensor."""
+    motor, joint = "motor_torque_", "joint_torque_"
+    others = {motor: joint, joint: motor}
+    swapped = {}
+    for name, value in values.items():
+        side = next(filter(name.startswith, others), "")
+        swapped[others.get(side, "") + name.removeprefix(side)] = value
+    return swapped
+
+
+def plausible_range(
+    parameter: EffectParameter, plant: SimulatedRig
+) -> tuple[float, float]:
+    """Return the plausible range of a parameter of an effect."""
+    low, high = parameter.plausible
+    if not parameter.of:
+        return low, high
+    records = plant.records
+    if parameter.of == "motor_radius":
+        whole = plant.bench.motor_radius
+    elif parameter.of == "cable":
+        whole = min(c.length / c.axial_stiffness for c in plant.bench.cables)
+    elif parameter.of == "motion":
+        whole = max(float(np.ptp(record.joint_angle)) for record in records)
+    else:
+        torque, _, per_motion = parameter.of.partition(" per ")
+        side = ("motor_torque", "joint_torque").index(torque)
+        row = plant.instruments.rows.index(side)
+        whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
+        if per_motion:
+            half = 0.5 * max(float(np.ptp(record.joint_angle)) for record in records)
+            whole /= max(half, 1e-9)
+    return low * whole, high * whole

@@ -1,0 +1,317 @@
+"""Trials made ready for comparison: one clock, one band, a run-in that does not count.
+
+Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
+played, keep a wider band: friction answers a reversal with a corner, and a corner of
+smoothed angles is not a smoothed corner. Angles then stand still where their noise
+moves less than a few of its deviations: a cable that sticks turns the slightest
+movement of its end into tension, and noise would shake it loose.
+
+What the cable did before a trial is unknown: a short lead-in from rest in pretension
+goes to the first sample, and samples do not count until the motor has moved the whole
+cable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._channels import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    other_angle,
+)
+from cc_mujoco.datasets._coupled_route import RecordedPath
+from cc_mujoco.datasets._load_cells import SingleCell
+from cc_mujoco.datasets._quantization import reconstruct_angle
+from cc_mujoco.datasets._trials import Dataset, Trial
+from cc_mujoco.diagnosis._rig.load_trials import load_noise, load_torque, load_values
+from cc_mujoco.diagnosis._rig.lowpass import compared_band, low_pass
+from cc_mujoco.diagnosis._rig.trial_conditions import trial_conditions
+from cc_mujoco.diagnosis.effects import (
+    USUAL_CONDITIONS,
+    TrialConditions,
+    follow_with_play,
+)
+from cc_mujoco.native import FloatArray
+
+MAX_MOTION_BAND = 60.0
+"""Highest frequency of the angles that are played [Hz]."""
+MIN_KEPT_RATE = 250.0
+"""Least samples per second kept."""
+RAMP_SAMPLES = 20
+"""Samples of either part of a lead-in, see `replays.with_lead_in`."""
+LEAD_SAMPLES = 2 * RAMP_SAMPLES
+"""Samples that lead from rest in the pose 0 to the first sample."""
+RUN_IN_TRAVEL = 3.0
+"""Travel of the motor before samples count, over the travel that winds up the cable."""
+STILL_SIGMAS = 3.0
+"""Movement that counts as none, in deviations of the angle's noise."""
+_MOVING_THRESHOLD = 1.5
+"""Distance of the angle followed either way, over the play, that only motion makes."""
+_TURN_LEVEL = 0.3
+"""Height over the play within which a turn has its level."""
+REST_SPEED_SHARE = 0.03
+"""Share of its usual top speed below which a motor rests."""
+_MAX_FRICTION_WRAP = 100.0
+"""Friction times wrap from which on no motion carries the whole cable along."""
+MIN_RECORD_SAMPLES = 50
+"""Least samples of a stretch that is used."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """One stretch of one trial; arrays have one entry per compared sample.
+
+    A record is equal to itself only, so that what is made of it can be kept.
+    """
+
+    trial: str
+    """Name of the trial."""
+    dt: float
+    """Time between samples [s]."""
+    step: float
+    """Time between samples as recorded [s]."""
+    time: FloatArray
+    """Time of every sample as recorded [s]."""
+    motor_angle: FloatArray
+    """Angle of the motor, without what noise moves [rad]."""
+    joint_angle: FloatArray
+    """Angle of the joint, without what noise moves [rad]."""
+    read: FloatArray
+    """Angles (2, samples) of motor and joint with what noise moves [rad]."""
+    measured: FloatArray
+    """Torques (rows, samples) of motor and joint, those that are known [N m]."""
+    band: float
+    """Cut-off of the low-pass of the torques [Hz]."""
+    counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    """True where a sample counts."""
+    pretension: float | None
+    """Pretension of the trial if known [N], else None; 0 without the cables."""
+    start: float
+    """Time from the beginning of the trial to the first sample [s]."""
+    split: str | None
+    """Purpose that `dataset.toml` reserves the trial for, else None."""
+    group: str
+    """Name of the trials that repeat each other; they are never on both sides of a
+    division."""
+    tilt: float = 0.0
+    """Angle by which the rig was turned about the joint's axis [rad]."""
+    occasion: str = ""
+    """Name of the day or session, see `occasions`."""
+    path: RecordedPath | None = None
+    """Paths of the cables along the recording, where other joints move them, too."""
+    conditions: TrialConditions = USUAL_CONDITIONS
+    """Conditions of the trial."""
+    known_torques: tuple[float, float] = (0.0, 0.0)
+    """Torques of known weights in place of the cables, at motor and joint [N m]."""
+    swapped: bool = False
+    """True if the torque sensors had changed places."""
+    load_cell: SingleCell | None = None
+    """Load cell in one cable, compared in place of the torque at its end."""
+    notes: str = ""
+    """Notes on the trial."""
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Further columns of the file (samples,), by name, and the temperature."""
+
+    @property
+    def unhooked(self) -> bool:
+        """Return whether the cables were taken off, so that they pull nothing."""
+        return self.pretension == 0.0
+
+    @property
+    def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return whether a sample counts and is not reserved for the test."""
+        return self.counts & (self.split != "test")
+
+    @property
+    def reserved(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return whether a sample counts and is reserved for the test."""
+        return self.counts & (self.split == "test")
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """Processing applied to the recorded signals.
+
+    Attributes:
+        motion_band: cut-off of the low-pass of angles [Hz].
+        passed: variance of white noise of a torque that passes, over its own.
+        still: movement of motor and joint that counts as none [rad].
+        load: noise of the torque of a known load by that of the joint's angle [N m].
+    """
+
+    motion_band: float
+    passed: float
+    still: tuple[float, ...]
+    load: float = 0.0
+
+
+def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
+    """Return the records of a dataset, in order, and how they were filtered."""
+    slowest = min(trial.rate for trial in dataset.trials)
+    band, motion_band = (
+        compared_band(slowest),
+        min(MAX_MOTION_BAND, 0.4 * slowest),
+    )
+    first = dataset.trials[0]
+    bands = (band, motion_band)
+    passed = (_passed_share(first, band), _passed_share(first, motion_band))
+    still = tuple(
+        STILL_SIGMAS * dataset.noise[name].deviation * passed[1] ** 0.5
+        if name in dataset.noise
+        else 0.0
+        for name in _angle_channels(bench)
+    )
+    records = []
+    conditions = trial_conditions(dataset.trials)
+    for trial in dataset.trials:
+        for part in trial.segments:
+            if part.stop - part.start >= MIN_RECORD_SAMPLES:
+                record = _record(trial, part, bands, bench, still, dataset)
+                records.append(replace(record, conditions=conditions[trial.name]))
+    shaken = 0.0
+    if dataset.instruments.joint == "known load":
+        noise = dataset.noise[JOINT_ANGLE].deviation
+        shaken = load_noise(dataset.constants, noise, first.rate, bands)
+    return tuple(records), Filtering(motion_band, passed[0], still[:2], shaken)
+
+
+def _angle_channels(bench: Bench) -> list[str]:
+    """Return the channels of the angles that are played, motor and joint first."""
+    return [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
+
+
+def _thinning_factor(rate: float) -> int:
+    return max(1, int(rate / MIN_KEPT_RATE + 1e-9))
+
+
+def _record(
+    trial: Trial,
+    part: slice,
+    bands: tuple[float, float],
+    bench: Bench,
+    still: tuple[float, ...],
+    dataset: Dataset,
+) -> Record:
+    noise, known = dataset.noise, dataset.instruments
+    tilt = trial.facts.tilt or 0.0
+    thin = _thinning_factor(trial.rate)
+    band, motion_band = bands
+    angles = np.array(
+        [
+            reconstruct_angle(trial.channel(name)[part], noise.get(name))
+            for name in _angle_channels(bench)
+        ]
+    )
+    passed = low_pass(angles, motion_band, trial.rate)
+    torques = np.array(
+        [
+            load_torque(passed[1], trial.step, load_values(dataset.constants), tilt)
+            if name == JOINT_TORQUE and known.joint == "known load"
+            else trial.channel(name)[part]
+            for name in known.channels
+        ]
+    )
+    cell = None
+    if trial.facts.load_cell:
+        name, pretension = trial.facts.load_cell, trial.facts.pretension
+        cell = SingleCell.of(name, bench, pretension)
+        torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
+    read = passed[:, ::thin].copy()
+    measured = low_pass(torques, band, trial.rate)[:, ::thin]
+    smooth = np.array(
+        [play_filter(a, width) for a, width in zip(read, still, strict=True)]
+    )
+    time = trial.time[part][::thin]
+    dt = trial.step * thin
+    travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
+    wind_up_travel = (
+        0.0 if trial.facts.unhooked else RUN_IN_TRAVEL * wind_up_angle(bench)
+    )
+    counts = (travel >= wind_up_travel) & (time - time[0] > 0.1)
+    # Where the filter has no samples on both sides it is not the same for both.
+    edge = max(2, round(0.5 / band / dt))
+    if known.motor == "motor current":
+        # At rest the motor's own friction holds any torque, and the filter spreads
+        # that to adjacent samples.
+        speed = np.abs(np.gradient(smooth[0], dt))
+        rests = speed <= REST_SPEED_SHARE * np.quantile(speed, 0.95)
+        counts &= np.convolve(rests, np.ones(2 * edge + 1), "same") < 0.5
+    counts[:edge] = False
+    counts[-edge:] = False
+    return Record(
+        trial=trial.name,
+        dt=dt,
+        step=trial.step,
+        time=time,
+        motor_angle=smooth[0],
+        joint_angle=smooth[1],
+        read=read[:2],
+        measured=measured,
+        band=band,
+        counts=counts,
+        pretension=0.0 if trial.facts.unhooked else trial.facts.pretension,
+        known_torques=(
+            trial.facts.known_motor_torque,
+            trial.facts.known_joint_torque,
+        ),
+        swapped=trial.facts.swapped,
+        load_cell=cell,
+        notes=trial.facts.notes,
+        start=float(time[0] - trial.time[0]),
+        split=trial.facts.split,
+        group=trial.facts.repeat_of or trial.name,
+        tilt=tilt,
+        occasion=trial.facts.occasion,
+        path=bench.recorded_path(smooth[1], smooth[2:], RAMP_SAMPLES),
+        columns={name: values[part][::thin] for name, values in trial.columns.items()},
+    )
+
+
+def play_filter(angle: FloatArray, width: float) -> FloatArray:
+    """Return the angle without movements smaller than `width` (samples,) [rad].
+
+    It is followed with this much play, forwards and backwards in time; the mean of both
+    has no lag in steady motion, and stands still where the angle does but for noise. It
+    would be cut short by the play where the motion turns, and friction answers there:
+    at a turn the two are put back by the play, as far as the turn's own level.
+    """
+    if width == 0.0:
+        return angle
+    forwards = follow_with_play(angle, width)
+    backwards = follow_with_play(angle[::-1].copy(), width)[::-1]
+    found: FloatArray = 0.5 * (forwards + backwards)
+    gap = backwards - forwards
+    moving = np.where(np.abs(gap) > _MOVING_THRESHOLD * width, np.sign(gap), 0.0)
+    sure = np.flatnonzero(moving)
+    turned, count = np.zeros(angle.size), np.zeros(angle.size)
+    for turn in np.flatnonzero(np.diff(moving[sure])):
+        side = moving[sure[turn]]
+        part = slice(sure[turn], sure[turn + 1] + 1)
+        reach = np.minimum(side * forwards[part], side * backwards[part]) + width
+        highest = reach >= reach.max() - _TURN_LEVEL * width
+        level = np.median(side * angle[part][highest])
+        turned[part] += side * np.minimum(reach, level)
+        count[part] += 1.0  # two turns may have a sample in common
+    return np.where(count > 0.0, turned / np.maximum(count, 1.0), found)
+
+
+def _passed_share(trial: Trial, band: float) -> float:
+    impulse = np.zeros(4001)
+    impulse[2000] = 1.0
+    return float(np.sum(low_pass(impulse, band, trial.rate) ** 2))
+
+
+def wind_up_angle(bench: Bench) -> float:
+    """Return the motor rotation that winds up the cable against friction [rad]."""
+    cable = bench.cables[0]
+    a = min(max(cable.friction * cable.wrap, 1e-6), _MAX_FRICTION_WRAP)
+    strain = cable.pretension / cable.axial_stiffness
+    slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
+    return slip / bench.motor_radius

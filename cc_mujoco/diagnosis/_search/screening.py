@@ -1,0 +1,443 @@
+"""Effects that could explain the error: signatures once the baseline is retuned.
+
+The signature of an effect is the change that it makes in the simulated torques, less
+whatever the free parameters could make as well (the score test of its presence). It
+costs a simulation or two. It shows what an effect could explain, whether these data
+could show it at all, and which effects are confounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis._fit.fitting import Masks, Problem
+from cc_mujoco.diagnosis._fit.folds import Fold
+from cc_mujoco.diagnosis._fit.jacobian import (
+    jacobian,
+    plain_residual_slopes,
+    residual_changes,
+    residual_slopes,
+)
+from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis.effects import Effect, EffectError, EffectParameter
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation._least_squares import in_threads
+from cc_mujoco.native import FloatArray
+
+_BOUND_MARGIN = 1e-3
+_MAX_MODEL_CHANGE = 0.1
+"""Change of the torques, over them, up to which what an effect changes is the same."""
+_MAX_MODELS = 3
+"""Models of which the changes of a record are kept, those used last."""
+MIN_SQUARE_SHARE = 1e-9
+"""Part of a signature's square below which nothing of it is left."""
+_Key = tuple[str, tuple[float, ...], str]
+"""Effect, its start and name of a parameter."""
+
+
+class Signature(NamedTuple):
+    """Contribution that one start of one effect could make to the error.
+
+    Attributes:
+        id: of the effect.
+        start: its parameters where it would explain most, amplitudes solved for.
+        explained: share of the squared error that it would take, to first order.
+        foreseen: share of the held-out squared error that it would take, to first
+            order: fitted to each fold's part and held against its other.
+        visible: RMS of its plausible size over the floor, after retuning.
+        basis: (residuals, k) orthonormal, of its signatures.
+        changes: (residuals, amplitudes) that plausible sizes make, nothing retuned.
+    """
+
+    id: str
+    start: dict[str, float]
+    explained: float
+    foreseen: float
+    visible: float
+    basis: FloatArray
+    changes: FloatArray
+
+
+class _KnownChanges(NamedTuple):
+    """Torque changes (1, 2, samples) of a record by effects, where a model had it.
+
+    Attributes:
+        torque: (2, samples) of that model [N m].
+        columns: changes by effect, start and parameter [N m].
+    """
+
+    torque: FloatArray
+    columns: dict[_Key, FloatArray]
+
+
+class Changes:
+    """Torque changes due to effects, kept by record for models that are alike.
+
+    They hold while the model's torques change by at most `_MAX_MODEL_CHANGE`. Rounds of
+    a search, its repetition on parts of the data and the final checks share them.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._kept: dict[Record, list[_KnownChanges]] = {}
+
+    def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
+        """Return the changes that hold where a model has this torque (2, samples).
+
+        The caller adds what it simulates.
+        """
+        kept = self._kept.setdefault(record, [])
+        off = [float(np.sum((torque - known.torque) ** 2)) for known in kept]
+        least = int(np.argmin(off)) if off else -1
+        if off and off[least] <= _MAX_MODEL_CHANGE**2 * float(np.sum(torque**2)):
+            kept.append(kept.pop(least))  # the one used last goes last
+        else:
+            kept.append(_KnownChanges(torque, {}))
+            del kept[:-_MAX_MODELS]
+        return kept[-1].columns
+
+
+class _Place(NamedTuple):
+    """A model where it was fitted, which effects join.
+
+    Attributes:
+        problem: the model.
+        x: where it was fitted.
+        steep: change of the residual by the torques, see `residual_slopes`.
+        seen: indices of the records of which samples count.
+        here: torques (2, samples) of these, from the coarse simulation [N m].
+        priors: number of residuals that are of priors.
+        known: changes of these by effects, see `Changes.at`.
+    """
+
+    problem: Problem
+    x: FloatArray
+    steep: list[tuple[FloatArray, NDArray[np.bool_]]]
+    seen: list[int]
+    here: list[FloatArray]
+    priors: int
+    known: list[dict[_Key, FloatArray]]
+
+
+@dataclass(frozen=True)
+class _Screen:
+    """A model that effects are held against.
+
+    Attributes:
+        place: the model, and where it was fitted.
+        error: residual (residuals,).
+        tangent: (residuals, k) orthonormal, of what tuning can do.
+        rest: of the error once tuned.
+        foresight: of held-out errors.
+    """
+
+    place: _Place
+    error: FloatArray
+    tangent: FloatArray
+    rest: FloatArray
+    foresight: _Foresight
+
+
+def screen(
+    problem: Problem,
+    x: FloatArray,
+    masks: Masks,
+    ids: Sequence[str],
+    division: Sequence[Fold] = (),
+    changes: Changes | None = None,
+    starts: int | None = None,
+) -> list[Signature]:
+    """Return the signatures of effects, the most helpful first; the best start of each.
+
+    Args:
+        problem: the model so far.
+        x: where it was fitted.
+        masks: samples that count.
+        ids: of the effects to try.
+        division: into folds, of these samples; without any nothing is foreseen.
+        changes: kept from earlier rounds.
+        starts: most of every effect that are tried; default all.
+    """
+    error = problem.residual(x, masks)
+    slopes = jacobian(problem, x, masks)
+    size = np.linalg.norm(slopes, axis=0)
+    # Parameters without any influence stay out, and those that stand at a bound: they
+    # cannot do more than they have done.
+    inside = np.array(
+        [
+            p.low + _BOUND_MARGIN < place < p.high - _BOUND_MARGIN
+            for p, place in zip(problem.tuned, x, strict=True)
+        ]
+    )
+    free = inside & (size > 0.0)
+    scaled = slopes[:, free] / size[free]
+    tangent, _ = np.linalg.qr(scaled)
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = problem.torques(x, seen)
+    known = _known_changes(problem, seen, here, changes or Changes())
+    steep = residual_slopes(problem, here, masks)
+    priors = error.size - sum(each.size for each, _ in steep)
+    given = _Screen(
+        _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, known),
+        error,
+        tangent,
+        error - tangent @ (tangent.T @ error),
+        _Foresight(error, scaled, masks, division, len(here[0])),
+    )
+
+    library = problem.plant.library.effects
+
+    def best(name: str) -> Signature | None:
+        places = range(len(library[name].starts))[:starts]
+        found = [_signature(given, name, k) for k in places]
+        able = [signature for signature in found if signature]
+        return max(able, key=lambda s: s.explained, default=None)
+
+    every = in_threads(best, [name for name in ids if name in library])
+    return sorted(
+        (signature for signature in every if signature is not None),
+        key=lambda signature: -signature.explained,
+    )
+
+
+def effect_amplitudes(effect: Effect) -> list[EffectParameter]:
+    """Return the sizes of an effect, without shape and companion parameters."""
+    return [parameter for parameter in effect.parameters if parameter.size]
+
+
+def changes_by_effects(
+    problem: Problem,
+    x: FloatArray,
+    masks: Masks,
+    ids: Sequence[str],
+    changes: Changes,
+) -> dict[str, FloatArray]:
+    """Compute the changes of the residuals (residuals, amplitudes) by each effect.
+
+    They are those of typical sizes, at the first start, as if the model explained the
+    data: large errors take no weight from a sample. Effects that cannot be simulated
+    are left out.
+
+    Args:
+        problem: the model that the effects join.
+        x: where it was fitted.
+        masks: samples that count.
+        ids: of the effects.
+        changes: kept from the search.
+    """
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = problem.torques(x, seen)
+    known = _known_changes(problem, seen, here, changes)
+    priors = sum(np.isfinite(parameter.prior) for parameter in problem.tuned)
+    steep = plain_residual_slopes(problem, masks)
+    base = _coarsely(problem, x, seen)
+    place = _Place(problem, x, steep, seen, base, int(priors), known)
+    library = problem.plant.library.effects
+
+    def made(name: str) -> FloatArray | None:
+        sizes = [p.size for p in library[name].parameters if p.linear]
+        try:
+            return _effect_columns(place, name, 0)[:, sizes]
+        except EffectError:
+            raise
+        except CableError:
+            return None
+
+    able = [name for name in ids if name in library]
+    found = zip(able, in_threads(made, able), strict=True)
+    return {name: columns for name, columns in found if columns is not None}
+
+
+def _known_changes(
+    problem: Problem, seen: list[int], here: list[FloatArray], changes: Changes
+) -> list[dict[_Key, FloatArray]]:
+    records = problem.plant.records
+    return [
+        changes.at(records[k], torque) for k, torque in zip(seen, here, strict=True)
+    ]
+
+
+def _coarsely(problem: Problem, x: FloatArray, seen: list[int]) -> list[FloatArray]:
+    return problem.coarse.torques(x, seen)
+
+
+def _start(given: _Place, name: str, place: int) -> dict[str, float]:
+    """Return a start of an effect, with the shape that the model's cables have already.
+
+    Two effects may share a length of slip: with another one the added effect would
+    change the torques by that, however small it is.
+    """
+    plant, values = given.problem.plant, given.problem.values(given.x)
+    effect = plant.library.effects[name]
+    start = dict(effect.starts[place])
+    shapes = [p for p in effect.parameters if not p.linear and p.name in start]
+    if not shapes:
+        return start
+    here, bare = (
+        plant.cables(values, effects)[0] for effects in (given.problem.effects, ())
+    )
+    for shape in shapes:
+        own = getattr(here, shape.name, None)
+        if own is not None and own != getattr(bare, shape.name):
+            low, high = shape.parameter.low, shape.parameter.high
+            start[shape.name] = min(max(own, low), high)
+    return start
+
+
+def _effect_columns(given: _Place, name: str, place: int) -> FloatArray:
+    """Return the residual changes by a start of an effect (residuals, amplitudes)."""
+    effect = given.problem.plant.library.effects[name]
+    start = _start(given, name, place)
+    wider = given.problem.coarse.with_effect(name, start)
+    columns = []
+    for parameter in filter(lambda each: each.linear, effect.parameters):
+        size = start[parameter.name] / parameter.typical
+
+        key = (name, tuple(start.values()), parameter.name)
+        new = [k for k, known in enumerate(given.known) if key not in known]
+        if new:
+            places = [size if p.name == parameter.name else 0.0 for p in wider.tuned]
+            places[: given.x.size] = given.x.tolist()
+            moved = wider.torques(np.array(places), [given.seen[k] for k in new])
+            for k, torque in zip(new, moved, strict=True):
+                given.known[k][key] = (torque - given.here[k])[None] / size
+        torques = [known[key] for known in given.known]
+        (made,) = residual_changes(given.steep, torques)
+        columns.append(np.append(made, np.zeros(given.priors)))
+    return np.array(columns).T
+
+
+def _signature(given: _Screen, name: str, place: int) -> Signature | None:
+    """Return the signature of a start of an effect; None if it cannot be simulated."""
+    try:
+        changes = _effect_columns(given.place, name, place)
+    except EffectError:
+        raise
+    except CableError:
+        return None
+    problem = given.place.problem
+    effect = problem.plant.library.effects[name]
+    start = _start(given.place, name, place)
+    parameters = [parameter for parameter in effect.parameters if parameter.linear]
+    error, rest = given.error, given.rest
+    signature = changes - (given.tangent @ (given.tangent.T @ changes))
+    lengths = np.linalg.norm(signature, axis=0)
+    sizes = np.array([parameter.size for parameter in parameters])
+    own = float(lengths[sizes].max())
+    visible = own / np.sqrt(error.size) / problem.weight
+    if own <= MIN_SQUARE_SHARE:
+        nothing = np.zeros((error.size, 0))
+        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
+    kept = lengths > MIN_SQUARE_SHARE
+    solved = np.zeros(len(parameters))
+    wider = problem.with_effect(name, start).tuned[given.place.x.size :]
+    known = [k for k in wider if k.name in {p.name for p in parameters}]
+    priors = np.diag([1.0 / k.prior for k in known])[:, kept]
+    low, high = (
+        np.array([getattr(k, side) for k in known])[kept] for side in ("low", "high")
+    )
+    solved[kept] = bounded_least_squares(
+        np.concatenate([signature[:, kept], priors]),
+        -np.concatenate([rest, np.zeros(len(known))]),
+        np.maximum(low, -20.0),
+        np.minimum(high, 20.0),
+    )
+    left = rest + signature @ solved
+    beyond = max(float(error @ error), 1e-300)
+    gained = (float(rest @ rest) - float(left @ left)) / beyond
+    for parameter, amount in zip(parameters, solved.tolist(), strict=True):
+        start[parameter.name] = amount * parameter.typical
+    # A companion of an effect is tuned with it and does not identify it.
+    along, _ = np.linalg.qr(signature[:, kept & ~sizes])
+    alone = signature[:, kept & sizes]
+    basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
+    foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
+    seen = changes[:, sizes]
+    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
+
+
+def bounded_least_squares(
+    columns: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Solve bounded least squares approximately: violated bounds become active.
+
+    Where columns resemble each other one may run beyond its bound to make up for
+    another, which is at its best without that only when it is solved for again.
+    """
+    found = np.zeros(low.size)
+    open_ = np.ones(low.size, dtype=bool)
+    while open_.any():
+        left = wanted - columns[:, ~open_] @ found[~open_]
+        found[open_] = np.linalg.lstsq(columns[:, open_], left, rcond=1e-6)[0]
+        beyond = open_ & ((found < low) | (found > high))
+        found = np.clip(found, low, high)
+        if not beyond.any():
+            break
+        open_ &= ~beyond
+    return found
+
+
+class _Foresight:
+    """First-order prediction of the cross-validation of added effects."""
+
+    def __init__(
+        self,
+        error: FloatArray,
+        slopes: FloatArray,
+        masks: Masks,
+        division: Sequence[Fold],
+        channels: int,
+    ) -> None:
+        """Start from the model's errors and their slopes (residuals, parameters)."""
+        samples = channels * sum(int(m.sum()) for m in masks)
+        priors = np.zeros(error.size - samples, dtype=bool)
+        self._halves = [
+            (
+                np.concatenate([_residual_rows(fold.train, masks, channels), ~priors]),
+                np.concatenate([_residual_rows(fold.test, masks, channels), priors]),
+            )
+            for fold in division
+        ]
+        self._known = [
+            [(slopes[rows], error[rows]) for rows in half] for half in self._halves
+        ]
+        self._before = self._left(slopes[:, :0])
+
+    def __call__(self, changes: FloatArray) -> float:
+        """Return the share of held-out squared error that changes (rows, k) explain."""
+        if not self._halves:
+            return 0.0
+        return 1.0 - self._left(changes) / max(self._before, 1e-300)
+
+    def _left(self, changes: FloatArray) -> float:
+        total = 0.0
+        for half, known in zip(self._halves, self._known, strict=True):
+            (train, error), (test, unseen) = known
+            more, other = (changes[rows] for rows in half)
+            cross = train.T @ more
+            square = np.block([[train.T @ train, cross], [cross.T, more.T @ more]])
+            slope = np.concatenate([train.T @ error, more.T @ error])
+            step = np.linalg.lstsq(square, -slope, 1e-9)[0]
+            own, added = np.split(step, [train.shape[1]])
+            total += float(np.sum((unseen + test @ own + other @ added) ** 2))
+        return total
+
+
+def _residual_rows(part: Masks, masks: Masks, channels: int) -> NDArray[np.bool_]:
+    """Return the residuals of part of the samples, among those of all."""
+    return np.concatenate(
+        [np.tile(own[all_], channels) for own, all_ in zip(part, masks, strict=True)]
+    )
+
+
+def signature_cosine(one: Signature, other: Signature) -> float:
+    """Return the largest cosine between the signatures of two effects, 0 to 1."""
+    if one.basis.shape[1] == 0 or other.basis.shape[1] == 0:
+        return 0.0
+    cosines = np.linalg.svd(one.basis.T @ other.basis, compute_uv=False)
+    return float(min(cosines[0], 1.0))

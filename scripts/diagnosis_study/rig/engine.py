@@ -251,3 +251,19 @@ def close(
     for k in range(MEANS):
         row[k] /= steps
     row[9], row[10], row[11], row[12] = works
+
+
+@internal
+def total(values: FloatArray) -> float:
+    """Return the sum of an array."""
+    whole = 0.0
+    for i in range(values.size):
+        whole += values[i]
+    return whole
+
+
+@internal
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy an array into another."""
+    for i in range(source.size):
+        target[i] = source[i]

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
+from rig.engine import copy
 
 EXIT, EYE = (-0.068, -0.04), (-0.025, 0.015)
 POST, POST_RADIUS = (-0.06, 0.0), 0.008
@@ -196,14 +197,14 @@ def _run(
             _lay(-joint[k], here)
             for i in range(PIECES):
                 held[i] = length[i] / (1.0 + tension[i] / rig.stiffness)
-            room.before[:] = length
+            copy(length, room.before)
             _fill_lengths(here, length)
             _carry(room)
             held[0] -= WINCH_RADIUS * (motor[k] - motor[k - 1]) / strained
             if not _step(rig, here, dt, way, room):
                 return k, False
-        for pull in tension:
-            if not pull > 0.0:
+        for i in range(PIECES):
+            if not tension[i] > 0.0:
                 return k, True
         ends[0, k], ends[1, k] = tension[0], tension[PIECES - 1]
     return motor.size, True
@@ -283,7 +284,7 @@ def _settle(way: IntArray, room: _Room) -> bool:
     tension, after, slip = room.near, room.after, room.slip
     for _ in range(200):
         _slide(way, room)
-        after[:] = tension
+        copy(tension, after)
         for k in range(BENDS):
             after[k] += 1.0 / room.soft[k] * slip[k]
         for k in range(BENDS):

@@ -21,6 +21,7 @@ import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig.elements.plant import Plant
+from rig.engine import copy, total
 
 ELASTIC = 0.6
 _ENOUGH = 1e-7
@@ -148,9 +149,7 @@ def _coefficients(p: Plant, cables: Cables, c: int, joint: float, time: float) -
     held, dry = cables.row.held, cables.row.dry
     inner = held.size
     overall = p.friction[c]
-    whole, last = 0.0, p.yielding.shape[1] - 1
-    for bend in p.bend[c]:
-        whole += bend
+    whole, last = total(p.bend[c]), p.yielding.shape[1] - 1
     if p.warming != 0.0:
         overall *= 1.0 + p.warming * (1.0 - math.exp(-time / p.warming_time))
     for i in range(inner):
@@ -327,7 +326,7 @@ def _advanced(
     """
     place, row = cables.place[c], cables.row
     inner, old = place.size, row.old
-    old[:] = place
+    copy(place, old)
     before, after = (ends[0], ends[2]), (tight, ends[1], ends[3])
     _coefficients(p, cables, c, joint, time)
     for i in range(inner):
@@ -338,7 +337,7 @@ def _advanced(
     while not worst <= enough:
         turn += 1
         if turn > _ITERATIONS:
-            place[:] = old
+            copy(old, place)
             return False
         _solved(row.low, row.mid, row.high, row.left)
         for i in range(inner):

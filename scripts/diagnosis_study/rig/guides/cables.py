@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
+from rig.engine import copy, total
 from rig.guides.plant import Plant
 
 SHARES = np.array([0.5, 0.3, 0.2])
@@ -158,7 +159,7 @@ def _balance(
     guides = p.bend.shape[1]
     tight, near, far = ends
     tension, slope, left, force = row.tension, row.slope, row.left, row.force
-    other = _total(cables.tension[1 - c]) / (guides + 1)
+    other = total(cables.tension[1 - c]) / (guides + 1)
     anchor = p.anchor
     stretched = cables.stretch[c]
     for i in range(guides + 1):
@@ -230,14 +231,14 @@ def _crept(
     1998).
     """
     place, left = cables.place[c], row.left
-    place[:] = row.before
+    copy(row.before, place)
     damper = _SOFTEST
     worst, stretched = _balance(p, cables, c, place, ends, dt, row)
     for _ in range(_CREEPS):
         if worst < _ENOUGH * p.reference_tension or damper > _HARDEST:
             break
         size = _squares(left)
-        row.kept[:] = place
+        copy(place, row.kept)
         for i in range(place.size):
             row.mid[i] += damper
         _solved(row.low, row.mid, row.high, left)
@@ -248,7 +249,7 @@ def _crept(
             damper = max(0.2 * damper, _SOFTEST)
             continue
         damper *= 5.0
-        place[:] = row.kept
+        copy(row.kept, place)
         worst, stretched = _balance(p, cables, c, place, ends, dt, row)
     return stretched
 
@@ -279,7 +280,7 @@ def settle(
     guides = p.bend.shape[1]
     place, tension = cables.place[c], cables.tension[c]
     row = _row(tension, cables.room)
-    row.before[:] = place
+    copy(place, row.before)
     for i in range(guides):
         row.grips[i], row.dry[i] = _held(p, cables, c, i, joint)
     if p.snapping != 0.0 and c == 0:
@@ -331,19 +332,11 @@ def _row(tension: FloatArray, room: FloatMatrix) -> _Row:
 
 
 @internal
-def _total(values: FloatArray) -> float:
-    total = 0.0
-    for value in values:
-        total += value
-    return total
-
-
-@internal
 def _squares(values: FloatArray) -> float:
-    total = 0.0
-    for value in values:
-        total += value * value
-    return total
+    whole = 0.0
+    for i in range(values.size):
+        whole += values[i] * values[i]
+    return whole
 
 
 @internal

@@ -14,7 +14,7 @@ cable.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,7 +32,6 @@ from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Trial
 from cc_mujoco.diagnosis._rig.load_trials import load_noise, load_torque, load_values
 from cc_mujoco.diagnosis._rig.lowpass import compared_band, low_pass
-from cc_mujoco.diagnosis._rig.trial_conditions import trial_conditions
 from cc_mujoco.diagnosis.effects import (
     USUAL_CONDITIONS,
     TrialConditions,
@@ -169,7 +168,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
         for name in _angle_channels(bench)
     )
     records = []
-    conditions = trial_conditions(dataset.trials)
+    conditions = _conditions(dataset.trials)
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= MIN_RECORD_SAMPLES:
@@ -180,6 +179,29 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
         noise = dataset.noise[JOINT_ANGLE].deviation
         shaken = load_noise(dataset.constants, noise, first.rate, bands)
     return tuple(records), Filtering(motion_band, passed[0], still[:2], shaken)
+
+
+def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
+    """Return the conditions of trials, which are in the order of recording, by name."""
+    means, rates = {}, {}
+    for trial in trials:
+        if trial.temperature is None or not np.isfinite(trial.temperature).any():
+            continue
+        known = np.isfinite(trial.temperature)
+        time, celsius = trial.time[known], trial.temperature[known]
+        means[trial.name] = float(celsius.mean())
+        spread = time - time.mean()
+        rates[trial.name] = float(spread @ celsius / max(spread @ spread, 1e-300))
+    usual = float(np.mean(list(means.values()))) if means else 0.0
+    middle = 0.5 * (len(trials) - 1)
+    return {
+        trial.name: TrialConditions(
+            place - middle,
+            means.get(trial.name, usual) - usual,
+            rates.get(trial.name, 0.0),
+        )
+        for place, trial in enumerate(trials)
+    }
 
 
 def _angle_channels(bench: Bench) -> list[str]:

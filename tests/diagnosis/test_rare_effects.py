@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._fit.folds import interleaved_folds
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.acceptance import Thresholds
 from cc_mujoco.diagnosis._search.search import search, search_rare
-from cc_mujoco.diagnosis.effects import EXIT_FORMS, usual_effects
+from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset
 
@@ -66,7 +66,6 @@ def test_arms_that_change_make_no_work(effect: str, values: dict[str, float]) ->
 
 @pytest.mark.parametrize("wind_up", [1e-3, 0.02])
 def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
-    """It acts with the cables off, too, where no cable can stand in for it."""
     data = dataset(duration=2.0)
     trials = [
         replace(t, joint_torque=t.joint_torque - 0.3 * bent(t.joint_angle, wind_up))
@@ -81,7 +80,21 @@ def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
     assert found.problem.effects == ("joint_friction",) and found.misfit < 1.3
     values = found.problem.values(np.mean([fit.x for fit in found.fits], axis=0))
     assert values["joint_friction"] == pytest.approx(0.3, rel=0.05)
+    assert found.problem.form("joint_friction") == "wound up"
     assert values["joint_wind_up"] == pytest.approx(wind_up, rel=0.3)
+
+
+def test_a_joint_that_rests_keeps_its_friction_unless_it_is_lubricated() -> None:
+    time = 0.01 * np.arange(400)
+    angle = 0.2 * np.minimum(time, 2.0)
+    moving = Signals(0.01, time, angle, angle, np.zeros(400), np.zeros(400))
+    add = EFFECTS["joint_friction"].torques
+    assert add is not None
+    for form, rest in enumerate((-0.3, 0.0)):
+        values = {"joint_friction": 0.3, "joint_wind_up": 1e-3}
+        torque = add(moving, {**values, form_key("joint_friction"): form}).joint
+        assert torque[100] == pytest.approx(-0.3)
+        assert torque[300] == pytest.approx(rest)
 
 
 def test_a_rare_effect_is_searched_where_the_error_is_not_explained() -> None:

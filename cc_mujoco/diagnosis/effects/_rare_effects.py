@@ -17,6 +17,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     Values,
     clamp_to_bounds,
     dry_friction,
+    form_key,
 )
 from cc_mujoco.diagnosis.effects._effect_class import Shape, Size, effect_of_class
 
@@ -250,7 +251,8 @@ class SensorCrossTalk:
 class JointFriction:
     """Dry friction of the joint, as `frictionloss` of MJCF, that may wind up."""
 
-    equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1)"
+    equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1) or tanh(q' / v)"
+    forms = ("wound up", "lubricated")
     source = "Coulomb friction with presliding, Dahl 1968"
     where = "joint"
     needs = "the cables off and the joint moved both ways"
@@ -267,7 +269,12 @@ class JointFriction:
 
     def signals(self, signals: Signals, values: Values) -> Signals:
         """See `_effect_class`."""
-        share = dry_friction(signals.joint_angle, values["joint_wind_up"])
+        if round(values.get(form_key("joint_friction"), 0.0)) == 0:
+            share = dry_friction(signals.joint_angle, values["joint_wind_up"])
+        else:  # nothing at rest; full from a hundredth of the top speed on
+            speed = signals.joint_speed
+            fast = max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)
+            share = np.tanh(100.0 * speed / fast)
         return signals.added(joint=-values["joint_friction"] * share)
 
 

@@ -1,6 +1,6 @@
 """The rig of finite elements obeys what is known of cables, by equations of its own.
 
-What simulates it is a study: its equations take half a minute to compile.
+What simulates long trials of it is a study.
 """
 
 from __future__ import annotations
@@ -81,7 +81,6 @@ class Bench:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-@simulates
 def test_a_cable_that_slides_obeys_the_capstan_equation(rig: Rig, way: float) -> None:
     bench = Bench(plant_of(rig))
     for k in range(400):
@@ -91,7 +90,6 @@ def test_a_cable_that_slides_obeys_the_capstan_equation(rig: Rig, way: float) ->
     assert bench.p.bend.sum(axis=1) == pytest.approx(rig.wrap)
 
 
-@simulates
 def test_a_cable_that_is_let_go_is_slack_and_comes_back(rig: Rig) -> None:
     bench = Bench(plant_of(rig))
     for near in [*np.linspace(0.0, -0.05, 200), *np.linspace(-0.05, 0.0, 200)]:
@@ -252,7 +250,6 @@ def test_noise_does_not_know_what_is_hidden(rig: Rig) -> None:
         assert np.abs(apart).max() < 1.01 * channel.resolution
 
 
-@simulates
 def test_a_data_set_is_the_same_each_time(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

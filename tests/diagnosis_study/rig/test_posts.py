@@ -13,7 +13,6 @@ from rig.posts import KNUCKLE_RADIUS, WINCH_RADIUS, Tendon, path, played
 
 DT = 1e-3
 FINGER = Bench.of(scene_path("finger"))
-pytestmark = pytest.mark.study  # a quarter of a minute to compile
 
 
 def test_while_it_slides_the_ratio_is_that_of_a_capstan() -> None:
@@ -36,6 +35,7 @@ def test_no_energy_comes_of_a_cycle() -> None:
     assert work > 0.01
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("hidden", "told"),
     [

@@ -32,7 +32,7 @@ _LAG = 4e-3
 """Time constant of the filtered speed on which friction depends [s]."""
 
 
-class Row(NamedTuple):
+class _Row(NamedTuple):
     """Terms of the balance of the nodes.
 
     Attributes:
@@ -73,7 +73,7 @@ class Cables(NamedTuple):
         elastic: the same without damping [N].
         ferrule: elongation of the fastening at the motor (2,) [m].
         work: work of friction and of damping, by cable (2, 2) [J].
-        row: work space.
+        room: work space (10, elements), see `_row`.
     """
 
     place: FloatMatrix
@@ -85,7 +85,7 @@ class Cables(NamedTuple):
     elastic: FloatMatrix
     ferrule: FloatArray
     work: FloatMatrix
-    row: Row
+    room: FloatMatrix
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -102,7 +102,7 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
         np.full((2, inner + 1), pretension),
         np.array([pretension * p.ferrule, 0.0]),
         np.zeros((2, 2)),
-        Row(np.zeros(inner + 1), *np.zeros((9, inner))),
+        np.zeros((10, inner + 1)),
     )
 
 
@@ -146,7 +146,8 @@ def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float
 @internal
 def _coefficients(p: Plant, cables: Cables, c: int, joint: float, time: float) -> None:
     """Fill in friction over load and load-independent friction."""
-    held, dry = cables.row.held, cables.row.dry
+    row = _row(cables.room)
+    held, dry = row.held, row.dry
     inner = held.size
     overall = p.friction[c]
     whole, last = total(p.bend[c]), p.yielding.shape[1] - 1
@@ -192,7 +193,7 @@ def _balance(
     `before` are the displacements of both ends a step ago, `ends` the tension at rest
     and the displacements of both ends now.
     """
-    place, row = cables.place[c], cables.row
+    place, row = cables.place[c], _row(cables.room)
     inner = place.size
     tension = cables.tension[c]
     old, held, dry = row.old, row.held, row.dry
@@ -324,7 +325,7 @@ def _advanced(
 
     `ends` are the displacements of both ends, before and after each.
     """
-    place, row = cables.place[c], cables.row
+    place, row = cables.place[c], _row(cables.room)
     inner, old = place.size, row.old
     copy(place, old)
     before, after = (ends[0], ends[2]), (tight, ends[1], ends[3])
@@ -366,6 +367,15 @@ def _advanced(
         longer = p.ferrule * cables.elastic[c, 0] - cables.ferrule[c]
         cables.ferrule[c] += given * longer
     return True
+
+
+@internal
+def _row(room: FloatMatrix) -> _Row:
+    n = room.shape[1] - 1
+    return _Row(
+        room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n], room[5, :n],
+        room[6, :n], room[7, :n], room[8, :n], room[9, :n],
+    )  # fmt: skip
 
 
 @internal

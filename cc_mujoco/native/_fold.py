@@ -147,6 +147,15 @@ def _single_constants(
     }
 
 
+def _jumps(body: list[ast.stmt]) -> bool:
+    """Return whether a loop with this body ends early, or goes on with its next."""
+    return any(
+        isinstance(one, ast.Break | ast.Continue)
+        or (isinstance(one, ast.If) and _jumps([*one.body, *one.orelse]))
+        for one in body
+    )
+
+
 class _Folder(ast.NodeTransformer):
     """One pass of folding."""
 
@@ -197,7 +206,7 @@ class _Folder(ast.NodeTransformer):
 
     def visit_For(self, node: ast.For) -> Any:
         items = self._scope.lookup(node.iter)
-        if isinstance(items, tuple):
+        if isinstance(items, tuple) and not _jumps(node.body):
             return self._unroll(node, items)
         node.iter = self.visit(node.iter)
         node.body = self.statements(node.body)

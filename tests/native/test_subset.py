@@ -91,6 +91,19 @@ def over_values(values: FloatArray) -> float:
     return total
 
 
+NUMBERS = 1.0, 2.0, 3.0
+
+
+def leaves_a_table(x: float) -> float:
+    total = 0.0
+    for _ in range(3):
+        for number in NUMBERS:
+            if number > x:
+                break
+            total += number
+    return total
+
+
 def text(x: float) -> float:
     return x if str(x) else 0.0
 
@@ -116,6 +129,7 @@ REFUSED: dict[Callable[..., Any], str] = {
     itself: "a call that ends in the function itself",
     last: "an index from the end; subtract from the size",
     over_values: "a loop that is not over a range",
+    leaves_a_table: "a loop that is not over a range",
     text: "a call of what is not compiled",
     exits: "outside the subset",
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,8 @@ class Export:
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
     ros2_control: Flag = False
     """Write a package of ROS 2 with a plugin of ros2_control around it."""
+    iterations: Annotated[float, option_help("N")] = math.inf
+    """Steps of a planner's model in a control step; then the last plan goes on."""
     no_check: Flag = False
     """Write it without finding out whether it gives passive wearers energy."""
     allow: Allowed = ()
@@ -89,12 +92,18 @@ class Export:
             [drives[place] for place in places],
             [made.driven[place] for place in places],
             [""] if self.axis else made.prefixes,
+            self.iterations,
         )
         if self.ros2_control:
             require_ros2_states(plan)
         notes = ["passivity: NOT CHECKED"]
         if not self.no_check:
             notes = self._require_passive(device, places)
+        if self.iterations < math.inf:
+            notes.append(
+                f"iterations: {self.iterations:g} for the plans of a step, then the "
+                "last plan goes on; passivity is that without a limit"
+            )
         notes += measure(plan).lines()
         scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}"

@@ -54,12 +54,14 @@ class PlannerMemory(NamedTuple):
         applied: mean torques of the motor in past steps, the oldest first; the last is
             the command of the step that has just passed (delays,) [N m].
         other: states of the cables of the model with bristles (cables, numbers).
+        plan: accelerations of the last whole plan, then steps since (knots + 1,).
     """
 
     memory: FloatArray
     rotors: FloatMatrix
     applied: FloatArray
     other: FloatMatrix
+    plan: FloatArray
 
 
 class PlannerMemories(NamedTuple):
@@ -70,12 +72,14 @@ class PlannerMemories(NamedTuple):
         rotors: (rows, delays, `OBSERVER_SIZE`).
         applied: (rows, delays) [N m].
         other: (rows, cables, numbers).
+        plan: (rows, knots + 1).
     """
 
     memory: FloatMatrix
     rotors: FloatCube
     applied: FloatMatrix
     other: FloatCube
+    plan: FloatMatrix
 
 
 class Tables(NamedTuple):
@@ -114,6 +118,7 @@ class PlannerWorkspace(NamedTuple):
         matrix: of a plan of commands (knots, knots).
         vectors: of a plan of commands (`WORK_ROWS`, knots).
         work: `cable._layout.work_size`.
+        spent: steps of the cables' model for the plans so far (1,).
     """
 
     new: FloatMatrix
@@ -130,6 +135,7 @@ class PlannerWorkspace(NamedTuple):
     matrix: FloatMatrix
     vectors: FloatMatrix
     work: FloatArray
+    spent: FloatArray
 
 
 @internal

@@ -163,6 +163,11 @@ class Tuning:
         unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning="1 where the cables only transmit positive motor torque, else 0",
     )  # fmt: skip
+    iterations: float = parameter(
+        unit="1", bounds=(1.0, math.inf), default=math.inf,
+        meaning="steps of the cables' model for the plans of a step; then the last "
+        "plan goes on",
+    )  # fmt: skip
 
     def packed(self, spring: FloatArray) -> FloatArray:
         """Return the numbers as the vector that the compiled functions read.
@@ -213,5 +218,6 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
     SAFE_SPEED,
     SAFE_POWER,
     ONE_WAY,
+    ITERATIONS,
     STIFFNESS,
 ) = range(len(TUNING) + 1)

@@ -36,6 +36,7 @@ from cc_mujoco.control._planner_memory import (
     GUARD,
     JOINT,
     MOTOR_TORQUE,
+    STARTED,
     VELOCITY,
     PlannerMemories,
     PlannerMemory,
@@ -55,6 +56,7 @@ from cc_mujoco.control._planner_parameters import (
     DAMPING,
     HIGH,
     INERTIA,
+    ITERATIONS,
     LAG,
     LOW,
     NOISE,
@@ -167,6 +169,7 @@ def _plan(
     Returns:
         Mean squared error of the torque over the horizon, half of it on the planned
         path and half on the wanted one, which a long way does not put off [N m^2].
+        Infinite where it might take more iterations than there may be.
     """
     memory, rolled, new = scratch.memory, scratch.rolled, scratch.new
     count, span = scratch.path.size, tune[SPAN]
@@ -182,7 +185,11 @@ def _plan(
     drags = _has_rate_friction(cables)
     slack = tune[SLACK] if has_drag(cables.prm[0]) else 0.0
     last = joint
+    simulated = 1 + _LINEARIZATIONS if tune[RATE] < np.inf else 1
+    most = rollout.most_steps(drags) + simulated * count
     for i in range(count):
+        if scratch.spent[0] + most > tune[ITERATIONS]:
+            return np.inf
         t = (i + 1) * steps
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
         cautious *= kept
@@ -204,6 +211,7 @@ def _plan(
             scratch.leapt,
             new,
             scratch.work,
+            scratch.spent,
         )
         copy_states(new, rolled)
         last = where
@@ -246,6 +254,7 @@ def _simulate_plan(
     copy_states(scratch.state, rolled)
     kept = (1.0 - tune[CREEP]) ** steps
     limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
+    scratch.spent[0] += count
     for i in range(count):
         push[i] = min(max(push[i], -limit), limit)
         angle += span * (velocity + 0.5 * span * push[i])
@@ -260,6 +269,15 @@ def _simulate_plan(
         scratch.path[i] = angle
         scratch.load[i] = stepper.torque(cables, new, False, angle)[0]
     return cost
+
+
+@internal
+def _go_on(plan: FloatArray, tune: FloatArray, push: FloatArray) -> None:
+    """Write the acceleration of the last whole plan, 0 behind its end, to a plan."""
+    count = plan.size - 1
+    knot = int(plan[count] * tune[PERIOD] / tune[SPAN])
+    push[0] = plan[knot] if knot < count else 0.0
+    push[count] = np.nan
 
 
 @internal
@@ -305,6 +323,8 @@ def motor_torque(
     watched[guard.COMMAND] = applied[applied.size - 1]
     guard.admit(limits, spring, watched, read)
     replace_by_mean_torque(device.memory, applied, tune)
+    if own[STARTED] == 0.0:
+        device.plan[:] = 0.0
     where = observe(cables, state, joint, device, read, tables, room)
     if device.memory[BRISTLED] != 0.0:
         state = device.other
@@ -320,16 +340,24 @@ def motor_torque(
     sense = 1.0 if before == 0.0 else before
     gains, weight, best = tables.gains[delay], tables.weight[delay], room.best
     own[CAUTION] *= 1.0 - tune[CREEP]
+    room.spent[0] = 0.0
     cost = _plan(cables, at, sense, own[CAUTION], gains, weight, tune, best, room)
     rise = tune[STIFFNESS] / tune[RATIO]
     turning = 0.0 if before == 0.0 else tune[TURNING]
-    if cost > turning:
+    if np.isinf(cost):
+        _go_on(device.plan, tune, best)
+    elif cost > turning:
         other = _plan(cables, at, -sense, 0.0, gains, weight, tune, room.push, room)
         width = (room.wanted[room.wanted.size - 1] - memory[ANGLE]) * rise
         if other + turning < cost:
             sense, best = -sense, room.push
             own[CAUTION] = tune[CAUTION_SHARE] * width
     device.memory[DIRECTION] = sense
+    if not np.isinf(cost):
+        for i in range(best.size - 1):
+            device.plan[i] = best[i]
+        device.plan[best.size - 1] = 0.0
+    device.plan[best.size - 1] += 1.0
     angle, velocity = memory[ANGLE], memory[VELOCITY]
     load = stepper.torque(cables, room.state, False, angle)[0]
     angle += dt * (velocity + 0.5 * dt * best[0])
@@ -399,6 +427,7 @@ def motor_torques(
             devices.rotors[row],
             devices.applied[row],
             devices.other[row],
+            devices.plan[row],
         )
         found[row] = motor_torque(
             cables, states[row], joints[row : row + 1], device, seen[row], tables, room

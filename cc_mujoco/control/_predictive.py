@@ -17,6 +17,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
+from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import ADOPTION_THRESHOLD, CableModel, joint_spring
 from cc_mujoco.control._controller import Controller, as_round_pulley, readings
 from cc_mujoco.control._planner_parameters import Tuning
@@ -139,6 +140,7 @@ class PredictiveCompensation(Controller):
         tolerance: float | None = None,
         bristles: float = 0.2,
         caution: float | None = None,
+        iterations: float = math.inf,
     ) -> None:
         """Prepare for the first episode.
 
@@ -186,6 +188,8 @@ class PredictiveCompensation(Controller):
                 for within 30 ms unless the torque answers before, from 0 to 1: what
                 is crossed too far has to be crossed again. By default 0.12 for a pair
                 of cables and 0 for a single one, whose torque waits meanwhile.
+            iterations: Steps of the cables' model for the plans of a control step;
+                where they do not suffice for certain, the last plan goes on.
 
         Raises:
             CableError: If cables or inertia are not known, a number is out of range, or
@@ -225,6 +229,11 @@ class PredictiveCompensation(Controller):
         if caution is None:
             caution = 0.12 if pair else 0.0
         require_number("caution", caution, 0.0, 1.0, "")
+        least = rollout.most_steps(True) + 5 * knots
+        if not iterations >= least:
+            raise CableError(
+                f"iterations is {iterations!r}; {knots} knots need {least} or more."
+            )
         require_number("bristles", bristles, 0.0, 10.0, "rad")
         if tolerance is None:
             tolerance = 0.5 if pair else 2.0
@@ -274,6 +283,7 @@ class PredictiveCompensation(Controller):
             rate=drive.torque_rate,
             bristles=bristles,
             caution=caution,
+            iterations=iterations,
             slack=DRAG_SLACK * noise,
             creep=min(period / CREEP_TIME, 1.0),
         )
@@ -300,6 +310,7 @@ class PredictiveCompensation(Controller):
             matrix=np.zeros((knots, knots)),
             vectors=np.zeros((planner_memory.WORK_ROWS, knots)),
             work=self.model.work,
+            spent=np.zeros(1),
         )
         self._forget(0)
 
@@ -310,6 +321,7 @@ class PredictiveCompensation(Controller):
             np.zeros((rows, delays, planner_memory.OBSERVER_SIZE)),
             np.zeros((rows, delays)),
             np.zeros((rows, *self.model.state.shape[1:])),
+            np.zeros((rows, self.tables.gains.shape[1] + 1)),
         )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:

@@ -119,6 +119,12 @@ def _torque_deficit(
     return float(max(lack, held - slack))
 
 
+@internal
+def most_steps(drags: bool) -> int:
+    """Return how many steps of the model `find_motor_angle` takes at most."""
+    return 2 * _MAX_EVALUATIONS if drags else _MAX_EVALUATIONS
+
+
 @compiled
 def find_motor_angle(
     cables: stepper.Cables,
@@ -137,6 +143,7 @@ def find_motor_angle(
     leapt: FloatMatrix,
     new: FloatMatrix,
     work: FloatArray,
+    spent: FloatArray,
 ) -> float:
     """Find the nearest motor angle [rad] in direction `way` that makes a torque.
 
@@ -163,6 +170,7 @@ def find_motor_angle(
         leapt: scratch, as `state`.
         new: out, after the step.
         work: scratch.
+        spent: steps of the model (1,); counted, at most `most_steps`.
     """
     before = leapt if drags else state
     along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
@@ -170,6 +178,7 @@ def find_motor_angle(
     bracket, known, at, step, tried = root.UNKNOWN, False, 0.0, 0.0, 0.0
     for turn in range(_MAX_EVALUATIONS):
         tried = at
+        spent[0] += 2.0 if drags else 1.0
         if drags:
             stepper.move(
                 cables, state, start + way * at - along, joint - turned,

@@ -7,6 +7,7 @@ plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 import re
@@ -238,6 +239,7 @@ class AxisPlan:
         cables: tuple[str, ...],
         prefix: str = "",
         decoupled: bool = False,
+        iterations: float = math.inf,
     ) -> AxisPlan:
         """Plan a controller with its default gains.
 
@@ -247,6 +249,7 @@ class AxisPlan:
             cables: Names of its cables.
             prefix: Beginning of the names of readings and gains.
             decoupled: Whether it reads the torques of its own cables.
+            iterations: See `PredictiveCompensation`; others take none.
 
         Raises:
             CableError: There is no such controller, it cannot be exported, or it needs
@@ -265,8 +268,11 @@ class AxisPlan:
                 f"controller {name!r} cannot be exported, for its step is not one "
                 f"compiled function; {', '.join(EXPORTED)} can be."
             )
-        made: Any = kind(drive)
         law = LAWS[kind]
+        make: Callable[[Drive], Controller] = kind
+        if issubclass(kind, PredictiveCompensation):
+            make = functools.partial(kind, iterations=iterations)
+        made: Any = make(drive)
         known = made.drive.cables if law.has_model else ()
         planned = isinstance(made, PredictiveCompensation)
         given = getattr(made, law.numbers)
@@ -418,6 +424,7 @@ class ExportPlan:
         drives: Sequence[Drive],
         cables: Sequence[tuple[str, ...]],
         prefixes: Sequence[str] = ("",),
+        iterations: float = math.inf,
     ) -> ExportPlan:
         """Plan a controller with its default gains.
 
@@ -426,10 +433,11 @@ class ExportPlan:
             drives: Of every axis.
             cables: Names of the cables of every axis.
             prefixes: Beginnings of the columns of each axis.
+            iterations: See `PredictiveCompensation`.
 
         Raises:
-            CableError: There is no such controller, it cannot be exported, or it needs
-                cables and there are none.
+            CableError: There is no such controller, it cannot be exported, it needs
+                cables and there are none, or iterations are limited where none plans.
         """
         require_decoupling(given, len(drives))
         if len(drives) > 1 and is_policy(given):
@@ -449,10 +457,17 @@ class ExportPlan:
         )
         axes = tuple(
             AxisPlan.of(
-                law, drive, own, f"{name}_" if name else "", coupling is not None
+                law,
+                drive,
+                own,
+                f"{name}_" if name else "",
+                coupling is not None,
+                iterations,
             )
             for law, drive, own, name in zip(laws, drives, cables, names, strict=True)
         )
+        if iterations < math.inf and not any(axis.plans for axis in axes):
+            raise CableError(f"controller {given!r} plans nothing: no iterations.")
         for what, found in (
             ("parameters", [field.name for axis in axes for field in axis.fields]),
             ("readings", [name for axis in axes for name in axis.seen]),

@@ -51,12 +51,13 @@ def places(
     given = _ARMS + 3 * cables
     scratch = given + cables * SCALARS + 2 * sections
     scratch += kept + delays * (planner_memory.OBSERVER_SIZE + 1) + cables * state
+    scratch += knots + 1
     packed = scratch + SCALARS + 2 * (knots + 1) + kept + 3 * cables * state
     packed += knots * (4 + knots + planner_memory.WORK_ROWS)
     first = packed + cables * kernel.parameter_size(most)
     new = first + cables * state
     work = new + cables * state
-    return scratch, packed, first, new, work, work + kernel.work_size(most)
+    return scratch, packed, first, new, work, work + kernel.work_size(most) + 1
 
 
 @internal
@@ -183,6 +184,7 @@ def plan(
         rows_of(memory, law + kept, delays, planner_memory.OBSERVER_SIZE),
         part(memory, scratch - delays, delays),
         rows_of(memory, scratch - delays - cables * width, cables, width),
+        part(memory, scratch - delays - cables * width - knots - 1, knots + 1),
     )
     state = rows_of(memory, first, cables, width)
     arm = part(memory, _ARMS, cables)
@@ -237,7 +239,8 @@ def plan(
         part(memory, own + 3 * knots, knots),
         rows_of(memory, own + 4 * knots, knots, knots),
         rows_of(memory, own + (4 + knots) * knots, planner_memory.WORK_ROWS, knots),
-        part(memory, work, end - work),
+        part(memory, work, end - work - 1),
+        part(memory, end - 1, 1),
     )
     plans = delays * knots * (2 + knots)
     plan_tables = planner_memory.Tables(

@@ -6,7 +6,7 @@
 
 Every controller that can be exported drives all axes of its device for an episode with
 noisy torque sensors; what it read is then fed to the exported one by a program in C
-that times each step. Needs a C compiler. Prints size of the object file, memory, and
+that times each step. Needs gcc. Prints size of the object file, memory, stack, and
 the median, the 999th of a thousand and the longest of the steps of an episode, each the
 fastest of several repetitions of that step: the others were interrupted by something
 else. `--set` changes what the controller believes of every cable.
@@ -26,7 +26,8 @@ import numpy as np
 
 from cc_mujoco.control import axes_controller
 from cc_mujoco.device import TENSION_COLUMN, Drive
-from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
+from cc_mujoco.export import EXPORTED, ExportPlan, write
+from cc_mujoco.export._measures import FLAGS, stack_bound
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -113,14 +114,15 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
     """Export, build and time; a row of the table."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "controller")
-        write(folder, plan, TARGETS["host"], "a benchmark")
+        write(folder, plan, "a benchmark")
         (folder / "bench.c").write_text(PROGRAM)
         sources = ["bench.c", "cc_parameters.c", "cc_controller.o"]
-        subprocess.run(
-            ["cc", "-std=c99", "-O2", "-o", "bench", *sources, "-lm"],
-            cwd=folder,
-            check=True,
-        )
+        for words in (
+            ["-c", "cc_controller.c"],
+            ["-o", "bench", *sources, "-lm"],
+        ):
+            subprocess.run(["gcc", *FLAGS, *words], cwd=folder, check=True)
+        stack = stack_bound(folder, ["gcc", *FLAGS])
         size = (folder / "cc_controller.o").stat().st_size
         done = subprocess.run(
             [folder / "bench", str(repetitions), str(len(read))],
@@ -131,7 +133,7 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
     took = np.frombuffer(done.stdout) * 1e-3
     middle, high = np.quantile(took, [0.5, 0.999])
     return (
-        f"{size / 1024:.0f} | {8 * plan.memory_size / 1024:.1f} | "
+        f"{size / 1024:.0f} | {8 * plan.memory_size / 1024:.1f} | {stack} | "
         f"{middle:.2f} | {high:.2f} | {took.max():.2f}"
     )
 
@@ -148,8 +150,9 @@ def main() -> None:
     split = [change.partition("=") for change in given.set]
     changes = {name: float(value) for name, _, value in split}
     print(
-        "| scene | controller | object [KiB] | memory [KiB] | median [us] "
-        "| 99.9 % [us] | longest [us] |\n|---|---|---:|---:|---:|---:|---:|"
+        "| scene | controller | object [KiB] | memory [KiB] | stack [bytes] "
+        "| median [us] | 99.9 % [us] | longest [us] |\n"
+        "|---|---|---:|---:|---:|---:|---:|---:|"
     )
     for scene in given.scene:
         env: Any = gymnasium.make(

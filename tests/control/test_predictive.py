@@ -306,6 +306,7 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
         found = rollout.find_motor_angle(
             cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
             0.05, 0.0, 0.01, False, np.zeros_like(new), new, model.work,
+            np.zeros(1),
         )  # fmt: skip
         if lack * way > 0.06:
             assert (found - turned) * way > 0.0

@@ -937,3 +937,28 @@ def test_no_input_leaves_memory_or_the_defined(
         [tmp_path / "main"], input=rows.tobytes(), capture_output=True
     )
     assert (done.returncode, done.stderr.decode()) == (0, "")
+
+
+@needs_compiler
+def test_the_last_plan_goes_on_where_iterations_do_not_suffice(tmp_path: Path) -> None:
+    """C and Python agree; more iterations than are needed change nothing."""
+    readings, torques = episode("wrist", "predictive")
+    drive = drive_of("wrist", "predictive")
+    found = []
+    for place, iterations in enumerate((64.0, 1000.0)):
+        plan = ExportPlan.of(
+            "predictive", [drive], [driven("wrist")], iterations=iterations
+        )
+        write(tmp_path / str(place), plan, "a test")
+        exported = Library(tmp_path / str(place), plan)
+        exported.take(exported.parameters)
+        found.append(exported.motor_torques(readings[:300]))
+        law = PredictiveCompensation(drive, iterations=iterations)
+        assert np.array_equal(found[-1], python(law, readings[:300], "predictive"))
+    few, many = found
+    assert np.array_equal(many, torques[:300])
+    assert np.isfinite(few).all() and 0.05 < np.mean(few != many)
+    with pytest.raises(CableError, match="8 knots need 64 or more"):
+        PredictiveCompensation(drive, iterations=63)
+    with pytest.raises(CableError, match="'pi' plans nothing: no iterations"):
+        ExportPlan.of("pi", [drive], [driven("wrist")], iterations=64.0)

@@ -87,6 +87,8 @@ REMEDIES = {
     "exactly, or measure the torque behind motor and gear",
     "motor_friction": "a current shows the motor's own friction as well: measure the "
     "torque behind motor and gear, or the tension of the cable there",
+    "motor_wind_up": "a current shows the wind-up of motor and gear as well: measure "
+    "the torque behind them, or the tension of the cable there",
     "motor_damping": "a current shows the drag of motor and gear as well: measure the "
     "torque behind them, or the tension of the cable there",
     "clock_offset": "record all channels by one clock, or declare the delay of each",
@@ -275,7 +277,7 @@ def deviating_parameters(
             home = -parameter.start / parameter.scale
         if name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS) or not math.isfinite(known):
             continue
-        if is_change(name):  # reported as such
+        if is_change(name) or name == "motor_wind_up":  # reported as such; never given
             continue
         deviation = abs(place - home) / known
         given = parameter.value(home)

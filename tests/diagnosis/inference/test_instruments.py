@@ -144,7 +144,7 @@ def test_friction_of_the_motor_may_wind_up() -> None:
     told = found.baseline.parameters
     assert told["motor_friction"].value == pytest.approx(FRICTION, rel=0.05)
     assert told["motor_wind_up"].value == pytest.approx(0.02, rel=0.1)
-    assert found.remaining < 1.2
+    assert found.remaining < 1.2 and not found.strayed
 
 
 @pytest.mark.parametrize(

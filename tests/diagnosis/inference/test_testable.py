@@ -23,6 +23,7 @@ from cc_mujoco.diagnosis._propose.identifiability import (
     deviating_parameters,
     untestable_effects,
 )
+from cc_mujoco.diagnosis._rig.bench_simulation import BASELINE
 from cc_mujoco.diagnosis._search.screening import Changes
 from diagnosis.recorded import BENCH, dataset
 
@@ -102,6 +103,7 @@ def test_a_unit_is_suspected_only_where_its_factor_is_about_right() -> None:
     assert _suspected_unit(57.0) == "degrees or radians"
     assert _suspected_unit(3.5) == _suspected_unit(1.0) == _suspected_unit(20.0) == ""
     assert not any("times" in remedy for remedy in REMEDIES.values())
+    assert BASELINE.keys() <= REMEDIES.keys()
 
 
 def test_shapes_of_effects_do_not_stray() -> None:

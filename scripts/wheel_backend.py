@@ -2,9 +2,11 @@
 
 On Linux `build_wheel` compiles the sources of the wheel and adds the shared library, so
 that `import cc_mujoco` has nothing to compile. Where that is not possible the wheel is
-the one of setuptools, and a line on standard error gives the reason.
+the one of setuptools, and a line on standard error gives the reason. For a target of
+`TARGETS` it is compiled by Zig, on any system.
 
     python -m build --wheel                    # with the library compiled for it
+    python -m build --wheel -C target=linux-aarch64    # for another system
     python -m build --wheel -C library=FILE    # with one of the same sources
     python -m build --wheel -C library=none    # without
 
@@ -19,6 +21,7 @@ import hashlib
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -40,14 +43,21 @@ get_requires_for_build_sdist = build_meta.get_requires_for_build_sdist
 prepare_metadata_for_build_editable = build_meta.prepare_metadata_for_build_editable
 prepare_metadata_for_build_wheel = build_meta.prepare_metadata_for_build_wheel
 
-_LIBRARY = "cc_mujoco/native/libcc_mujoco.so"
+TARGETS = {
+    "linux-x86_64": ("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64"),
+    "linux-aarch64": ("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64"),
+    "macos-arm64": ("aarch64-macos.11.0", ".dylib", "macosx_11_0_arm64"),
+    "windows-x86_64": ("x86_64-windows-gnu", ".dll", "win_amd64"),
+}
+"""Names of targets, with Zig's, the ending of a library there and the wheel's tag."""
+_LIBRARY = "cc_mujoco/native/libcc_mujoco"
 _NEEDED = ("gymnasium", "lazy_loader", "mujoco", "numpy", "scipy")
 """Dependencies of the package that the compilation of the library imports."""
 _COMPILE = """
 import sys
 from pathlib import Path
 from cc_mujoco.native._library import build
-build(Path(sys.argv[1]))
+print(build(Path(sys.argv[1])))
 """
 _DIGEST = "from cc_mujoco.native._library import digest; print(digest())"
 
@@ -63,14 +73,14 @@ class SourceDistribution(sdist):
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
     """Return what the compilation of the library needs beside setuptools."""
     needed = list(build_meta.get_requires_for_build_wheel(config_settings))
-    choice = (config_settings or {}).get("library")
-    if not _can_have_library() or choice == "none":
+    choice, target = _choices(config_settings)
+    if choice == "none" or not (target or _can_have_library()):
         return needed
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
     for dependency in project["project"]["dependencies"]:
         if re.split(r"[^\w.-]", dependency)[0] in _NEEDED:
             needed.append(dependency)
-    if choice is None and not _has_compiler():
+    if choice is None and (target or not _has_compiler()):
         needed += project["project"]["optional-dependencies"]["native"]
     return needed
 
@@ -83,14 +93,16 @@ def build_wheel(
     """Build the wheel, add the library to it and return its name.
 
     Raises:
-        SystemExit: The file of the setting `library` is not of these sources.
+        SystemExit: The file of the setting `library` is not of these sources, the
+            setting `target` is unknown, or the library of a target does not compile.
     """
+    choice, target = _choices(config_settings)
     name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
-    choice = (config_settings or {}).get("library")
     if choice == "none":
         return name
-    if not _can_have_library():
-        return _without(name, "only wheels for Linux carry one")
+    if not target and not _can_have_library():
+        return _without(name, "only wheels for Linux carry one without a target")
+    triple, suffix, tag = TARGETS.get(target, ("", ".so", ""))
     plain = Path(wheel_directory) / name
     with tempfile.TemporaryDirectory() as folder:
         tree, made = Path(folder) / "wheel", Path(folder) / "made"
@@ -104,13 +116,23 @@ def build_wheel(
             )
             try:
                 made.mkdir()
-                _run(tree, _COMPILE, made)
+                library = Path(_run(tree, _COMPILE, made, target=triple)).read_bytes()
             except subprocess.CalledProcessError as error:
+                if target:
+                    raise SystemExit(f"{target}: {_last_line(error)}") from None
                 return _without(name, _last_line(error))
-            library = (made / Path(_LIBRARY).name).read_bytes()
         else:
             library = _given(Path(choice), tree)
-    return _pack(plain, library)
+    return _pack(plain, library, _LIBRARY + suffix, tag or _tag(library))
+
+
+def _choices(config_settings: Settings) -> tuple[str | None, str]:
+    """Return the settings `library` and `target`."""
+    settings = config_settings or {}
+    target = settings.get("target", "")
+    if target and target not in TARGETS:
+        raise SystemExit(f"target is {target!r}; it may be {', '.join(TARGETS)}.")
+    return settings.get("library"), target
 
 
 def _given(file: Path, tree: Path) -> bytes:
@@ -151,14 +173,20 @@ def _without(name: str, reason: str) -> str:
     return name
 
 
-def _run(tree: Path, script: str, *given: Path) -> str:
-    """Run a script with the package of an unpacked wheel; return what it prints."""
+def _run(tree: Path, script: str, *given: Path, target: str = "") -> str:
+    """Run a script with the package of an unpacked wheel; return what it prints.
+
+    What it compiles is for a target of Zig, if one is named.
+    """
     paths = [str(tree), *filter(None, [os.environ.get("PYTHONPATH")])]
     settings = {
         "PYTHONPATH": os.pathsep.join(paths),
         "PYTHONDONTWRITEBYTECODE": "1",
         "CC_MUJOCO_CACHE_DIR": str(tree.parent / "cache"),
     }
+    if target:
+        zig = [sys.executable, "-m", "ziglang", "cc", "-target", target]
+        settings["CC"] = shlex.join(zig) if os.name != "nt" else " ".join(zig)
     done = subprocess.run(
         [sys.executable, "-P", "-c", script, *map(str, given)],
         env=os.environ | settings,
@@ -173,12 +201,19 @@ def _tag(library: bytes) -> str:
     """Return the tag of systems with the glibc that a library needs."""
     found = re.findall(rb"\0GLIBC_(\d+)\.(\d+)", library)
     major, minor = max((int(major), int(minor)) for major, minor in found)
-    return f"py3-none-manylinux_{major}_{minor}_{platform.machine()}"
+    return f"manylinux_{major}_{minor}_{platform.machine()}"
 
 
-def _pack(plain: Path, library: bytes) -> str:
-    """Replace a wheel by one that holds a library as well, and return its name."""
-    tag = _tag(library)
+def _pack(plain: Path, library: bytes, place: str, tag: str) -> str:
+    """Replace a wheel by one that holds a library as well, and return its name.
+
+    Args:
+        plain: The wheel.
+        library: Content of the library.
+        place: Its place in the wheel.
+        tag: Tag of the systems that it is for.
+    """
+    tag = f"py3-none-{tag}"
     stem = plain.name.removesuffix("-py3-none-any.whl")
     target = plain.with_name(f"{stem}-{tag}.whl")
     files = []
@@ -188,7 +223,7 @@ def _pack(plain: Path, library: bytes) -> str:
             if file.filename.endswith(".dist-info/WHEEL"):
                 content = re.sub(rb"(?m)^(Root-Is-Purelib:).*$", rb"\1 false", content)
                 content = re.sub(rb"(?m)^Tag: .*$", f"Tag: {tag}".encode(), content)
-                added = zipfile.ZipInfo(_LIBRARY, file.date_time)
+                added = zipfile.ZipInfo(place, file.date_time)
                 added.external_attr = file.external_attr
                 added.compress_type = zipfile.ZIP_DEFLATED
                 files.append((added, library))

@@ -187,6 +187,30 @@ def test_wheel_compiles_the_library_that_it_carries(copy: Path) -> None:
         assert digest().encode() in archive.read(LIBRARY)
 
 
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("target", "begins", "machine"),
+    [
+        ("linux-x86_64", b"\x7fELF", b"\x3e\0"),
+        ("linux-aarch64", b"\x7fELF", b"\xb7\0"),
+        ("macos-arm64", b"\xcf\xfa\xed\xfe", b"\x0c\0\0\1"),
+        ("windows-x86_64", b"MZ", b"PE\0\0\x64\x86"),
+    ],
+)
+def test_wheel_of_another_system_carries_its_library(
+    target: str, begins: bytes, machine: bytes, copy: Path
+) -> None:
+    pytest.importorskip("ziglang")
+    _, suffix, tag = wheel_backend.TARGETS[target]
+    wheel = build(copy, f"--config-setting=target={target}")
+    assert wheel.stem.endswith(f"-py3-none-{tag}")
+    with zipfile.ZipFile(wheel) as archive:
+        library = archive.read(LIBRARY.replace(".so", suffix))
+    assert library.startswith(begins)
+    assert machine in library[:0x400]
+    assert digest().encode() in library
+
+
 @pytest.mark.wheel
 def test_installed_wheel_makes_environments_and_plays(
     installed: Path, tmp_path: Path

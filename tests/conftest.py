@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
+import shlex
+import shutil
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from cc_mujoco.native._library import digest, library
+from cc_mujoco.native._library import compiler, digest, library
 from shared_folder import ABSENT, SHARED
 
 # The same examples in every run, so more of them find nothing in the next one; and no
@@ -129,7 +131,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def plugin_library(pytestconfig: pytest.Config) -> Path:
+def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return a compiler for `CC`, with an argument, that takes no time to optimise."""
+    if os.name == "nt":
+        return ""
+    script = tmp_path_factory.mktemp("compiler") / "quick.sh"
+    script.write_text(f'exec {shlex.join(compiler())} "$@" -O0\n')
+    return shlex.join([shutil.which("sh") or "sh", str(script)])
+
+
+@pytest.fixture(scope="session")
+def plugin_library(pytestconfig: pytest.Config, quick_compiler: str) -> Path:
     """Write the plugin as a shared library once per version.
 
     It takes seconds, so it is kept for other workers and later runs.
@@ -141,7 +153,9 @@ def plugin_library(pytestconfig: pytest.Config) -> Path:
     kept = folder / PLUGIN_LIBRARY
     if not kept.exists() or digest().encode() not in kept.read_bytes():
         partial = folder / f"of {os.getpid()}"
-        write_plugin(partial).replace(kept)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CC", quick_compiler)
+            write_plugin(partial).replace(kept)
         partial.rmdir()
     return kept
 

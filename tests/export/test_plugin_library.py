@@ -251,6 +251,8 @@ def test_source_builds_with_cmake(library: Path, tmp_path: Path) -> None:
     if cmake is None:
         pytest.skip("there is no cmake")
     written = write_plugin_source(tmp_path / "source").parent
+    listed = written / "CMakeLists.txt"
+    listed.write_text(listed.read_text().replace(" -O3 ", " -O0 "))
     run(cmake, "-S", written, "-B", tmp_path / "built", cwd=tmp_path)
     run(cmake, "--build", tmp_path / "built", cwd=tmp_path)
     (built,) = (tmp_path / "built").glob("libcc_mujoco_cable.*")

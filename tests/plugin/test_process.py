@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from cc_mujoco.native._library import compiler, library
+from cc_mujoco.native._library import library
 from plugin.processes import Ended, processes
 from plugin.scenes import pull_pull
 
@@ -110,17 +108,6 @@ def test_process(name: str, ended: dict[str, Ended]) -> None:
     assert not (folder / "MUJOCO_LOG.TXT").exists()
 
 
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return the command of a compiler that does not optimise, with an argument."""
-    if os.name == "nt":
-        return ""
-    script = tmp_path_factory.mktemp("compiler") / "quick.sh"
-    command = " ".join(map(shlex.quote, compiler()))
-    script.write_text(f'exec {command} "$@" -O0\n')
-    return f"{shutil.which('sh')} {shlex.quote(str(script))}"
-
-
 def start(code: str, cache: Path, **environment: str) -> subprocess.Popen[str]:
     """Run code in a process with a folder of its own for the native library."""
     return subprocess.Popen(
@@ -172,7 +159,7 @@ def test_machine_without_a_compiler_is_told_what_to_install(
 
 
 def test_two_processes_and_their_threads_compile_one_library(
-    quick: str, tmp_path: Path
+    quick_compiler: str, tmp_path: Path
 ) -> None:
     """Nobody sees half a file of another, and of the killed nothing is left."""
     old, young = tmp_path / "building-old", tmp_path / "building-young"
@@ -186,7 +173,7 @@ with ThreadPoolExecutor(4) as pool:
     assert len({each._handle for each in pool.map(lambda _: library(), range(4))}) == 1
 import cc_mujoco.plugin
 """
-    both = [start(code, tmp_path, CC=quick) for _ in range(2)]
+    both = [start(code, tmp_path, CC=quick_compiler) for _ in range(2)]
     assert [said(one) for one in both] == [[NOTICE], [NOTICE]]
     assert [one.returncode for one in both] == [0, 0]
     left = sorted(path.name for path in tmp_path.iterdir())
@@ -194,12 +181,16 @@ import cc_mujoco.plugin
     assert left[1].startswith("libcc_mujoco-")
 
 
-def test_library_that_is_not_whole_is_compiled_anew(quick: str, tmp_path: Path) -> None:
+def test_library_that_is_not_whole_is_compiled_anew(
+    quick_compiler: str, tmp_path: Path
+) -> None:
     """As of a disk that was full, or a copy that was cut off."""
     file = tmp_path / Path(library()._name).name
     file.write_bytes(Path(library()._name).read_bytes()[:1000])
     (tmp_path / "trees.json").write_text("[]")
-    assert said(start("import cc_mujoco.plugin", tmp_path, CC=quick)) == [NOTICE]
+    assert said(start("import cc_mujoco.plugin", tmp_path, CC=quick_compiler)) == [
+        NOTICE
+    ]
     assert said(start("import cc_mujoco.plugin", tmp_path, **WITHOUT)) == []
 
 

@@ -282,8 +282,8 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         ([*EXPORT, "wrsit", "--controller", "pi"], "did you mean 'wrist'"),
         ([*EXPORT, "wrist", "--controller", "pid"], "did you mean 'pi'"),
         (
-            [*EXPORT, "wrist", "--controller", "disturbance"],
-            "'disturbance' cannot be exported",
+            [*EXPORT, "wrist", "--controller", "fused"],
+            "'fused' cannot be exported",
         ),
         (
             "export wrist --controller pi --out x --target onx".split(),

@@ -25,7 +25,6 @@ import mujoco
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cc_mujoco._utils.provenance import POLICY_ENDING
 from cc_mujoco.control import AxesController, Controller, axes_controller, controller
@@ -329,6 +328,8 @@ def first_wearers(
 
 def first_places(width: int, crowd: int = 24, seed: int = 0) -> Array:
     """Return corners of a unit cube and a Latin hypercube in it, (crowd, width)."""
+    from scipy.stats import qmc
+
     corners = np.stack(np.meshgrid(*([0.0, 1.0],) * width), axis=-1).reshape(-1, width)
     cube = qmc.LatinHypercube(width, rng=seed).random(crowd - len(corners))
     return np.vstack([corners, cube])

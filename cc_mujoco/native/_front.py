@@ -27,7 +27,7 @@ _NODES = (
 
 
 @dataclass(frozen=True)
-class Source:
+class ReadFunction:
     """A function that is to be written in another language.
 
     Attributes:
@@ -61,14 +61,14 @@ def read(
     function: types.FunctionType,
     known: Known,
     constant_result: Callable[[Any], ast.Constant | None],
-) -> Source:
+) -> ReadFunction:
     """Read a function; the arguments are those of `fold`.
 
     Raises:
         CableError: it leaves the subset, with file and line.
     """
     node = tree_of(function)
-    source = Source(
+    source = ReadFunction(
         function, node, Scope(function, node), ast.get_docstring(node) or ""
     )
     if source.doc:
@@ -87,7 +87,7 @@ def read(
 class _Lowering:
     """Statements made of the few that writers know."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: ReadFunction) -> None:
         self._source, self._count = source, 0
 
     def block(self, body: list[ast.stmt]) -> list[ast.stmt]:
@@ -172,7 +172,7 @@ def _loaded(target: ast.expr) -> ast.expr:
 class Writer(ast.NodeVisitor):
     """Text of one function: a method for each node, which a language adds."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: ReadFunction) -> None:
         """Begin with a function that has been read."""
         self.source, self.scope = source, source.scope
         self.lines: list[str] = []

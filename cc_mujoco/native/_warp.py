@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.native._fold import Known, is_number
-from cc_mujoco.native._front import Source, Writer, name_of, read
+from cc_mujoco.native._front import ReadFunction, Writer, name_of, read
 from cc_mujoco.native._kinds import python_function
 
 _BUILTINS: dict[Any, str] = {
@@ -75,7 +75,7 @@ class _Library:
 
     def __init__(self, known: Known) -> None:
         self._known = known
-        self._sources: dict[types.FunctionType, Source] = {}
+        self._sources: dict[types.FunctionType, ReadFunction] = {}
         self._text: dict[str, str] = {}
         self._records: dict[str, Any] = {}
         self._literals: dict[str, str] = {}
@@ -118,7 +118,7 @@ class _Library:
         text = text if value != -math.inf else "-float('inf')"
         return self._literals.setdefault(text, f"C{len(self._literals)}")
 
-    def _read(self, function: types.FunctionType) -> Source:
+    def _read(self, function: types.FunctionType) -> ReadFunction:
         if function not in self._sources:
             source = read(function, self._known, self._constant_result)
             self._sources[function] = source
@@ -139,7 +139,7 @@ class _Library:
 class _WarpWriter(Writer):
     """Text of one function."""
 
-    def __init__(self, library: _Library, source: Source) -> None:
+    def __init__(self, library: _Library, source: ReadFunction) -> None:
         super().__init__(source)
         self._library = library
 

@@ -29,7 +29,7 @@ _DELAY_SHARE = 0.2
 """Bandwidth of the motor's position, times the delay."""
 _MAX_BANDWIDTH = 200.0
 """Most of that bandwidth [rad/s]."""
-_INTEGRAL_SHARE = 0.2
+_INTEGRAL_SHARE = 0.4
 """Bandwidth of the integral over that of the position."""
 _ENCODER_STEP = 5e-4
 """Motion of the joint that is none [rad]."""

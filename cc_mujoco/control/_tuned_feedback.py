@@ -31,7 +31,7 @@ from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, inter
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
-_INTEGRAL_SHARE = 0.25
+_INTEGRAL_SHARE = 0.5
 """Bandwidth of the integral over that of the damped motor."""
 _MAX_PROPORTIONAL = 2.0
 _DEAD_SIGMAS = 6.0
@@ -82,7 +82,8 @@ def loop_gains(drive: Drive) -> LoopGains:
     With the rotor's inertia J, the stiffness k of the cables at the motor and the delay
     T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
     proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
-    T). The integral has a quarter of the least of the bandwidths 1 / T, k / D, D / J.
+    T). The integral has half of the least of the bandwidths 1 / T, k / D, D / J. These
+    shares are the best of `scripts/benchmarks/tune_baselines.py`.
 
     Raises:
         CableError: Cables or rotor are not known.
@@ -180,13 +181,14 @@ class TunedFeedback(ProportionalIntegral):
 class FrictionFeedForward(TunedFeedback):
     r"""`pi_tuned` with the friction of slipping cables fed forward, smoothly.
 
-    The motor torque of cables that slip as a whole (`full_slip_balance`) takes the
-    place of \(\tau_d / \rho\). The sense of the slip is the hyperbolic tangent of the
-    speed \(\dot\theta_j + \dot\tau_d / k\) at which the motor has to follow, over 0.3
-    rad/s: it is 0 at rest, so that nothing chatters there.
+    The motor torque of cables that slip as a whole (`full_slip_balance`), with a
+    quarter of the believed friction, takes the place of \(\tau_d / \rho\). The sense of
+    the slip is the hyperbolic tangent of the speed \(\dot\theta_j + \dot\tau_d / k\) at
+    which the motor has to follow, over 0.3 rad/s: it is 0 at rest, so that nothing
+    chatters there. More friction makes a light winch swing.
     """
 
-    friction_share = 1.0
+    friction_share = 0.25
 
 
 @compiled

@@ -3,10 +3,10 @@
     python scripts/benchmarks/tune_baselines.py --controllers pi_tuned lqg
 
 Multiplies one number after another by a factor, keeps what lowers the score, and prints
-the score of each, with chatter. The score is the RMS torque error over that with
-today's numbers: the geometric mean over conditions of suite `v2` and `noise-loud`, of
-all devices. One set of numbers serves them all, so that a device of one's own gets it,
-too. No table uses the seeds.
+the score of each, with chatter. The score is the RMS torque error, the worst of the
+seeds, over that with today's numbers: the geometric mean over conditions of suite `v2`
+and `noise-loud`, of all devices. One set of numbers serves them all, so that a device
+of one's own gets it, too. No table uses the seeds.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import numpy as np
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
 from cc_mujoco.native import FloatArray
 
-SEEDS = 40, 41
+SEEDS = 40, 41, 42, 43, 44, 45
 """Development seeds of suite `v2`."""
 SCENES = "wrist", "ankle", "finger", "exosuit"
-STRUCTURES = "presliding", "rotor-inertia"
+STRUCTURES = "presliding", "rotor-inertia", "late-commands", "wrap-end"
 """Conditions of suite `v2`, beside `noise-loud`."""
 DURATION = 1.6
 """Length of an episode [s]."""
@@ -33,13 +33,10 @@ FACTORS = 0.5, 2.0
 """Factors of a number that are tried."""
 SCORES = "rms_torque_error", "chatter"
 _LOOP = "tuned_feedback._DELAY_SHARE", "tuned_feedback._INTEGRAL_SHARE"
+_FORWARD = "tuned_feedback.FrictionFeedForward"
 NUMBERS = {
     "pi_tuned": (*_LOOP, "tuned_feedback._DEAD_SIGMAS"),
-    "pi_feed_forward": (
-        *_LOOP,
-        "tuned_feedback.FrictionFeedForward.friction_share",
-        "tuned_feedback.FrictionFeedForward.slip_speed",
-    ),
+    "pi_feed_forward": (f"{_FORWARD}.friction_share", f"{_FORWARD}.slip_speed"),
     "lqg": ("gaussian._EFFORT", "gaussian._LOAD_WALK", "gaussian._LACK_WALK"),
     "inverse": (
         "backlash_inverse._DELAY_SHARE",
@@ -66,7 +63,7 @@ def scores(law: str, wanted: list[Condition]) -> FloatArray:
     for n, condition in enumerate(wanted):
         played = play(Cell(condition, law, SEEDS)).scores
         lost = bool(np.any(played["failed"]))
-        found[:, n] = [np.inf if lost else np.mean(played[name]) for name in SCORES]
+        found[:, n] = [np.inf if lost else np.max(played[name]) for name in SCORES]
     return found
 
 

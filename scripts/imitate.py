@@ -182,25 +182,25 @@ class Classroom:
         env, exo = self.env, self.env.exo
         count, limits = env.num_envs, exo.device.torque_limits
         law, sensors = self._teach(env, hold=self._hold), self._sensors()
-        sights = [ObservationHistory(own, count) for own in self.observed]
+        histories = [ObservationHistory(own, count) for own in self.observed]
         share = np.minimum(2.0 * self._random.permutation(count) / count, 1.0)
         alone, going = share == 1.0, np.ones(count, dtype=np.bool_)
         played: Singles = np.zeros((count, len(limits)), np.float32)
         seen, taught, errors = [], [], []
         for step in range(exo.steps):
             columns = sensors.measure(self._info)
-            for axis, sight in enumerate(sights):
-                measured = sight.observed.of(exo.axis_columns(columns, axis))
-                (sight.look if step else sight.begin)(measured)
+            for axis, history in enumerate(histories):
+                measured = history.observed.of(exo.axis_columns(columns, axis))
+                (history.add if step else history.begin)(measured)
             if step % self._hold == 0:
                 right = env.action(law.torque(self._info))
-                rows = np.concatenate([one.observation() for one in sights], axis=1)
+                rows = np.concatenate([one.observation() for one in histories], axis=1)
                 played = right
                 if student:
                     own = np.clip(student(rows), -1.0, 1.0)
                     played = (right + share[:, None] * (own - right)).astype(np.float32)
-                for axis, sight in enumerate(sights):
-                    sight.act(played[:, axis])
+                for axis, history in enumerate(histories):
+                    history.act(played[:, axis])
                 sound = going & np.isfinite(right).all(axis=1)
                 seen.append(rows[sound])
                 taught.append(right[sound])

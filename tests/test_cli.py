@@ -251,7 +251,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
     [
         (["paly", "wrist"], "did you mean 'play'"),
         (["device"], "missing from cc-mujoco device: SCENE, an MJCF file"),
-        (["export"], "or an MJCF file; --controller NAME, controller: pi"),
+        (["export"], "or an MJCF file; --controller NAME, controller: none"),
         (["play", "wirst"], "did you mean 'wrist'"),
         (["play", "wrist", "--trajectory", "sien"], "did you mean 'sine'"),
         (["play", "wrist", "--task", "tunel"], "did you mean 'tunnel'"),

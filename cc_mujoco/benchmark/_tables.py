@@ -239,7 +239,10 @@ def _with_price(results: Results, scene: str, place: Place) -> str:
         _mean_score(results, scene, place.name, name)
         for name in ("chatter", "peak_motor_torque")
     )
-    return f"{_score_with_interval(place)}, {1e3 * chatter:.3g}, {peak:.2g}"
+    error = _score_with_interval(place)
+    if math.isnan(chatter) or math.isnan(peak):  # it gave no torque in any episode
+        return f"{error}, -, -"
+    return f"{error}, {1e3 * chatter:.3g}, {peak:.2g}"
 
 
 def plant_names(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:

@@ -29,7 +29,12 @@ from cc_mujoco.device._description import Description, read_table
 from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
 from cc_mujoco.device._mover import Mover
-from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons, strip
+from cc_mujoco.device._strip_visuals import (
+    remaining_cable,
+    reserve_memory,
+    route_tendons,
+    strip,
+)
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES, Wearer
 from cc_mujoco.plugin._spec import error_sentence, read_spec
@@ -385,4 +390,5 @@ def bare_model(device: Device) -> mujoco.MjSpec:
     spec = device.stripped(route_tendons(device.cables.values())).copy()
     for name, cable in device.cables.items():
         plugin.to_mjcf(spec, name, remaining_cable(spec, cable))
+    reserve_memory(spec, device.cables.values())
     return spec

@@ -27,7 +27,11 @@ from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
-from cc_mujoco.device._strip_visuals import remaining_cable, route_tendons
+from cc_mujoco.device._strip_visuals import (
+    remaining_cable,
+    reserve_memory,
+    route_tendons,
+)
 from cc_mujoco.device._variables import (
     DELAY,
     NOISE,
@@ -332,6 +336,7 @@ class Plant:
             spec = scene.spec.copy()
         else:
             spec = scene.stripped(route_tendons(self.cables.values())).copy()
+            reserve_memory(spec, self.cables.values())
         self._apply(spec, whole)
         return spec
 

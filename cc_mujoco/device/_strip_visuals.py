@@ -19,6 +19,9 @@ from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.plugin import PLUGIN
 
 ARENA_BYTES = 1 << 16
+SEGMENT_BYTES = 64
+"""Memory for the plugin's work on a segment, for each cable and two more: twice what it
+needs at least."""
 """Least arena of a bare model without contacts [byte]. MuJoCo's own is 13 MB: the
 allocator would be left with holes as large whenever a batch of simulations ends, and a
 study would grow with its designs."""
@@ -107,6 +110,13 @@ def route_tendons(cables: Iterable[Cable]) -> tuple[str, ...]:
         for cable in cables
         if cable.bend != BENDS[0] or cable.path != PATHS[0]
     )
+
+
+def reserve_memory(spec: mujoco.MjSpec, cables: Iterable[Cable]) -> None:
+    """Give a stripped scene memory for the work on its cables."""
+    if spec.memory >= 0:  # else MuJoCo decides, and gives plenty
+        segments = [cable.segments for cable in cables]
+        spec.memory += SEGMENT_BYTES * (len(segments) + 2) * sum(segments)
 
 
 def remaining_cable(spec: mujoco.MjSpec, cable: Cable) -> Cable:

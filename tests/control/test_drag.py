@@ -44,7 +44,7 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
 
     found = -rollout.find_motor_angle(
         cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, 0.0,
-        DT, False, leapt, new, work,
+        DT, False, leapt, new, work, np.zeros(1),
     )  # fmt: skip
     assert found >= 0.0
     left = pull(found)
@@ -74,7 +74,7 @@ def test_slack_at_the_motor_leaves_the_pull_of_known_drag_as_it_is(term: str) ->
     def left(slack: float) -> tuple[float, float]:
         found = rollout.find_motor_angle(
             cables, start, 0.0, -1.0, 0.0, 0.0, 0.0, rise, 2.0, tolerance, slack,
-            DT, False, leapt, new, work,
+            DT, False, leapt, new, work, np.zeros(1),
         )  # fmt: skip
         return -found, float(tensions(new[0], cable.segments)[-1])
 

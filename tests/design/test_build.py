@@ -266,5 +266,14 @@ def test_a_simulation_of_a_design_is_small_and_has_room_to_spare(scene: str) -> 
     for _ in range(20):
         mujoco.mj_step(model, data)
     assert not data.warning.number.any()
-    assert max(data.maxuse_arena, data.maxuse_stack) < model.narena / 16
+    assert max(data.maxuse_arena, data.maxuse_stack) < model.narena / 8
     assert model.narena + model.nbuffer + data.nbuffer < 128 * 1024
+
+
+@pytest.mark.parametrize("scene", ["exosuit", "hand"])
+def test_a_fine_mesh_has_memory(scene: str) -> None:
+    model = Plant(scene, {"segments": 400}).model()
+    data = mujoco.MjData(model)
+    for _ in range(5):
+        mujoco.mj_step(model, data)
+    assert data.maxuse_arena < model.narena / 2

@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+_PENDING = object()
+
 
 class LazyInfo(dict[str, Any]):
-    """A dictionary that is filled when it is first read; what is set before, stays."""
+    """A dictionary that is filled when it is first read; what is set before, stays.
+
+    Until then one key has a placeholder: code in C, as that of `json`, looks at the
+    size of a dictionary before it asks for its items.
+    """
 
     def __init__(self, make: Callable[[], dict[str, Any]]) -> None:
         """Take the function that computes the entries, which is called at most once."""
-        super().__init__()
+        super().__init__(time_s=_PENDING)
         self._make: Callable[[], dict[str, Any]] | None = make
 
     def _fill(self) -> None:
         make, self._make = self._make, None
         if make is not None:
-            own = dict.copy(self)
+            own = {k: v for k, v in dict.items(self) if v is not _PENDING}
             dict.clear(self)
             dict.update(self, make() | own)
 

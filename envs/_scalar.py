@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import load, physics_of
@@ -239,6 +240,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
         return self.exo.beyond(self._script)
 
+    @exclusive
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
@@ -273,6 +275,7 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         info = self._info(columns, marks, (0.0, 0.0, 0.0))
         return self._observation(), info
 
+    @exclusive
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -280,10 +283,13 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
 
         Raises:
             CableError: If the action is not of shape (axes,) and finite.
+            gymnasium.error.ResetNeeded: Before the first reset, and after the end.
         """
         exo, script, data = self.exo, self._script, self.data
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        if self._sample >= exo.samples:
+            raise gymnasium.error.ResetNeeded("the episode is over; call reset().")
         normalised = exo.normalised(action)
         for place, history in enumerate(self._histories):
             history.act(normalised[place : place + 1])

@@ -97,3 +97,12 @@ def test_a_cable_and_an_estimator_serve_one_thread_at_a_time() -> None:
             assert error.endswith("make one for each thread.")
         call()
     assert np.isfinite(conduit.tension).all()
+
+
+def test_an_environment_is_stepped_by_one_thread_at_a_time() -> None:
+    env: Any = gymnasium.make("cc_mujoco/WristHandle-v1").unwrapped
+    env.reset(seed=0)
+    action = np.zeros(1, np.float32)
+    for error in together(lambda: env.step(action)):
+        assert "make one for each thread" in error
+    assert np.isfinite(env.step(action)[0]).all()

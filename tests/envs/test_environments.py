@@ -698,8 +698,23 @@ def test_an_info_read_late_is_that_of_its_step(vector: bool) -> None:
         return infos
 
     for late, early in zip(play(False), play(True), strict=True):
+        if not vector:
+            numbers = json.loads(json.dumps(late, default=np.ndarray.tolist))
+            assert numbers["time_s"] == early["time_s"]
         assert "joint_velocity_rad_s" in late
         assert list(late) == list(early)
         for name, value in pickle.loads(pickle.dumps(late)).items():
             assert np.array_equal(value, early[name]), name
         assert {**late}.keys() == copy.deepcopy(late).keys() == late.keys()
+
+
+def test_an_episode_that_is_over_asks_for_a_reset() -> None:
+    env = gymnasium.make("cc_mujoco/AnkleExo-v1", duration=0.01).unwrapped
+    env.reset(seed=0)
+    while not env.step(np.zeros(1, np.float32))[3]:
+        pass
+    for _ in range(2):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="over"):
+            env.step(np.zeros(1, np.float32))
+    env.reset()
+    env.step(np.zeros(1, np.float32))

@@ -56,8 +56,8 @@ _NEEDED = ("gymnasium", "lazy_loader", "mujoco", "numpy", "scipy")
 _COMPILE = """
 import sys
 from pathlib import Path
-from cc_mujoco.native._library import build
-print(build(Path(sys.argv[1])))
+from cc_mujoco.native._library import build, write_source
+print(build(Path(sys.argv[1]), write_source))
 """
 _DIGEST = "from cc_mujoco.native._library import digest; print(digest())"
 

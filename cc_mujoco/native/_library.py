@@ -105,7 +105,15 @@ def _library() -> ctypes.CDLL:
     if _does_without:
         compiler()  # says what to install
         raise NativeLibraryError("this process does without the native library.")
-    path = CARRIED if _is_carried() else _kept() or _keep()
+    return load(CARRIED if _is_carried() else keep(_kept_name(), write_source))
+
+
+def load(path: Path) -> ctypes.CDLL:
+    """Return the library of a file.
+
+    Raises:
+        NativeLibraryError: it does not load.
+    """
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -127,9 +135,9 @@ def _is_carried() -> bool:
     return sources_digest().encode() in content or digest().encode() in content
 
 
-def _kept() -> Path | None:
-    """Return the library of this code in the folder of this user, if it is whole."""
-    for path in folder().glob(f"{_kept_name()}-*{SUFFIX}"):
+def _kept(name: str) -> Path | None:
+    """Return a library in the folder of this user, if it is there and whole."""
+    for path in folder().glob(f"{name}-*{SUFFIX}"):
         if path.stem.endswith(f"-{path.stat().st_size}"):
             return path
     return None
@@ -139,14 +147,26 @@ def _kept_name() -> str:
     return f"libcc_mujoco-{digest()[:20]}-{platform.machine().lower()}"
 
 
-def _keep() -> Path:
-    """Compile the library into that folder; its name has its size in bytes."""
+def keep(name: str, write: Callable[[Path], object]) -> Path:
+    """Return a library in the folder of this user, compiled if it is not there whole.
+
+    Args:
+        name: identifies its code and machine; the file's name has its size, too.
+        write: writes its source in C.
+
+    Raises:
+        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
+            written.
+    """
+    found = _kept(name)
+    if found is not None:
+        return found
     with workplace() as place:
         if sys.stderr is not None:
             sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
-        made = build(place)
+        made = build(place, write)
         size = made.stat().st_size
-        return made.replace(folder() / f"{_kept_name()}-{size}{SUFFIX}")
+        return made.replace(folder() / f"{name}-{size}{SUFFIX}")
 
 
 @contextmanager
@@ -185,7 +205,7 @@ def does_without() -> bool:
 def is_at_hand() -> bool:
     """Return whether there is a library of this code, or a compiler to make it."""
     try:
-        return _is_carried() or _kept() is not None or bool(compiler())
+        return _is_carried() or _kept(_kept_name()) is not None or bool(compiler())
     except NativeLibraryError:
         return False
 
@@ -342,14 +362,14 @@ def compiler() -> list[str]:
     )
 
 
-def build(place: Path) -> Path:
-    """Compile the library in a folder; return its path.
+def build(place: Path, write: Callable[[Path], object]) -> Path:
+    """Compile a library in a folder; return its path.
 
     Raises:
         NativeLibraryError: there is no compiler, or it fails.
     """
     source, made = place / "cc_mujoco.c", place / CARRIED.name
-    write_source(source)
+    write(source)
     compile_library(source, made)
     return made
 

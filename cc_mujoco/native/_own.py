@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
+import platform
 import types
 from collections.abc import Callable
 from functools import cache
@@ -37,13 +37,8 @@ def own_entries(
             entries_text(made, [(k, found) for k, found in pairs if has_entry(found)]),
         ]
     )
-    digest = hashlib.sha256(f"{native_library.FLAGS}{text}".encode()).hexdigest()[:20]
-    name = f"lib{first.__module__.replace('.', '_')}-{digest}{native_library.SUFFIX}"
-    path = native_library.folder() / name
-    if not path.is_file():
-        with native_library.workplace() as place:
-            source, library = place / f"{path.stem}.c", place / path.name
-            source.write_text(text)
-            native_library.compile_library(source, library)
-            library.replace(path)
-    return native_library.methods(ctypes.CDLL(str(path)))
+    code = f"{native_library.FLAGS}{platform.machine()}{text}".encode()
+    module = first.__module__.replace(".", "_")
+    name = f"lib{module}-{hashlib.sha256(code).hexdigest()[:20]}"
+    path = native_library.keep(name, lambda source: source.write_text(text))
+    return native_library.methods(native_library.load(path))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._library import library
 from plugin.processes import Ended, processes
 from plugin.scenes import pull_pull
@@ -205,3 +206,20 @@ def test_command_without_a_compiler_is_one_sentence(tmp_path: Path) -> None:
     (error,) = said(playing)
     assert playing.returncode == 2
     assert error.startswith("cc-mujoco: cc_mujoco needs a C compiler once")
+
+
+def test_any_kept_library_that_is_cut_off_is_compiled_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path))
+
+    def write(source: Path) -> None:
+        source.write_text("int one(void);\nint one(void) { return 1; }\n")
+
+    path = native_library.keep("libone", write)
+    size = path.stat().st_size
+    assert native_library.keep("libone", write) == path
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(native_library.NativeLibraryError, match="does not load"):
+        native_library.load(path)
+    assert native_library.keep("libone", write).stat().st_size == size

@@ -27,6 +27,7 @@ import numpy as np
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.benchmark import (
     DEFAULT_BASELINE,
     OVERVIEW_HEADING,
@@ -44,7 +45,6 @@ from cc_mujoco.benchmark import (
 )
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
-from cc_mujoco.cli._options import progress_options
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.diagnosis import EFFECTS

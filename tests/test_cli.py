@@ -19,16 +19,16 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco import cli, viz
+from cc_mujoco._utils import command_options
 from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._runner import FIGURE_STEMS
-from cc_mujoco.cli import _options
-from cc_mujoco.cli._export import TARGETS
 from cc_mujoco.cli._list import Listing
-from cc_mujoco.cli._parsing import COMMANDS
+from cc_mujoco.cli._parsing import commands
 from cc_mujoco.device import find_device
 from cc_mujoco.export import EXPORT_FILES as EXPORTED_FILES
 from cc_mujoco.export import EXPORTED
+from cc_mujoco.export._command import TARGETS
 from cc_mujoco.report import figure
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import EPISODE_FILES, _episode_files
@@ -37,6 +37,7 @@ from plugin.processes import processes
 EXPORT = ["export", "--out", "x"]
 ANKLE = str(scene_path("ankle"))
 
+COMMANDS = {name: point.load() for name, point in commands().items()}
 # Where the package was imported from; tests run in another folder.
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
 
@@ -179,8 +180,8 @@ def test_old_results_stay_until_new_ones_are_complete(
 def test_a_bar_in_a_pipe_is_a_line_for_each_state(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(_options, "PROGRESS_INTERVAL", 0.0)
-    with _options.progress_bar(2.0, "episode") as progress:
+    monkeypatch.setattr(command_options, "PROGRESS_INTERVAL", 0.0)
+    with command_options.progress_bar(2.0, "episode") as progress:
         for time in (1.0, 2.0):
             progress(time)
     shown = capsys.readouterr().err
@@ -198,7 +199,7 @@ def test_a_diagnosis_says_what_it_does_however_little_of_the_whole_that_is(
             progress(share, doing)
         raise cc_mujoco.errors.CableError("enough")
 
-    monkeypatch.setattr(_options, "PROGRESS_INTERVAL", 0.0)
+    monkeypatch.setattr(command_options, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr("cc_mujoco.diagnosis._diagnose.diagnose", diagnose)
     cli.main(["diagnose", "bench", str(tmp_path), "--out", "there"])
     shown = capsys.readouterr().err

@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 allow(words)
                 command = parse(PROGRAM, words)
                 left = command.interrupted
-                from cc_mujoco.cli._options import plain_warnings
+                from cc_mujoco._utils.command_options import plain_warnings
 
                 with plain_warnings(), user_errors("the command", SystemExit):
                     code = command.run() or 0

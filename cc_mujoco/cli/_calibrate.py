@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Name, Names, option_help
+from cc_mujoco._utils.command_options import Name, Names, option_help
 from cc_mujoco.errors import CableError
 
 

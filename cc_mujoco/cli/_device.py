@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import option_help
+from cc_mujoco._utils.command_options import option_help
 
 if TYPE_CHECKING:
     from cc_mujoco.device import Device

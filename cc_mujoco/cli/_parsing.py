@@ -6,62 +6,36 @@ import contextlib
 import io
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any
+from importlib.metadata import EntryPoint, distribution, entry_points
+from typing import Annotated, Any, ClassVar, Protocol, Union
 
 import tyro
 
-from cc_mujoco.cli._benchmark import Benchmark
-from cc_mujoco.cli._calibrate import Calibrate
-from cc_mujoco.cli._device import ShowDevice
-from cc_mujoco.cli._diagnose import Diagnose
-from cc_mujoco.cli._export import Export
-from cc_mujoco.cli._list import Listing
-from cc_mujoco.cli._play import Play
-from cc_mujoco.cli._plugin import WritePlugin
-from cc_mujoco.cli._run import RunRig
-from cc_mujoco.cli._tendons import ShowTendons
-from cc_mujoco.cli._view import View
-from cc_mujoco.cli._whatif import WhatIf
-from cc_mujoco.cli._whatif_show import WhatIfShow
 from cc_mujoco.errors import CableError, look_up, require_new_name, require_utf8
 
-COMMANDS = {
-    "device": ShowDevice,
-    "tendons": ShowTendons,
-    "play": Play,
-    "calibrate": Calibrate,
-    "diagnose": Diagnose,
-    "whatif": WhatIf,
-    "whatif-show": WhatIfShow,
-    "benchmark": Benchmark,
-    "export": Export,
-    "plugin": WritePlugin,
-    "run": RunRig,
-    "view": View,
-    "list": Listing,
-}
+GROUP = "cc_mujoco.commands"
+"""Entry points of packages that have commands: `NAME = MODULE:DATACLASS`."""
 
 REPEATED = ("--vary", "--across", "--subject-to")
 """Options that are given once for each `NAME=VALUE`."""
 
-Command = (
-    Annotated[ShowDevice, tyro.conf.subcommand("device")]
-    | Annotated[ShowTendons, tyro.conf.subcommand("tendons")]
-    | Annotated[Play, tyro.conf.subcommand("play")]
-    | Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
-    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
-    | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
-    | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
-    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
-    | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[WritePlugin, tyro.conf.subcommand("plugin")]
-    | Annotated[RunRig, tyro.conf.subcommand("run")]
-    | Annotated[View, tyro.conf.subcommand("view")]
-    | Annotated[Listing, tyro.conf.subcommand("list")]
-)
+
+class CommandOptions(Protocol):
+    """A dataclass whose fields are the options of a command."""
+
+    interrupted: ClassVar[str]
+    """State after an interruption, as in "nothing was written"."""
+
+    def run(self) -> int | None:
+        """Do it; returns the exit code, None for 0."""
 
 
-def parse(program: str, arguments: Sequence[str]) -> Command:
+def commands() -> dict[str, EntryPoint]:
+    """Return the commands of all installed packages by name."""
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
     """Return the command that is meant.
 
     Args:
@@ -72,11 +46,19 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         CableError: They cannot be understood.
         SystemExit: They requested help, which was printed.
     """
-    parsed: Any = Command
-    about: str | None = "Bowden cables in MuJoCo. `--version` says which this is."
+    parsed: Any
+    about: str | None = None
     if arguments and not arguments[0].startswith("-"):
-        parsed, about = look_up("command", arguments[0], COMMANDS), None
+        parsed = _find(arguments[0]).load()
         program = f"{program} {arguments[0]}"
+    else:
+        about = "Bowden cables in MuJoCo. `--version` says which this is."
+        parsed = Union[
+            *(
+                Annotated[point.load(), tyro.conf.subcommand(name)]
+                for name, point in commands().items()
+            )
+        ]
     _require_full(arguments)
     _require_own_options(arguments)
     for word in arguments:
@@ -85,7 +67,7 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
-            found: Command = tyro.cli(
+            found: CommandOptions = tyro.cli(
                 parsed, prog=program, description=about, args=words
             )
             return found
@@ -94,6 +76,12 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
             raise
         sentence = _error_sentence(captured.getvalue())
         raise CableError(f"{sentence}`{program} --help` shows what works.") from None
+
+
+def _find(name: str) -> EntryPoint:
+    """Return a command; ours is found without looking through every package."""
+    ours = distribution("cc_mujoco").entry_points.select(group=GROUP, name=name)
+    return next(iter(ours), None) or look_up("command", name, commands())
 
 
 def _require_full(arguments: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import (
+from cc_mujoco._utils.command_options import (
     Added,
     Allowed,
     Flag,

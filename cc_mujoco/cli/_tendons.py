@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag, Names, option_help
+from cc_mujoco._utils.command_options import Flag, Names, option_help
 
 
 @dataclass(frozen=True)

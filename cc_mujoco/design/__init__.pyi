@@ -6,16 +6,6 @@ from ._pareto import objective_costs as objective_costs
 from ._pareto import pareto_rows as pareto_rows
 from ._pareto import read_limits as read_limits
 from ._pareto import read_objectives as read_objectives
-from ._passivity import LIMB_RANGES as LIMB_RANGES
-from ._passivity import PASSIVITY_REFERENCES as PASSIVITY_REFERENCES
-from ._passivity import PASSIVITY_TASKS as PASSIVITY_TASKS
-from ._passivity import Limb as Limb
-from ._passivity import WearerEnergy as WearerEnergy
-from ._passivity import first_places as first_places
-from ._passivity import inertia_of as inertia_of
-from ._passivity import limb_of as limb_of
-from ._passivity import play as play
-from ._passivity import wearer_bounds as wearer_bounds
 from ._plan import Plan as Plan
 from ._plan import make_plan as make_plan
 from ._study_spec import Execution as Execution

@@ -1,4 +1,4 @@
-"""Controllers in C: an object file of the library's own compiled functions."""
+"""Controllers and the engine plugin as C99, out of the library's own functions."""
 
 import lazy_loader
 

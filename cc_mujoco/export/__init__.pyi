@@ -6,6 +6,16 @@ from ._files import SOURCE_FILES as SOURCE_FILES
 from ._files import require_ours as require_ours
 from ._files import write as write
 from ._measures import measure as measure
+from ._passivity import LIMB_RANGES as LIMB_RANGES
+from ._passivity import PASSIVITY_REFERENCES as PASSIVITY_REFERENCES
+from ._passivity import PASSIVITY_TASKS as PASSIVITY_TASKS
+from ._passivity import Limb as Limb
+from ._passivity import WearerEnergy as WearerEnergy
+from ._passivity import first_places as first_places
+from ._passivity import inertia_of as inertia_of
+from ._passivity import limb_of as limb_of
+from ._passivity import play as play
+from ._passivity import wearer_bounds as wearer_bounds
 from ._plugin_library import write_plugin as write_plugin
 from ._plugin_library import write_plugin_source as write_plugin_source
 from ._ros2_control import require_ros2_states as require_ros2_states

@@ -16,7 +16,7 @@ does not know, or with `none` no effect, and the numbers of its model are rough.
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
 of a box and a Latin hypercube in it: 144 wearers a row by default, all rows in 11
-minutes of one core. For the source of the box see `design.LIMB_RANGES`. Two
+minutes of one core. For the source of the box see `export.LIMB_RANGES`. Two
 rows are no controllers: `ideal` is the unplugged device with a real spring at its
 joint, with which a wearer of little damping swings on by himself; with `motor-off`,
 cables and motor are there and nothing is desired.
@@ -42,7 +42,9 @@ from cc_mujoco.benchmark._actuation import HinderedFleet
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS
 from cc_mujoco.benchmark._plant import believed_drives, sample_plants
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.design import (
+from cc_mujoco.device import Device, DeviceModel, find_device
+from cc_mujoco.errors import look_up
+from cc_mujoco.export import (
     LIMB_RANGES,
     PASSIVITY_REFERENCES,
     PASSIVITY_TASKS,
@@ -54,8 +56,6 @@ from cc_mujoco.design import (
     play,
     wearer_bounds,
 )
-from cc_mujoco.device import Device, DeviceModel, find_device
-from cc_mujoco.errors import look_up
 from cc_mujoco.report import table
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
-from cc_mujoco.cli._options import progress_options
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.control import ProportionalIntegral
 from cc_mujoco.design import study
 from cc_mujoco.device import Drive

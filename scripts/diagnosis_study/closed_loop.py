@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.assets import scene_path
-from cc_mujoco.cli._options import progress_options
 from cc_mujoco.control import controller
 from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.diagnosis import diagnose

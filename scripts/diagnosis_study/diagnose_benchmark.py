@@ -33,7 +33,7 @@ from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, require_ours
-from cc_mujoco.cli._options import progress_options
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.diagnosis import BOOTSTRAP_BLOCK
 from cc_mujoco.errors import CableError
 

@@ -29,7 +29,7 @@ from driven import Array, Bench, Lockstep
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.cli._options import progress_options
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import AxisRow, DrivenAxis, Loop, Watchdog, drive_of

@@ -29,7 +29,7 @@ from driven import Array, Lockstep, Swing
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.cli._options import progress_options
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.control import (
     AdaptiveModel,
     Controller,

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 from tqdm import tqdm
 
-from cc_mujoco.cli._options import progress_options
+from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.design import study
 from cc_mujoco.report import figure_path
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cc_mujoco.design import (
+from cc_mujoco.export import (
     LIMB_RANGES,
     Limb,
     WearerEnergy,
@@ -20,7 +20,7 @@ from cc_mujoco.design import (
     play,
     wearer_bounds,
 )
-from cc_mujoco.design._passivity import extracted_energy
+from cc_mujoco.export._passivity import extracted_energy
 
 Array = NDArray[np.float64]
 PHYSICS = 5e-4

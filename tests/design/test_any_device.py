@@ -13,12 +13,12 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.design import make_plan, study
-from cc_mujoco.design._passivity import EPISODE_TIME, activity, play
 from cc_mujoco.design._protocol import split_axes, task_text, tasks_of_axes
 from cc_mujoco.design._results_store import read_table
 from cc_mujoco.design._show import show
 from cc_mujoco.device import load_device
 from cc_mujoco.errors import CableError, CableWarning
+from cc_mujoco.export._passivity import EPISODE_TIME, activity, play
 from cc_mujoco.metrics import METRICS, expand_cable_metrics, measure_axes
 from cc_mujoco.simulation import EpisodeLog
 from shared_folder import SHARED

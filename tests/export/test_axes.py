@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cc_mujoco.cli._export import Export
 from cc_mujoco.control import axes_controller
 from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, ExportPlan, write
+from cc_mujoco.export._command import Export
 from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 from hardware.devices import ARM, written
 from shared_folder import SHARED

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import TERMS
-from cc_mujoco.cli._export import Export
 from cc_mujoco.control import (
     Controller,
     PredictiveCompensation,
@@ -32,6 +31,7 @@ from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, EXPORTED, ExportPlan, measure, write
+from cc_mujoco.export._command import Export
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
 from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 
@@ -859,7 +859,7 @@ def test_a_check_is_made_once_for_a_controller_and_a_device(
         return 1e-3, 2e-3, (1.0, 2.0, 3.0)
 
     monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path / "kept"))
-    monkeypatch.setattr("cc_mujoco.design._passivity._activity", simulated)
+    monkeypatch.setattr("cc_mujoco.export._passivity._activity", simulated)
     monkeypatch.setattr("shutil.which", lambda name: None)  # measures nothing
     for place, (scene, name) in enumerate(
         [("wrist", "pi"), ("wrist", "pi"), ("wrist", "lqg"), ("ankle", "lqg")]

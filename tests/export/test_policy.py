@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco.cli._export import Export
 from cc_mujoco.control import Network, controller, read_policy, write_policy
 from cc_mujoco.control._policy import ACTIVATIONS
 from cc_mujoco.device import DeviceModel, Drive, Observed, find_device
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.errors import CableError
+from cc_mujoco.export._command import Export
 
 COMPILER = shutil.which("gcc") or shutil.which("clang")
 

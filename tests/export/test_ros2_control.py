@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cc_mujoco.cli._export import Export
 from cc_mujoco.control import axes_controller
 from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import ExportPlan, require_ros2_states
+from cc_mujoco.export._command import Export
 from cc_mujoco.export._files import EXPORT_FILES
 from cc_mujoco.export._ros2_control import ROS2_FILES
 from hardware.devices import ARM, written

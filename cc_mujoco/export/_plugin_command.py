@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Flag
+from cc_mujoco._utils.command_options import Flag
 
 
 @dataclass(frozen=True)

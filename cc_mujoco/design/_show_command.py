@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import (
+from cc_mujoco._utils.command_options import (
     Allowed,
     Flag,
     option_help,

@@ -9,7 +9,13 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Allowed, Flag, Names, option_help, progress_options
+from cc_mujoco._utils.command_options import (
+    Allowed,
+    Flag,
+    Names,
+    option_help,
+    progress_options,
+)
 from cc_mujoco.errors import CableError, look_up
 
 Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]

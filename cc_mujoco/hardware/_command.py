@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Allowed, option_help
+from cc_mujoco._utils.command_options import Allowed, option_help
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_bar
+from cc_mujoco._utils.command_options import Allowed, Flag, option_help, progress_bar
 from cc_mujoco.errors import CableError, look_up
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ class Export:
             flush=True,
         )
         from cc_mujoco.control._axes import by_axis, is_decoupled
-        from cc_mujoco.design._passivity import EPISODE_TIME, activity
+        from cc_mujoco.export._passivity import EPISODE_TIME, activity
 
         about = device.description
         laws = [self.controller] * len(places)

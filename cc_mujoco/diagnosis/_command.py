@@ -11,7 +11,12 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.cli._options import Allowed, Flag, option_help, progress_options
+from cc_mujoco._utils.command_options import (
+    Allowed,
+    Flag,
+    option_help,
+    progress_options,
+)
 from cc_mujoco.errors import CableError
 
 

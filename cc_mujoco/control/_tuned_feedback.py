@@ -6,7 +6,7 @@
 >>> pair = CableDrive(Cable(), -0.02, -0.1), CableDrive(Cable(), 0.02, 0.1)
 >>> drive = Drive(5.0, -1.0, 1.0, 0.001, cable_drives=(pair,), inertia=7e-5)
 >>> round(TunedFeedback(drive).integral)
-34
+150
 """
 
 from __future__ import annotations
@@ -31,8 +31,6 @@ from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, inter
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
-_INTEGRAL_SHARE = 0.5
-"""Bandwidth of the integral over that of the damped motor."""
 _MAX_PROPORTIONAL = 2.0
 _DEAD_SIGMAS = 6.0
 """Error at no desired torque that a single cable does not answer, in standard
@@ -76,13 +74,13 @@ def require_known_motor(drive: Drive) -> None:
         )
 
 
-def loop_gains(drive: Drive) -> LoopGains:
+def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     r"""Return the gains of a PI loop with a damper of the motor.
 
     With the rotor's inertia J, the stiffness k of the cables at the motor and the delay
     T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
     proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
-    T). The integral has half of the least of the bandwidths 1 / T, k / D, D / J. These
+    T). The integral has a share of the least of the bandwidths 1 / T, k / D, D / J. The
     shares are the best of `scripts/benchmarks/tune_baselines.py`.
 
     Raises:
@@ -95,7 +93,7 @@ def loop_gains(drive: Drive) -> LoopGains:
     damping = min(damping, _DELAY_SHARE * inertia / late)
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
-    integral = _INTEGRAL_SHARE * (1.0 + proportional) * bandwidth
+    integral = integral_share * (1.0 + proportional) * bandwidth
     return LoopGains(damping / stiffness, proportional, integral)
 
 
@@ -112,6 +110,8 @@ class TunedFeedback(ProportionalIntegral):
     desired torque of twice its width.
     """
 
+    integral_share = 0.35
+    """Bandwidth of the integral over that of the damped motor."""
     friction_share = 0.0
     """Share of the friction of slipping cables that is fed forward."""
     slip_speed = 0.3
@@ -126,7 +126,7 @@ class TunedFeedback(ProportionalIntegral):
         Raises:
             CableError: They are not known.
         """
-        found = loop_gains(drive)
+        found = loop_gains(drive, self.integral_share)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
         self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
@@ -188,6 +188,7 @@ class FrictionFeedForward(TunedFeedback):
     chatters there. More friction makes a light winch swing.
     """
 
+    integral_share = 0.5
     friction_share = 0.25
 
 

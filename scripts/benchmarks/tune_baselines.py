@@ -2,11 +2,11 @@
 
     python scripts/benchmarks/tune_baselines.py --controllers pi_tuned lqg
 
-Multiplies one number after another by a factor, keeps what lowers the score, and prints
-the score of each, with chatter. The score is the RMS torque error, the worst of the
-seeds, over that with today's numbers: the geometric mean over conditions of suite `v2`
-and `noise-loud`, of all devices. One set of numbers serves them all, so that a device
-of one's own gets it, too. No table uses the seeds.
+Takes one number after another step by step down, or else up, as long as the score
+falls, and prints the score of each, with chatter. The score is the RMS torque error,
+the worst of the seeds, over that with today's numbers: the geometric mean over the
+conditions of suite `v2` and `noise-loud`, of all devices. One set of numbers serves
+them all, so that a device of one's own gets it, too. No table uses the seeds.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
+from collections.abc import Iterator
 from functools import reduce
 from typing import Any
 
@@ -25,18 +26,23 @@ from cc_mujoco.native import FloatArray
 SEEDS = 40, 41, 42, 43, 44, 45
 """Development seeds of suite `v2`."""
 SCENES = "wrist", "ankle", "finger", "exosuit"
-STRUCTURES = "presliding", "rotor-inertia", "late-commands", "wrap-end"
-"""Conditions of suite `v2`, beside `noise-loud`."""
 DURATION = 1.6
 """Length of an episode [s]."""
-FACTORS = 0.5, 2.0
-"""Factors of a number that are tried."""
+STEP = 0.7
+"""Factor of a number from one try to the next."""
 SCORES = "rms_torque_error", "chatter"
-_LOOP = "tuned_feedback._DELAY_SHARE", "tuned_feedback._INTEGRAL_SHARE"
+_TUNED = "tuned_feedback.TunedFeedback"
 _FORWARD = "tuned_feedback.FrictionFeedForward"
 NUMBERS = {
-    "pi_tuned": (*_LOOP, "tuned_feedback._DEAD_SIGMAS"),
-    "pi_feed_forward": (f"{_FORWARD}.friction_share", f"{_FORWARD}.slip_speed"),
+    "pi_tuned": (
+        "tuned_feedback._DELAY_SHARE",
+        f"{_TUNED}.integral_share",
+        "tuned_feedback._DEAD_SIGMAS",
+    ),
+    "pi_feed_forward": tuple(
+        f"{_FORWARD}.{name}"
+        for name in ("integral_share", "friction_share", "slip_speed")
+    ),
     "lqg": ("gaussian._EFFORT", "gaussian._LOAD_WALK", "gaussian._LACK_WALK"),
     "inverse": (
         "backlash_inverse._DELAY_SHARE",
@@ -51,7 +57,7 @@ NUMBERS = {
 def conditions(scene: str) -> list[Condition]:
     """Return the conditions of a device that count."""
     found = [
-        *(one for one in SUITES["v2"].conditions(scene) if one.structure in STRUCTURES),
+        *SUITES["v2"].conditions(scene),
         *(c for c in SUITES["generic"].conditions(scene) if c.name == "noise-loud"),
     ]
     return [dataclasses.replace(one, duration=DURATION) for one in found]
@@ -74,6 +80,13 @@ def place(number: str) -> tuple[Any, str]:
     return reduce(getattr, inner, owner), name
 
 
+def tries(first: float, factor: float) -> Iterator[float]:
+    """Yield ever smaller or larger numbers, of two digits."""
+    while True:
+        first = float(f"{factor * first:.2g}")
+        yield first
+
+
 def tune(law: str, wanted: list[Condition]) -> None:
     """Print the numbers of a baseline that are tried, and those that are best."""
     start = scores(law, wanted)
@@ -85,18 +98,21 @@ def tune(law: str, wanted: list[Condition]) -> None:
     best, least = {}, 1.0
     for number in NUMBERS[law]:
         owner, name = place(number)
-        kept = first = getattr(owner, name)
-        for factor in FACTORS:
-            setattr(owner, name, factor * first)
-            error, chatter = over(scores(law, wanted))
-            print(
-                f"{law:16} {number:48} {factor * first:8.3g} {error:.3f} {chatter:.2f}",
-                flush=True,
-            )
-            if error < least:
-                kept, least = factor * first, error
-        setattr(owner, name, kept)
-        best[number] = kept
+        best[number] = first = getattr(owner, name)
+        for factor in (STEP, 1.0 / STEP):
+            if best[number] != first:
+                break
+            for tried in tries(first, factor):
+                setattr(owner, name, tried)
+                error, chatter = over(scores(law, wanted))
+                print(
+                    f"{law:16} {number:48} {tried:8.3g} {error:.3f} {chatter:.2f}",
+                    flush=True,
+                )
+                if error >= least:
+                    break
+                best[number], least = tried, error
+        setattr(owner, name, best[number])
     print(f"{law}: {least:.3f} with {best}", flush=True)
 
 

@@ -88,7 +88,7 @@ def law_of(name: str) -> Controller:
 
 
 def played(name: str, effect: str, seed: int) -> dict[str, Any]:
-    """Play the task; RMS error and chatter [N m], and how it ended."""
+    """Play the task; RMS error, chatter and peak of the motor [N m], how it ended."""
     desired, swing = task()
     law = law_of(name)
     period = law.drive.period
@@ -107,6 +107,7 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
         "seed": seed,
         "rms": rms(off[now > SETTLED]) if whole else math.nan,
         "chatter": chatter(np.array(rows.torques), period) if whole else math.nan,
+        "peak": float(np.max(np.abs(rows.torques))) if whole else math.nan,
         "outcome": outcome.sentence,
     }
 
@@ -131,7 +132,7 @@ def told(records: list[Mapping[str, Any]], names: list[str]) -> str:
         (effect.replace("_", " "), *(cell(records, n, "rms", effect) for n in names))
         for effect in effects
     ]
-    for key, what in (("rms", "mean"), ("chatter", "chatter")):
+    for key, what in (("rms", "mean"), ("chatter", "chatter"), ("peak", "peak")):
         rows.append((what, *(cell(records, name, key) for name in names)))
     short = [
         f"{Path(n).parent.name}/{Path(n).stem}" if "/" in n else f"`{n}`" for n in names

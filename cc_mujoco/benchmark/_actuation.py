@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.simulation._batch import Fleet
 from cc_mujoco.simulation._loop import Columns
 
 Array = NDArray[np.float64]
@@ -41,48 +39,29 @@ PLAIN = Actuation()
 """Actuation of a motor that gets what its controller commands."""
 
 
-class HinderedFleet(Fleet):
-    """Devices whose motors do not get what their controllers command."""
+class Hindrance:
+    """Motors that do not get what their controllers command; see `Batch.actuate`."""
 
     def __init__(
-        self, actuations: Sequence[Actuation], *args: Any, **settings: Any
+        self, actuations: Sequence[Actuation], prefixes: Sequence[str]
     ) -> None:
-        """Make the batch.
-
-        Args:
-            actuations: Of every device.
-            *args: See `Fleet`.
-            **settings: See `Fleet`.
-        """
-        super().__init__(*args, **settings)
-        self.set_actuations(actuations)
-
-    def set_actuations(self, actuations: Sequence[Actuation]) -> None:
-        """Take the effects of every device; `start` comes after."""
-        shape = len(actuations), len(self.prefixes)
+        """Take the effects of every device, and the beginnings of the axes' columns."""
+        shape = len(actuations), len(prefixes)
+        self._angles = [f"{prefix}motor_angle_rad" for prefix in prefixes]
         self._delay = np.array([one.delay for one in actuations])
         self._past = np.zeros((int(self._delay.max()) + 1, *shape))
         self._size = np.array([one.cogging or (0.0,) * shape[1] for one in actuations])
         self._order = np.array([[float(one.order)] for one in actuations])
         self._phase = np.array([[one.phase] for one in actuations])
-        self._angle = np.zeros(shape)
 
-    def start(self) -> Columns:
-        """Bring all to the start; see `DrivenDevice.start`."""
-        self._past[:] = 0.0
-        return self._remember(super().start())
-
-    def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `DrivenDevice.advance`."""
-        rows, axes = self._angle.shape
-        commanded = np.broadcast_to(np.reshape(torque, (-1, axes)), (rows, axes))
+    def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
+        """Return the torque of the motors [N m], (devices, axes)."""
+        if step == 0:
+            self._past[:] = 0.0
+        shape = self._past.shape[1:]
+        angle = np.stack([columns[name] for name in self._angles], axis=1)
         self._past = np.roll(self._past, 1, axis=0)
-        self._past[0] = commanded
-        late = self._past[self._delay, np.arange(rows)]
-        wave = np.sin(self._order * self._angle + self._phase)
-        return self._remember(super().advance(late + self._size * wave))
-
-    def _remember(self, columns: Columns) -> Columns:
-        for place, prefix in enumerate(self.prefixes):
-            self._angle[:, place] = columns[f"{prefix}motor_angle_rad"]
-        return columns
+        self._past[0] = np.broadcast_to(np.reshape(torque, (-1, shape[1])), shape)
+        late: Array = self._past[self._delay, np.arange(shape[0])]
+        wave: Array = np.sin(self._order * angle + self._phase)
+        return late + self._size * wave

@@ -18,17 +18,16 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _user_entry as user_entry
-from cc_mujoco.benchmark._actuation import HinderedFleet
+from cc_mujoco.benchmark._actuation import Hindrance
 from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
 from cc_mujoco.benchmark._faults import (
     FAULTS,
     STRAP,
     FaultySensors,
-    StrapFleet,
+    StrapOpening,
     fault_onsets,
 )
 from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
@@ -56,9 +55,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import ArrayLog
 from cc_mujoco.metrics._metric import DRIVEN, SAFE_TORQUE, SPRING
-from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._batched_controller import Unpowered
-from cc_mujoco.simulation._loop import Trace, run
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
@@ -128,7 +126,7 @@ class CellSetup:
 
     description: Description
     draws: list[Draw]
-    fleet: Fleet
+    batch: Batch
     driven: tuple[tuple[str, ...], ...]
     """Cables that each motor winds."""
     drives: tuple[Drive, ...]
@@ -191,19 +189,14 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         )
         for drawn in draws
     ]
-    scripts = [
-        exo.author.write(seeding.np_random(drawn.seed)[0])
-        for exo, drawn in zip(exos, draws, strict=True)
-    ]
-    exo = exos[0]
-    devices, hindered = [e.device for e in exos], [one.actuation for one in draws]
-    onsets = fault_onsets([drawn.seed for drawn in draws], exo.period)
+    exo, seeds = exos[0], [drawn.seed for drawn in draws]
+    batch = Batch(exos, seeds, name=one.controller)
+    onsets = fault_onsets(seeds, exo.period)
+    hindered = [drawn.actuation for drawn in draws]
     if at.structure == STRAP:
-        fleet: Fleet = StrapFleet(exo, devices, scripts, onsets=onsets)
-    elif all(one.is_plain for one in hindered) or (reference and reference.ideal):
-        fleet = Fleet(exo, devices, scripts)
-    else:
-        fleet = HinderedFleet(hindered, exo, devices, scripts)
+        batch.actuate = StrapOpening(batch, onsets)
+    elif not (all(h.is_plain for h in hindered) or (reference and reference.ideal)):
+        batch.actuate = Hindrance(hindered, exo.device.prefixes)
     driven, prefixes = exo.device.driven, exo.device.prefixes
     sensing = one.sensing or description.sensing
     known = exo.drives
@@ -229,7 +222,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     whole = exo.controller_sensors(
         sensing,
         drives,
-        [drawn.seed for drawn in draws],
+        seeds,
         [
             [
                 drawn.bias[n][: 1 + sum(len(one.nodes) for one in drive.sensors)]
@@ -249,7 +242,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     return CellSetup(
         description,
         draws,
-        fleet,
+        batch,
         driven,
         drives,
         law,
@@ -291,22 +284,15 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         CableError: If a name is unknown or a controller cannot be used.
     """
     made = prepare_episodes(cells)
-    fleet = made.fleet
+    batch = made.batch
     names = [*AXIS_COLUMNS]
     if isinstance(cells[0].condition, PositionCondition):
         names.append(REFERENCE_COLUMN)
-    of_axes = [prefix + name for prefix in fleet.prefixes for name in names]
-    trace = Trace([*of_axes, *CABLE_COLUMNS], fleet.steps, fleet.going)
-    with np.errstate(all="ignore"):  # what diverged is not a number
-        run(
-            fleet,
-            made.law,
-            trace.keep,
-            measure=made.sensors.measure,
-            name=cells[0].controller,
-        )
-    rows: dict[str, NDArray[Any]] = dict(trace.columns)
-    time = np.arange(fleet.steps + 1, dtype=float) * made.period
+    of_axes = [prefix + name for prefix in batch.prefixes for name in names]
+    rows: dict[str, NDArray[Any]] = {
+        **batch.play(made.law, made.sensors, [*of_axes, *CABLE_COLUMNS])
+    }
+    time = np.arange(batch.steps + 1, dtype=float) * made.period
     reference = _reference(cells[0])
     if reference is not None and reference.ideal:
         _apply_ideal_torque(made, rows)
@@ -321,7 +307,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
             CellResult(
                 _scores(cell, part, time, made),
                 _plant_columns(made, own),
-                _trace_columns(cell, part, time, fleet.prefixes)
+                _trace_columns(cell, part, time, batch.prefixes)
                 if cell.condition.usual
                 else {},
             )
@@ -331,7 +317,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 
 def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:
     """Apply the desired torque to the joint, with delay and motor limits."""
-    for drive, prefix in zip(made.drives, made.fleet.prefixes, strict=True):
+    for drive, prefix in zip(made.drives, made.batch.prefixes, strict=True):
         desired = rows[f"{prefix}desired_torque_nm"]
         for row, drawn in enumerate(made.draws):
             late = np.maximum(np.arange(len(desired)) - drawn.plant.delay, 0)
@@ -344,7 +330,7 @@ def _scores(
     cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of every seed (seeds,), without the warm-up."""
-    description, cables = made.description, made.fleet.cables
+    description, cables = made.description, made.batch.cables
     tasks = cell.condition.tasks(description)
     strength = dict.fromkeys(cables, description.strength)
     facts = [
@@ -356,7 +342,7 @@ def _scores(
         }
         for axis, driven in zip(description.axes, made.driven, strict=True)
     ]
-    prefixes = made.fleet.prefixes
+    prefixes = made.batch.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
     if cell.condition.structure in FAULTS:

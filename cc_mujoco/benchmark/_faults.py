@@ -18,7 +18,7 @@ from cc_mujoco.benchmark._conditions import Condition, named_condition
 from cc_mujoco.benchmark._generic import plain_condition
 from cc_mujoco.device import DeviceModel, Plant, find_device
 from cc_mujoco.device._sensors import AxesMeasuring
-from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns
 
 Array = NDArray[np.float64]
@@ -169,24 +169,17 @@ class FaultySensors:
         return found
 
 
-class StrapFleet(Fleet):
-    """Devices that their wearers leave during the episode."""
+class StrapOpening:
+    """Wearers who leave their devices during the episode; see `Batch.actuate`."""
 
-    def __init__(self, *args: Any, onsets: Sequence[int], **settings: Any) -> None:
-        """Make the batch.
+    def __init__(self, batch: Batch, onsets: Sequence[int]) -> None:
+        """Take the batch, and the control step of every device when its strap opens."""
+        self._batch, self._onsets = batch, np.array(onsets)
 
-        Args:
-            *args: See `Fleet`.
-            onsets: Control step of every device at which its strap opens.
-            **settings: See `Fleet`.
-        """
-        super().__init__(*args, **settings)
-        self._onsets = np.array(onsets)
-
-    def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `DrivenDevice.advance`."""
-        opened = np.flatnonzero(self._onsets == self._step)
-        for device in (self._devices[row] for row in opened.tolist()):
+    def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
+        """Open what is to be opened now; return the torque as it is [N m]."""
+        opened = np.flatnonzero(self._onsets == step)
+        for device in (self._batch.devices[row] for row in opened.tolist()):
             for axis in device.description.axes:
                 if axis.limb in device.movers:
                     actuator = device.model.actuator(
@@ -194,5 +187,5 @@ class StrapFleet(Fleet):
                     )
                     actuator.gainprm[:], actuator.biasprm[:] = 0.0, 0.0
         if opened.size:
-            self.simulations.batch.set_models([one.model for one in self._devices])
-        return super().advance(torque)
+            self._batch.reload()
+        return torque

@@ -180,7 +180,7 @@ class Playing:
                 drives = made.drives
                 if name in WITH_SENSOR:
                     drives = tuple(replace(one, joint_sensor=True) for one in drives)
-                entry.make_controller(name, drives, made.fleet.prefixes)
+                entry.make_controller(name, drives, made.batch.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""

@@ -36,7 +36,7 @@ def time_steps(cell: Cell) -> StepTimes:
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
     )
-    law = user_entry.make_controller(cell.controller, made.drives, made.fleet.prefixes)
+    law = user_entry.make_controller(cell.controller, made.drives, made.batch.prefixes)
     law.reset()
     taken: list[float] = []
 
@@ -51,7 +51,7 @@ def time_steps(cell: Cell) -> StepTimes:
 
     with np.errstate(all="ignore"):
         run(
-            made.fleet,
+            made.batch,
             made.law,
             _ignore_step,
             measure=lambda columns: timed(made.sensors.measure(columns)),

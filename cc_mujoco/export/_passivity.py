@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import POLICY_ENDING
@@ -35,9 +34,8 @@ from cc_mujoco.device._sensors import AxesMeasuring, Measuring
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
 from cc_mujoco.native import _library as native_library
-from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._batch import Actuate, Batch, as_commanded
 from cc_mujoco.simulation._batched_controller import Unpowered
-from cc_mujoco.simulation._loop import Trace, run
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
@@ -346,7 +344,7 @@ def play(
     variant: mujoco.MjModel | None = None,
     axis: str | None = None,
     known: Sequence[Drive] = (),
-    make_fleet: Callable[..., Fleet] = Fleet,
+    hinder: Callable[[Batch], Actuate] = lambda batch: as_commanded,
     progress: Callable[[float], object] = float,
 ) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
@@ -363,7 +361,7 @@ def play(
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
         known: Knowledge that the controller has of each axis, in place of the scene's.
-        make_fleet: Makes the batch of devices, as `Fleet` does.
+        hinder: Returns the `Batch.actuate` of a batch.
         progress: Called with the simulated time [s] after every control step.
 
     Returns:
@@ -407,32 +405,25 @@ def play(
             )
         )
     exo = exos[0]
-    scripts = [e.author.write(seeding.np_random(seed)[0]) for e in exos]
-    fleet = make_fleet(exo, [e.device for e in exos], scripts)
+    seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
+    batch = Batch(exos, seeds, name=law)
+    batch.actuate = hinder(batch)
     drives = tuple(
         _believing(about.sensing.equip(d), believed) for d in known or exo.drives
     )
-    seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
     measuring = AxesMeasuring(
         prefixes,
         [
-            Measuring(about.sensing, drive, driven, seeds, fleet.steps)
+            Measuring(about.sensing, drive, driven, seeds, batch.steps)
             for drive, driven in zip(drives, exo.device.driven, strict=True)
         ],
     )
     columns = [prefixes[place] + name for name in PORT_COLUMNS]
-    trace = Trace(columns, fleet.steps, fleet.going)
     control = _control(law, drives, place, prefixes)
-    with np.errstate(all="ignore"):  # what diverged is not a number
-        run(
-            fleet,
-            control,
-            trace.keep,
-            lambda step, *_: progress(step * exo.period),
-            measure=measuring.measure,
-            name=law,
-        )
-    kept = {n: trace.columns[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
+    found = batch.play(
+        control, measuring, columns, lambda step, *_: progress(step * exo.period)
+    )
+    kept = {n: found[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
     angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]
     nothing = 0.0 * angle
     kept["desired_torque_nm"] = spring.torque(angle, nothing, nothing)
@@ -444,8 +435,8 @@ def play(
         kept["desired_torque_nm"] = np.clip(
             kept["desired_torque_nm"], *drives[place].reach
         )
-    found = evaluate_ports(kept, exo.period, exo.frame_skip)
-    return WearerEnergy(*(np.where(fleet.going, values, np.inf) for values in found))
+    energy = evaluate_ports(kept, exo.period, exo.frame_skip)
+    return WearerEnergy(*(np.where(batch.going, values, np.inf) for values in energy))
 
 
 def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:

@@ -1,5 +1,9 @@
 """Many devices at once: one batch of simulations, each on a model of its own.
 
+    batch = Batch([worn], seeds=[0])
+    sensors = worn.controller_sensors(sensing, worn.drives, [0])
+    columns = batch.play(controller("pi", worn.drive), sensors, ["joint_torque_nm"])
+
 The arithmetic of a device is that of the environment played alone, number by number, so
 its results are the same bits in any company and on any number of threads.
 """
@@ -12,15 +16,24 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch, SimulationError
+from gymnasium.utils import seeding
+from mujoco import batch as mujoco_batch
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.exclusive import exclusive
+from cc_mujoco.control import Controller
 from cc_mujoco.device import Plant
 from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
 from cc_mujoco.plugin import Reader, cables, untimed
-from cc_mujoco.simulation._loop import Columns, missing_torque_error, unstable
+from cc_mujoco.simulation._loop import (
+    Columns,
+    Observer,
+    Trace,
+    missing_torque_error,
+    run,
+    unstable,
+)
 from cc_mujoco.simulation._reference_motion import PART_STEPS, Script
 from cc_mujoco.simulation._worn_device import WornDevice
 
@@ -77,7 +90,9 @@ class Simulations:
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
         persistent = exo.plants.any or models is not None
-        self.batch = Batch(device.model, count, threads, persistent=persistent)
+        self.batch = mujoco_batch.Batch(
+            device.model, count, threads, persistent=persistent
+        )
         if models is not None:
             self.batch.set_models(models)
         self._skip, self._device = exo.frame_skip, device
@@ -183,30 +198,60 @@ class Simulations:
         return f"the simulation diverged at {time:.3f} s ({kind})"
 
 
-class Fleet:
-    """Devices that a controller drives together, as a `DrivenDevice`."""
+class Sensors(Protocol):
+    """Sensors of a batch, as `Measuring`."""
+
+    def measure(self, columns: Columns) -> Columns:
+        """Return what a controller reads of the columns."""
+
+
+Actuate = Callable[[int, Columns, Array], Array]
+"""Returns the torque of the motors of a control step, its columns and the torque that
+the controller commands [N m]."""
+
+
+def as_commanded(step: int, columns: Columns, torque: Array) -> Array:
+    """Return the torque of the motors, which is what the controller commands [N m]."""
+    return torque
+
+
+class Batch:
+    """Episodes of n devices of one layout, prepared once and played together.
+
+    A `DrivenDevice`, of arrays (n, ...) or, if it is `alone`, of numbers.
+    """
 
     def __init__(
         self,
-        exo: WornDevice,
-        devices: Sequence[DeviceModel],
-        scripts: Sequence[Script],
+        worn: Sequence[WornDevice],
+        seeds: Sequence[int],
+        devices: Sequence[DeviceModel] = (),
+        *,
         threads: int = 1,
-        controller: str = "",
+        name: str = "",
         whole: bool = False,
+        alone: bool = False,
     ) -> None:
-        """Make the batch.
+        """Write the scripts and make the simulations.
 
         Args:
-            exo: Of the first device.
-            devices: Of equal layout.
-            scripts: What the wearer does, one for all or for each.
+            worn: Devices with their wearers, trajectories and tasks.
+            seeds: Seed of what each of their wearers does.
+            devices: Variants of the only `worn` that play its script in its place.
             threads: Threads that simulate; 0 means one per processor.
-            controller: Name of what drives them, for the reasons of failures.
+            name: Of the controller, for the reasons of failures.
             whole: Whether the columns are those of an episode log, (n, ...), rather
                 than what sensors measure and `least_tension_n`, `tension_n` and
                 `dissipated_j`.
+            alone: Whether the only device gives columns of numbers and raises where
+                its simulation fails.
         """
+        exo, devices = worn[0], devices or [one.device for one in worn]
+        self._scripts = [
+            one.author.write(seeding.np_random(seed)[0])
+            for one, seed in zip(worn, seeds, strict=True)
+        ]
+        self.actuate: Actuate = as_commanded
         models = [device.model for device in devices]
         count = len(devices)
         self.steps, self.cables = exo.steps, cables(models[0])
@@ -215,15 +260,14 @@ class Fleet:
         self.failed = [""] * count
         """Reasons of those that failed; else empty."""
         self.simulations = Simulations(exo, count, models, threads)
-        self._exo, self._devices, self._controller = exo, devices, controller
-        self._whole = whole
+        self.devices = devices
+        self._exo, self._name, self._whole, self._alone = exo, name, whole, alone
         self.prefixes = exo.device.prefixes
         """Beginnings of the columns of each axis."""
         self._windings = tuple(
             Winding.over([axis.winding for axis in axes])
             for axes in zip(*(device.axes for device in devices), strict=True)
         )
-        self._scripts = scripts
         self._part_number = -1
         self._commands = self._marks = np.zeros((0, 0, 0))
         self._scale = np.stack([device.motor_scales for device in devices])
@@ -236,18 +280,64 @@ class Fleet:
         self._warnings = self.simulations.batch.warning[:, :, 1]
         self._status = self.simulations.batch.status
         self._step = 0
+        self._columns: Columns = {}
+
+    @property
+    def script(self) -> Script:
+        """Script of the first device."""
+        return self._scripts[0]
+
+    def play(
+        self,
+        law: Controller,
+        sensors: Sensors,
+        names: Sequence[str],
+        *observers: Observer,
+    ) -> dict[str, Array]:
+        """Play the episode; one whose simulation fails is NaN from then on.
+
+        Args:
+            law: Controller of all devices.
+            sensors: By which it sees.
+            names: Of the columns to keep.
+            observers: As of `run`.
+
+        Returns:
+            Columns by name, (steps + 1, n, ...).
+
+        Raises:
+            CableError: If the controller fails.
+        """
+        trace = Trace(names, self.steps, self.going)
+        with np.errstate(all="ignore"):  # what diverged is not a number
+            run(
+                self,
+                law,
+                trace.keep,
+                *observers,
+                measure=sensors.measure,
+                name=self._name,
+            )
+        return trace.columns
+
+    def reload(self) -> None:
+        """Play on with the values that the models of `devices` have now."""
+        self.simulations.batch.set_models([device.model for device in self.devices])
 
     @exclusive
     def start(self) -> Columns:
         """Bring all to the start; see `DrivenDevice.start`."""
-        for row, device in enumerate(self._devices):
+        for row, device in enumerate(self.devices):
             script = self._scripts[row % len(self._scripts)]
             self.simulations.start(row, device, script)
-        return self._columns(self.simulations.physics)
+        return self._read(self.simulations.physics)
 
     @exclusive
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `DrivenDevice.advance`."""
+        if self._alone:
+            torque = np.reshape(torque, (1, -1))
+        torque = self.actuate(self._step, self._columns, torque)
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
             torque = _spread(torque, self.going.size)[:, None]
         finite: Mask = np.all(np.isfinite(torque), axis=1)
@@ -260,15 +350,23 @@ class Fleet:
         first = self._step % PART_STEPS * self._exo.frame_skip
         commands = self._commands[:, first : first + self._exo.frame_skip]
         # What raised shows in the status of the batch.
-        with contextlib.suppress(SimulationError):
+        with contextlib.suppress(mujoco_batch.SimulationError):
             self.simulations.advance(share, self._scale, commands, self.going)
         self._step += 1
         if self._warnings.any() or self._status.any():
             self._note(self.simulations.fell & self.going)
-        return self._columns(self.simulations.physics)
+        if self._alone and self.failed[0]:
+            raise unstable(self.failed[0])
+        return self._read(self.simulations.physics)
 
-    def _columns(self, now: Physics) -> Columns:
+    def _read(self, now: Physics) -> Columns:
         """Return what can be measured now, and what is kept of it beside."""
+        self._columns = columns = self._measurable(now)
+        if self._alone:
+            return {name: value[0] for name, value in columns.items()}
+        return columns
+
+    def _measurable(self, now: Physics) -> Columns:
         state, count = now.plugin_state, self.going.size
         marks = self._read_marks()
         columns = self._exo.read(now, marks, None, self._windings)
@@ -302,7 +400,7 @@ class Fleet:
     def _refuse(self, finite: Mask) -> None:
         time = self._step * self._exo.period
         for row in np.flatnonzero(self.going & ~finite):
-            self.failed[row] = missing_torque_error(self._controller, time)
+            self.failed[row] = missing_torque_error(self._name, time)
         self.going &= finite
 
     def _note(self, fell: Mask) -> None:
@@ -325,23 +423,3 @@ def _spread(value: Any, count: int) -> Array:
 def _stacked(arrays: Sequence[Array]) -> Array:
     """Return arrays as one; a single one, which may be long, is not copied."""
     return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
-
-
-class Alone:
-    """Single device of a fleet, as numbers; a `DrivenDevice`."""
-
-    def __init__(self, fleet: Fleet) -> None:
-        """Take the fleet."""
-        self._fleet, self.steps = fleet, fleet.steps
-        self.prefixes = fleet.prefixes
-
-    def start(self) -> Columns:
-        """Bring it to the start; see `DrivenDevice.start`."""
-        return {name: value[0] for name, value in self._fleet.start().items()}
-
-    def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `DrivenDevice.advance`."""
-        columns = self._fleet.advance(np.reshape(torque, (1, -1)))
-        if why := self._fleet.failed[0]:
-            raise unstable(why)
-        return {name: value[0] for name, value in columns.items()}

@@ -457,7 +457,7 @@ def log_file(
 ) -> Iterator[LogFile]:
     """Write a log while its episode runs; `path` is there when the block succeeds.
 
-        with log_file("log.parquet", fleet.cables, about) as file:
+        with log_file("log.parquet", batch.cables, about) as file:
             run(plant, controller, file.keep)
         log = EpisodeLog.open("log.parquet")
 

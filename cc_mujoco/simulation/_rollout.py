@@ -22,7 +22,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Trajectory, Wearer
-from cc_mujoco.simulation._batch import Fleet
+from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._batched_controller import Unpowered, batched_controller
 from cc_mujoco.simulation._compiled_batch import (
     TICK_STEPS,
@@ -32,7 +32,7 @@ from cc_mujoco.simulation._compiled_batch import (
     task_of,
 )
 from cc_mujoco.simulation._compiled_episode import KEPT, attend
-from cc_mujoco.simulation._loop import Columns, Trace, run
+from cc_mujoco.simulation._loop import Columns
 from cc_mujoco.simulation._reference_motion import MARKS, Script
 from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
@@ -131,8 +131,6 @@ def play(
         CableError: the episode itself cannot be played.
     """
     exo = episode.exo(models[0])
-    rng, _ = seeding.np_random(episode.seed)
-    script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
     drives = [
         [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(device)]
@@ -141,11 +139,14 @@ def play(
     name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes
     ratio = np.array([[1.0 / drive.ratio for drive in own] for own in drives])
     called = name if isinstance(name, str) else ""
-    compiled = None
+    laws = None
     if len(prefixes) == 1 and not isinstance(name, Mapping):
-        own_drives = [own[0] for own in drives]
-        compiled = _compiled(name, own_drives, devices, exo, script)
-    if compiled is not None:
+        laws = _compiled_laws(name, [own[0] for own in drives], devices, exo)
+    if laws is not None:
+        script = exo.author.write(seeding.np_random(episode.seed)[0])
+        compiled = CompiledEpisodes(
+            devices, laws, exo.task, script, exo.steps, exo.frame_skip
+        )
         failed = play_compiled(compiled, exo, devices, script, threads, called, tick)
         columns = compiled.columns() | _scripted(script, exo, len(devices))
         tick(1.0)
@@ -155,24 +156,22 @@ def play(
         law = Unpowered(drives[0][0], axes=len(prefixes))
     else:
         law = batched_controller(name, drives, prefixes)
-    fleet = Fleet(exo, devices, (script,), threads, called)
+    batch = Batch([exo], [episode.seed], devices, threads=threads, name=called)
     measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
     kept_names = [prefix + name for prefix in prefixes for name in KEPT]
-    trace = Trace((*kept_names, *CABLE_NAMES), exo.steps, fleet.going)
 
-    def tell(step: int, _: Columns, __: object) -> None:
+    def report(step: int, _: Columns, __: object) -> None:
         if step % TICK_STEPS == 0:
             tick(step / exo.steps)
 
-    with np.errstate(all="ignore"):  # designs that failed hold what is not a number
-        run(fleet, law, trace.keep, tell, measure=measuring.measure, name=called)
+    kept = batch.play(law, measuring, (*kept_names, *CABLE_NAMES), report)
     columns = {}
-    while trace.columns:  # what is turned is let go, so that memory holds it once
-        name, kept = trace.columns.popitem()
-        columns[name] = np.ascontiguousarray(np.moveaxis(kept, 0, -1))
-    columns |= _scripted(script, exo, len(devices))
+    while kept:  # what is turned is let go, so that memory holds it once
+        name, values = kept.popitem()
+        columns[name] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
+    columns |= _scripted(batch.script, exo, len(devices))
     tick(1.0)
-    return Rollout(columns, ratio, driven, prefixes, tuple(fleet.failed))
+    return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
 
 
 def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
@@ -188,20 +187,17 @@ def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
     return columns
 
 
-def _compiled(
+def _compiled_laws(
     name: str | None,
     drives: Sequence[Drive],
     devices: Sequence[DeviceModel],
     exo: WornDevice,
-    script: Script,
-) -> CompiledEpisodes | None:
-    """Return the episodes inside MuJoCo's steps; None where only Python can."""
+) -> list[Controller | None] | None:
+    """Return the laws that run inside MuJoCo's steps; None where only Python can."""
     laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
     plain = all(axis.plain for device in devices for axis in device.axes)
     if not plain or task_of(exo.task) is None or law_of(laws[0]) is None:
         return None
-    if name is not None:
-        laws += [controller(name, drive) for drive in drives[1:]]
-    else:
-        laws *= len(drives)
-    return CompiledEpisodes(devices, laws, exo.task, script, exo.steps, exo.frame_skip)
+    if name is None:
+        return laws * len(drives)
+    return laws + [controller(name, drive) for drive in drives[1:]]

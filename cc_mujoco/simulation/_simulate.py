@@ -126,9 +126,8 @@ def simulate(
         CableError: If an argument cannot be used, a simulation diverges or the
             controller fails.
     """
-    from gymnasium.utils import seeding  # a list of names need not wait for these
-
-    from cc_mujoco.simulation._batch import Alone, Fleet
+    # A list of names need not wait for these.
+    from cc_mujoco.simulation._batch import Batch
     from cc_mujoco.simulation._worn_device import WornDevice
 
     made = _plants(plants)
@@ -158,12 +157,7 @@ def simulate(
     }
     about = given | dict(about or {})
     called = str(about["controller"])
-    scripts = [
-        one.author.write(seeding.np_random(own)[0])
-        for one, own in zip(played, seeds, strict=True)
-    ]
-    devices = [one.device for one in played]
-    fleet = Fleet(exo, devices, scripts, threads, called, whole=True)
+    batch = Batch(played, seeds, threads=threads, name=called, whole=True, alone=alone)
     late = [plant.values.get("delay", sensing.delay) for plant in made]
     noise = [plant.noise for plant in made]
     measuring = exo.controller_sensors(
@@ -175,15 +169,14 @@ def simulate(
     )
 
     def check(step: int, _: Columns, __: object) -> None:
-        for row, why in enumerate(fleet.failed):
+        for row, why in enumerate(batch.failed):
             if why:
                 raise CableError(f"plant {row}: {why}.")
         if step and progress is not None:
             progress(step * exo.period)
 
     def go(keep: Observer) -> None:
-        plant = Alone(fleet) if alone else fleet
-        run(plant, law, check, keep, measure=measuring.measure, name=called)
+        run(batch, law, check, keep, measure=measuring.measure, name=called)
 
     facts = [
         describe(played[row], plant.scene, plant, sensing, own, about)
@@ -192,10 +185,10 @@ def simulate(
     if file is not None:
         if not alone:
             raise CableError("file takes the log of one plant; give no list of them.")
-        with log_file(file, fleet.cables, facts[0], exo.device.prefixes) as log:
+        with log_file(file, batch.cables, facts[0], exo.device.prefixes) as log:
             go(log.keep)
         return EpisodeLog.open(file)
-    names = columns_for(fleet.cables, exo.device.prefixes)
+    names = columns_for(batch.cables, exo.device.prefixes)
     trace = Trace([column.name for column in names], exo.steps)
     go(trace.keep)
     if alone:

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium.utils import seeding
 
 from cc_mujoco.benchmark import WARM_UP
 from cc_mujoco.cable import PARAMETERS
@@ -31,12 +30,10 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.report import table
 from cc_mujoco.simulation import (
+    Batch,
     BatchedController,
-    Fleet,
-    Trace,
     Unpowered,
     WornDevice,
-    run,
 )
 
 Term = Mapping[str, float]
@@ -161,7 +158,6 @@ def play(
 
     exos = [exo(design) for _, _, design in cases]
     first, count = exos[0], len(exos)
-    script = first.author.write(seeding.np_random(seed)[0])
     drives = [one.drive for one in exos]
     if not known:
         believed = exo({}).drive.cable_drives
@@ -173,17 +169,15 @@ def play(
     kept = "joint_torque_nm", "desired_torque_nm"
     columns = []
     for name in (law, None):
-        fleet = Fleet(first, [one.device for one in exos], (script,), 1, name or "")
+        variants = [one.device for one in exos]
+        batch = Batch([first], [seed], variants, name=name or "")
         measuring = Measuring(
-            setup.sensing, drives[0], *first.device.driven, [seed] * count, fleet.steps
+            setup.sensing, drives[0], *first.device.driven, [seed] * count, batch.steps
         )
-        trace = Trace(kept, fleet.steps, fleet.going)
         control = (
             Unpowered(drives[0]) if name is None else BatchedController(name, drives)
         )
-        with np.errstate(all="ignore"):  # what diverged is not a number
-            run(fleet, control, trace.keep, measure=measuring.measure, name=name or "")
-        columns.append(trace.columns)
+        columns.append(batch.play(control, measuring, kept))
     start = round(min(WARM_UP, 0.5 * duration) / first.period)
     torque, desired = (columns[0][name][start:] for name in kept)
     free = columns[1][kept[0]][start:]

@@ -38,7 +38,7 @@ from scipy.optimize import differential_evolution
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick, run_here
 from cc_mujoco.benchmark import SUITES, Belief, Condition
-from cc_mujoco.benchmark._actuation import HinderedFleet
+from cc_mujoco.benchmark._actuation import Hindrance
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS
 from cc_mujoco.benchmark._plant import believed_drives, sample_plants
 from cc_mujoco.control import CONTROLLERS
@@ -57,6 +57,7 @@ from cc_mujoco.export import (
     wearer_bounds,
 )
 from cc_mujoco.report import table
+from cc_mujoco.simulation import Batch
 
 Array = NDArray[np.float64]
 Piece = tuple[str, str, str, str]
@@ -137,12 +138,10 @@ def sampled(scene: str, structure: str, seed: int) -> tuple[Device, dict[str, An
         [Belief(MODEL_ERRORS[at.error])],
     )
 
-    def make_fleet(
-        exo: Any, devices: Sequence[DeviceModel], scripts: Any
-    ) -> HinderedFleet:
-        return HinderedFleet([drawn.actuation] * len(devices), exo, devices, scripts)
+    def hinder(batch: Batch) -> Hindrance:
+        return Hindrance([drawn.actuation] * len(batch.devices), batch.prefixes)
 
-    return device, {"variant": model, "known": own, "make_fleet": make_fleet}
+    return device, {"variant": model, "known": own, "hinder": hinder}
 
 
 @dataclass(frozen=True)

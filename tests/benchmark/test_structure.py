@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
-from cc_mujoco.benchmark._actuation import Actuation, HinderedFleet
+from cc_mujoco.benchmark._actuation import Actuation, Hindrance
 from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._structure import EFFECTS, INERTIA_FACTORS, STRUCTURES
@@ -82,12 +82,12 @@ def test_late_commands_and_cogging_reach_the_motor() -> None:
     plain = conditions("wrist")["ordinary-rough"]
     still = dataclasses.replace(plain, delay=(0, 0), noise=0.0)
     made = prepare_episodes([Cell(still, "none", (0, 1))])
-    hindered = HinderedFleet.__new__(HinderedFleet)
-    hindered.__dict__.update(made.fleet.__dict__)
-    hindered.set_actuations([Actuation(delay=2), Actuation(cogging=(0.1,), order=3)])
-    begun = hindered.start()["motor_angle_rad"].copy()
+    batch = made.batch
+    actuations = [Actuation(delay=2), Actuation(cogging=(0.1,), order=3)]
+    batch.actuate = Hindrance(actuations, batch.prefixes)
+    begun = batch.start()["motor_angle_rad"].copy()
     got = [
-        hindered.advance(np.array([0.05 * step, 0.0]))["motor_torque_nm"].copy()
+        batch.advance(np.array([0.05 * step, 0.0]))["motor_torque_nm"].copy()
         for step in range(1, 5)
     ]
     assert [one[0] for one in got] == pytest.approx([0.0, 0.0, 0.05, 0.1], abs=1e-6)

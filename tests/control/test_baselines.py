@@ -88,9 +88,9 @@ def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:
     made = prepare_episodes([Cell(short, "none", (0,))])
     light = dataclasses.replace(made.drives[0], inertia=0.1 * made.drives[0].inertia)
     torques: list[float] = []
-    made.fleet._devices[0].model.dof_armature[:] *= 0.1
+    made.batch.devices[0].model.dof_armature[:] *= 0.1
     run(
-        made.fleet,
+        made.batch,
         TunedFeedback(light),
         lambda step, columns, torque: torques.append(float(torque[0])),
         measure=made.sensors.measure,

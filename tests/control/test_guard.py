@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.utils import seeding
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,7 +42,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED
 from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
-from cc_mujoco.simulation import Fleet, Trace, WornDevice, run
+from cc_mujoco.simulation import Batch, WornDevice
 from control.devices import pull_pull, single
 from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
 from control.rigs import FAULTS as RIG_FAULTS
@@ -455,7 +454,6 @@ def peaks(
     exo = WornDevice(
         setup, plant.model(), setup.trajectory, setup.axes[0].task, duration
     )
-    script = exo.author.write(seeding.np_random(0)[0])
     plain = exo.drive
     row = tuple(
         dataclasses.replace(
@@ -470,13 +468,12 @@ def peaks(
     known = dataclasses.replace(plain, cable_drives=(row,))
     found = []
     for own in (known, dataclasses.replace(known, safe_torque=np.inf)):
-        fleet = Fleet(exo, [exo.device], (script,))
+        batch = Batch([exo], [0])
         measuring = Measuring(
-            setup.sensing, own, exo.device.driven[0], [0], fleet.steps
+            setup.sensing, own, exo.device.driven[0], [0], batch.steps
         )
-        trace = Trace(("joint_torque_nm",), fleet.steps, fleet.going)
-        run(fleet, controller(law, own), trace.keep, measure=measuring.measure)
-        torque = trace.columns["joint_torque_nm"][:, 0]
+        columns = batch.play(controller(law, own), measuring, ["joint_torque_nm"])
+        torque = columns["joint_torque_nm"][:, 0]
         unsafe = (
             first_unsafe_sample(torque, setup.axes[0].safe_torque, exo.period)
             is not None

@@ -97,7 +97,7 @@ def test_late_sensors_and_a_wrong_inertia_together_do_not_swing(wrong: float) ->
     )
     torques: list[float] = []
     run(
-        made.fleet,
+        made.batch,
         PredictiveCompensation(drive),
         lambda step, columns, torque: torques.append(float(torque[0])),
         measure=made.sensors.measure,
@@ -126,7 +126,7 @@ def test_where_friction_is_at_once_no_bristles_are_believed() -> None:
     short = dataclasses.replace(STRUCTURE["ordinary-rough"], duration=1.1)
     made = prepare_episodes([Cell(short, "predictive", seeds=(0,))])
     law: Any = made.law
-    run(made.fleet, law, measure=made.sensors.measure)
+    run(made.batch, law, measure=made.sensors.measure)
     (memory,) = law._devices.memory
     assert memory[planner_memory.BRISTLED] == 0.0
     errors = memory[planner_memory.MODEL_ERROR :][:2]
@@ -254,7 +254,7 @@ def test_a_biased_sensor_pays_out_no_slack() -> None:
         seen["joint_torque_nm"] = seen["joint_torque_nm"] - 0.9
         return seen
 
-    run(made.fleet, law, watch, measure=biased)
+    run(made.batch, law, watch, measure=biased)
     # What is slack counts as a tension below 0, by the stiffness of the cable.
     stiffness = 1.2e5
     assert np.min(slack[500:]) > -0.002 * stiffness
@@ -278,7 +278,7 @@ def test_a_bias_is_told_from_friction_by_what_the_motor_feels(bias: float) -> No
         seen["joint_torque_nm"] = seen["joint_torque_nm"] + bias
         return seen
 
-    run(made.fleet, made.law, watch, measure=biased)
+    run(made.batch, made.law, watch, measure=biased)
     assert np.sqrt(np.mean(np.square(off[4000:]))) < 0.3 * abs(bias)
 
 
@@ -366,7 +366,7 @@ def scores_of_belief(friction: float, duration: float) -> float:
     def watch(step: int, columns: Any, torque: Any) -> None:
         off.append(columns["joint_torque_nm"][0] - columns["desired_torque_nm"][0])
 
-    run(made.fleet, law, watch, measure=made.sensors.measure)
+    run(made.batch, law, watch, measure=made.sensors.measure)
     error = float(np.sqrt(np.mean(np.square(off[500:]))))
     return error / scores("none", short, duration)["rms_torque_error"]
 

@@ -52,7 +52,7 @@ def both_ways(
             episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:
-            patch.setattr(rollout, "_compiled", lambda *given: None)
+            patch.setattr(rollout, "_compiled_laws", lambda *given: None)
             pairs.append((inside, play(episode, models)))
     assert pairs
     return pairs

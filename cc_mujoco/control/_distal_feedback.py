@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number
-from cc_mujoco.control._hysteresis import Array, HysteresisModel, Line
+from cc_mujoco.control._hysteresis import Array, HysteresisModel
+from cc_mujoco.control._hysteresis_models import Line, SmoothBacklash
 from cc_mujoco.control._position import BANDWIDTH, PositionController
-from cc_mujoco.control._smooth_backlash import SmoothBacklash
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 

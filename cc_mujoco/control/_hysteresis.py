@@ -125,14 +125,6 @@ class HysteresisModel(ABC):
             Motor angles (n,) [rad].
         """
 
-    def inverse_course(self, joint: ArrayLike) -> Array:
-        """Return the course of the motor for a course of the joint (samples,) [rad]."""
-        course = np.asarray(joint, dtype=float)
-        state, found = self.rest(1), np.empty(course.size)
-        for place, angle in enumerate(course):
-            found[place] = self.invert(state, np.array([angle]))[0]
-        return found
-
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters as numbers and lists of numbers."""
         fields = dataclasses.asdict(self)
@@ -167,29 +159,3 @@ class HysteresisModel(ABC):
                 raise CableError(f"{name!r}, {key} must be finite, not {value!r}.")
             values[key] = tuple(map(float, value)) if listed else float(value)
         return cls(**values)
-
-
-@dataclass(frozen=True)
-class Line(HysteresisModel):
-    """A straight line: stretch in the mean, without hysteresis."""
-
-    slope: float
-    """Motor angle per joint angle [-]."""
-    offset: float
-    """Motor angle at joint angle 0 [rad]."""
-
-    @classmethod
-    def fit(cls, trial: HysteresisTrial) -> Line:
-        """Return the line of least squares; see `HysteresisModel.fit`."""
-        weights = trial.weights
-        slope, offset = np.polyfit(trial.joint_angle, trial.motor_angle, 1, w=weights)
-        return cls(float(slope), float(offset))
-
-    def rest(self, count: int) -> Array:
-        """Return the state, which is empty; see `HysteresisModel.rest`."""
-        return np.zeros((count, 0))
-
-    def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles [rad]; see `HysteresisModel.invert`."""
-        found: Array = self.slope * joint + self.offset
-        return found

@@ -13,35 +13,20 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control._bouc_wen import BoucWen
 from cc_mujoco.control._cable_course import (
     CableCourse,
     CableParameters,
     fit_cable,
     require_cables,
 )
-from cc_mujoco.control._hysteresis import (
-    Array,
-    HysteresisModel,
-    HysteresisTrial,
-    Line,
-)
+from cc_mujoco.control._hysteresis import Array, HysteresisTrial
+from cc_mujoco.control._hysteresis_models import MODELS
 from cc_mujoco.control._position import BANDWIDTH, PositionController
-from cc_mujoco.control._prandtl_ishlinskii import PrandtlIshlinskii
-from cc_mujoco.control._smooth_backlash import SmoothBacklash
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError, look_up
 
 CABLE_INVERSE = "cable_inverse"
 """Name of the controller with the model of the cables."""
-
-MODELS: dict[str, type[HysteresisModel]] = {
-    "linear": Line,
-    "backlash_inverse": SmoothBacklash,
-    "prandtl_ishlinskii": PrandtlIshlinskii,
-    "bouc_wen": BoucWen,
-}
-"""Models by the name of the controller that inverts them."""
 
 FITTED = (*MODELS, CABLE_INVERSE)
 """Controllers with parameters of a trial."""

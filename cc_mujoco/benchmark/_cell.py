@@ -290,7 +290,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         names.append(REFERENCE_COLUMN)
     of_axes = [prefix + name for prefix in batch.prefixes for name in names]
     rows: dict[str, NDArray[Any]] = {
-        **batch.play(made.law, made.sensors, [*of_axes, *CABLE_COLUMNS])
+        **batch.play(made.law, made.sensors.measure, [*of_axes, *CABLE_COLUMNS])
     }
     time = np.arange(batch.steps + 1, dtype=float) * made.period
     reference = _reference(cells[0])

@@ -421,7 +421,10 @@ def play(
     columns = [prefixes[place] + name for name in PORT_COLUMNS]
     control = _control(law, drives, place, prefixes)
     found = batch.play(
-        control, measuring, columns, lambda step, *_: progress(step * exo.period)
+        control,
+        measuring.measure,
+        columns,
+        lambda step, *_: progress(step * exo.period),
     )
     kept = {n: found[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
     angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]

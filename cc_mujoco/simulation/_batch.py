@@ -2,7 +2,8 @@
 
     batch = Batch([worn], seeds=[0])
     sensors = worn.controller_sensors(sensing, worn.drives, [0])
-    columns = batch.play(controller("pi", worn.drive), sensors, ["joint_torque_nm"])
+    law = controller("pi", worn.drive)
+    columns = batch.play(law, sensors.measure, ["joint_torque_nm"])
 
 The arithmetic of a device is that of the environment played alone, number by number, so
 its results are the same bits in any company and on any number of threads.
@@ -198,13 +199,6 @@ class Simulations:
         return f"the simulation diverged at {time:.3f} s ({kind})"
 
 
-class Sensors(Protocol):
-    """Sensors of a batch, as `Measuring`."""
-
-    def measure(self, columns: Columns) -> Columns:
-        """Return what a controller reads of the columns."""
-
-
 Actuate = Callable[[int, Columns, Array], Array]
 """Returns the torque of the motors of a control step, its columns and the torque that
 the controller commands [N m]."""
@@ -290,7 +284,7 @@ class Batch:
     def play(
         self,
         law: Controller,
-        sensors: Sensors,
+        measure: Callable[[Columns], Columns],
         names: Sequence[str],
         *observers: Observer,
     ) -> dict[str, Array]:
@@ -298,7 +292,7 @@ class Batch:
 
         Args:
             law: Controller of all devices.
-            sensors: By which it sees.
+            measure: Returns what the controller reads of the columns.
             names: Of the columns to keep.
             observers: As of `run`.
 
@@ -315,7 +309,7 @@ class Batch:
                 law,
                 trace.keep,
                 *observers,
-                measure=sensors.measure,
+                measure=measure,
                 name=self._name,
             )
         return trace.columns

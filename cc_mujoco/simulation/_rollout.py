@@ -164,7 +164,7 @@ def play(
         if step % TICK_STEPS == 0:
             tick(step / exo.steps)
 
-    kept = batch.play(law, measuring, (*kept_names, *CABLE_NAMES), report)
+    kept = batch.play(law, measuring.measure, (*kept_names, *CABLE_NAMES), report)
     columns = {}
     while kept:  # what is turned is let go, so that memory holds it once
         name, values = kept.popitem()

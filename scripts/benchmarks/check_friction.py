@@ -177,7 +177,7 @@ def play(
         control = (
             Unpowered(drives[0]) if name is None else BatchedController(name, drives)
         )
-        columns.append(batch.play(control, measuring, kept))
+        columns.append(batch.play(control, measuring.measure, kept))
     start = round(min(WARM_UP, 0.5 * duration) / first.period)
     torque, desired = (columns[0][name][start:] for name in kept)
     free = columns[1][kept[0]][start:]

@@ -472,7 +472,9 @@ def peaks(
         measuring = Measuring(
             setup.sensing, own, exo.device.driven[0], [0], batch.steps
         )
-        columns = batch.play(controller(law, own), measuring, ["joint_torque_nm"])
+        columns = batch.play(
+            controller(law, own), measuring.measure, ["joint_torque_nm"]
+        )
         torque = columns["joint_torque_nm"][:, 0]
         unsafe = (
             first_unsafe_sample(torque, setup.axes[0].safe_torque, exo.period)

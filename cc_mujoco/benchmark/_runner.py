@@ -10,11 +10,13 @@ import contextlib
 import dataclasses
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -29,6 +31,7 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
 from cc_mujoco.benchmark import _user_entry as entry
+from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._cell import (
     Cell,
     CellResult,
@@ -46,11 +49,12 @@ from cc_mujoco.benchmark._references import (
 )
 from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._suites import SUITES
-from cc_mujoco.benchmark._timing import StepTimes, time_steps
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
+TIMED_DURATION = 1.1
+"""Length of the episode that is timed [s]; what is compiled has been before."""
 MAX_SEEDS = 1000
 """Most seeds: of more, not even the names of the results are quickly listed."""
 
@@ -359,3 +363,40 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
         {n: found[1][n].to_numpy() for n in found[1].column_names} if found[1:] else {}
     )
     return CellResult(scores, rest, trace), []
+
+
+class StepTimes(NamedTuple):
+    """Times of a call of `Controller.torque` with the numbers of one device.
+
+    It is time of the processor, so that other work on the machine does not count.
+    """
+
+    median: float
+    """[s]."""
+    worst: float
+    """[s]."""
+
+
+def time_steps(cell: Cell) -> StepTimes:
+    """Time the steps of a cell's controller, for the first seed of its condition."""
+    short = dataclasses.replace(cell.condition, duration=TIMED_DURATION)
+    made = prepare_episodes(
+        [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
+    )
+    law = user_entry.make_controller(cell.controller, made.drives, made.batch.prefixes)
+    law.reset()
+    taken: list[float] = []
+
+    def timed(seen: Mapping[str, Any]) -> Mapping[str, Any]:
+        one = {n: v[0] if v.ndim > 1 else float(v[0]) for n, v in seen.items()}
+        begun = time.thread_time()
+        law.torque(one)
+        spent = time.thread_time() - begun
+        # Not the time that it takes to ask the process of an entry.
+        taken.append(law.spent if isinstance(law, user_entry.Entry) else spent)
+        return seen
+
+    made.batch.play(made.law, lambda columns: timed(made.sensors.measure(columns)), ())
+    # The first calls fill caches.
+    counted = np.array(taken[round(len(taken) / 3) :])
+    return StepTimes(float(np.median(counted)), float(np.max(counted)))

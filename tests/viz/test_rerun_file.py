@@ -22,9 +22,14 @@ from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
 from cc_mujoco.viz._conduit3d import MIN_PIECES, resample
 from cc_mujoco.viz._entity_path import Branch
-from cc_mujoco.viz._rerun_file import recording, recording_id, write_recording
+from cc_mujoco.viz._rerun_file import (
+    END_STATES,
+    recording,
+    recording_id,
+    state_changes,
+    write_recording,
+)
 from cc_mujoco.viz._rerun_series import plotted_series
-from cc_mujoco.viz._state_timeline import END_STATES, state_changes
 
 SCENE = """
 <mujoco>

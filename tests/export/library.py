@@ -29,6 +29,8 @@ STRICT = (
     "-pedantic",
 )
 
+STRICTER = (*STRICT, "-Wconversion", "-Wshadow")
+
 _GIVEN = """#include "cc_controller.h"
 void test_given(cc_controller *controller, const double *torques);
 void test_given(cc_controller *controller, const double *torques)
@@ -47,16 +49,28 @@ def device(scene: str) -> Any:
     ).unwrapped
 
 
+def objects(folder: Path) -> list[Path]:
+    """Return the object files of a controller and of its parameters, compiled once."""
+    assert COMPILER is not None
+    made = [folder / "built" / f"cc_{part}.o" for part in ("controller", "parameters")]
+    made[0].parent.mkdir(exist_ok=True)
+    for path in made:
+        if not path.exists():
+            source = folder / f"{path.stem}.c"
+            run(COMPILER, *STRICTER, "-O2", "-fPIC", "-c", source, "-o", path)
+    return made
+
+
 class Library:
     """Exported controller, called through a shared library."""
 
     def __init__(self, folder: Path, plan: ExportPlan) -> None:
         assert COMPILER is not None
-        shared = folder / "shared.so"
+        parts = objects(folder)
+        shared = parts[0].with_name("shared.so")
         if not shared.exists():
-            sources = [folder / "cc_controller.c", folder / "cc_parameters.c"]
-            built = [COMPILER, *STRICT, "-O2", "-I", folder, "-shared", "-fPIC"]
-            run(*built, "-o", shared, *sources, "-x", "c", "-", "-lm", input=_GIVEN)
+            built = [COMPILER, *STRICT, "-I", folder, "-shared", "-fPIC", *parts]
+            run(*built, "-o", shared, "-x", "c", "-", "-lm", input=_GIVEN)
         self.library = ctypes.CDLL(str(shared))
         self.library.cc_controller_size.restype = ctypes.c_size_t
         count, self.axes = len(plan.fields), len(plan.axes)

@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import itertools
 import math
-import os
 import re
 import shutil
 import subprocess
@@ -33,7 +32,16 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, EXPORTED, ExportPlan, measure, write
 from cc_mujoco.export._command import Export
 from cc_mujoco.export._files import HEADER_FILE, TEXT_FILES
-from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
+from export.library import (
+    COMPILER,
+    GUARD,
+    STRICT,
+    Library,
+    device,
+    needs_compiler,
+    objects,
+    run,
+)
 
 DEVICES = ("wrist", "ankle", "finger", "exosuit")
 Array = NDArray[np.float64]
@@ -51,6 +59,7 @@ CASES = [
     ("exosuit", "inverse"),
     ("wrist", "lqg"),
     ("ankle", "disturbance"),
+    ("ankle", "feedback"),
     *(
         pytest.param(scene, name, marks=pytest.mark.study)
         for scene, name in itertools.product(
@@ -234,27 +243,22 @@ def test_torques_are_those_of_the_library_bit_for_bit(
     assert np.array_equal(exported.motor_torques(readings[:300]), torques[:300])
 
 
-def example(
-    folder: Path,
-    plan: ExportPlan,
-    readings: Array,
-    compiler: Sequence[Any],
-    emulator: Sequence[str] = (),
-    **how: Any,
-) -> Array:
-    """Return the output of the program that is written next to the controller."""
-    program, special = folder / "example", ["-O2", "-static"] if emulator else []
-    sources = [folder / f"cc_{part}" for part in ("example.c", "parameters.c")]
-    run(
-        *compiler, *STRICT, *special, "-o", program, *sources,
-        folder / "cc_controller.c", "-lm",
-    )  # fmt: skip
+def example(program: Path, plan: ExportPlan, readings: Array, *run_by: Any) -> Array:
+    """Return the output of the built program that is written next to the controller."""
     rows = "".join(",".join(map(repr, row)) + "\n" for row in readings.tolist())
     header = ",".join(plan.seen) + "\n"
-    said = run(*emulator, program, input=header + rows, **how)
-    head, *torques = said.splitlines()
+    head, *torques = run(*run_by, program, input=header + rows).splitlines()
     assert head == "motor_torque_nm"
     return np.array([float(torque) for torque in torques])
+
+
+def program(folder: Path) -> Path:
+    """Return the program that is written next to the controller, built once."""
+    built = folder / "built" / "example"
+    if not built.exists():
+        parts = objects(folder)
+        run(COMPILER, *STRICT, "-o", built, folder / "cc_example.c", *parts, "-lm")
+    return built
 
 
 @needs_compiler
@@ -267,7 +271,7 @@ def test_the_example_gives_the_torques_of_recorded_readings(
 ) -> None:
     readings, torques = episode(scene, name)
     folder, plan = made(scene, name)
-    assert np.array_equal(example(folder, plan, readings, [COMPILER]), torques)
+    assert np.array_equal(example(program(folder), plan, readings), torques)
 
 
 @needs_compiler
@@ -283,15 +287,11 @@ def test_the_example_gives_the_torques_of_recorded_readings(
     ],
 )
 def test_the_example_takes_no_readings_of_another_controller(
-    text: str, told: str, made: Made, tmp_path: Path
+    text: str, told: str, made: Made
 ) -> None:
     folder, plan = made("wrist", "pi")
-    program = tmp_path / "program"
-    sources = [folder / f for f in ("cc_example.c", "cc_parameters.c")]
-    objects = [folder / "cc_controller.c", "-lm"]
-    run(COMPILER, *STRICT, "-I", folder, "-o", program, *sources, *objects)
-    given = text.replace("HEAD", ",".join(plan.seen))
-    done = subprocess.run([program], input=given, capture_output=True, text=True)
+    words, given = [program(folder)], text.replace("HEAD", ",".join(plan.seen))
+    done = subprocess.run(words, input=given, capture_output=True, text=True)
     assert done.returncode == 2
     assert told in done.stderr
 
@@ -305,18 +305,14 @@ def test_the_cmake_file_builds(made: Made, tmp_path: Path) -> None:
     assert (tmp_path / "cc_example").exists()
 
 
-STRICTER = (*STRICT, "-Wconversion", "-Wshadow")
-
-
 @needs_compiler
 @pytest.mark.parametrize(("scene", "name"), CASES[1:])
 def test_source_compiles_without_warnings_and_needs_c_alone(
-    scene: str, name: str, made: Made, tmp_path: Path
+    scene: str, name: str, made: Made
 ) -> None:
+    """Every library of these tests is compiled with all warnings as errors."""
     folder, _ = made(scene, name)
-    compiled = tmp_path / "cc_controller.o"
-    run(COMPILER, *STRICTER, "-c", folder / "cc_controller.c", "-o", compiled)
-    defined, needed = symbols(compiled)
+    defined, needed = symbols(objects(folder)[0])
     assert defined == INTERFACE
     assert needed <= FROM_C
 
@@ -482,7 +478,7 @@ def test_a_plan_goes_on_from_what_the_motor_got(made: Made, tmp_path: Path) -> N
     )
     run(
         COMPILER, *STRICT, "-I", folder, "-o", tmp_path / "main", tmp_path / "main.c",
-        folder / "cc_parameters.c", folder / "cc_controller.c", "-lm",
+        *objects(folder), "-lm",
     )  # fmt: skip
     found = list(map(float, run(tmp_path / "main").split()))
     law = controller("predictive", drive_of("wrist", "predictive"))
@@ -600,7 +596,7 @@ def test_what_the_observer_finds_is_told_in_c(made: Made, tmp_path: Path) -> Non
     )
     run(
         COMPILER, *STRICT, "-I", folder, "-o", tmp_path / "main", tmp_path / "main.c",
-        folder / "cc_parameters.c", folder / "cc_controller.c", "-lm",
+        *objects(folder), "-lm",
     )  # fmt: skip
     *tensions, angle = map(float, run(tmp_path / "main").split())
     law: Any = controller("stiction", device("wrist").drive)
@@ -635,17 +631,21 @@ int main(void)
 
 
 def bare_example(
-    folder: Path, readings: Array, compiler: Sequence[Any], emulator: Sequence[str]
+    folder: Path,
+    built: Path,
+    readings: Array,
+    compiler: Sequence[Any],
+    emulator: Sequence[str],
 ) -> Array:
     """Return the torques of a program with its readings, which no system runs."""
     cells = ("    {" + ", ".join(map(repr, row)) + "},\n" for row in readings.tolist())
-    (folder / "table.c").write_text(TABLE_PROGRAM % "".join(cells))
+    (built / "table.c").write_text(TABLE_PROGRAM % "".join(cells))
     sources = [folder / f"{name}.c" for name in ("cc_controller", "cc_parameters")]
-    built = [*compiler, *STRICT, "-O2", "-I", folder, "-o", folder / "table.elf"]
-    run(*built, folder / "table.c", *sources, "-lm")
+    words = [*compiler, *STRICT, "-O2", "-I", folder, "-o", built / "table.elf"]
+    run(*words, built / "table.c", *sources, "-lm")
     example = folder / "cc_example.c"  # it compiles, but nothing gives it a file
-    run(*compiler[:-1], *STRICT, "-c", example, "-o", folder / "example.o")
-    return np.array(list(map(float, run(*emulator, folder / "table.elf").split())))
+    run(*compiler[:-1], *STRICT, "-c", example, "-o", built / "example.o")
+    return np.array(list(map(float, run(*emulator, built / "table.elf").split())))
 
 
 MACHINES: dict[str, tuple[list[Any], list[str]]] = {
@@ -662,11 +662,11 @@ MACHINES: dict[str, tuple[list[Any], list[str]]] = {
 }
 """Compiler and emulator; of a microcontroller without an operating system the C library
 is newlib, and a Cortex-M4F computes doubles in software."""
-BRIEFLY = [("exosuit", "inverse"), ("exosuit", "stiction"), ("wrist", "pi")]
+BRIEFLY = [("exosuit", "inverse"), ("wrist", "stiction"), ("wrist", "pi")]
 """Cases of every run; all others belong to the study tests."""
 NEWLIB_ERROR = 1e-9
 """Most that torques differ by where another C library rounds otherwise [N m]."""
-WITHOUT_FUSED = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"}
+WITHOUT_FUSED = "GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"
 
 
 @pytest.mark.parametrize("target", MACHINES)
@@ -689,20 +689,20 @@ def test_other_machines_give_the_same_bits(
     for needed in (compiler[0], machine[0], "gcc"):
         if shutil.which(needed) is None:
             pytest.skip(f"{needed} is not installed")
-    plan = plan_of(scene, name)
-    write(tmp_path, plan, "a test")
+    folder, plan = made(scene, name)
     readings, torques = episode(scene, name)
     if target.startswith("cortex"):
-        found = bare_example(tmp_path, readings[:150], compiler, machine)
+        found = bare_example(folder, tmp_path, readings[:150], compiler, machine)
         assert np.abs(found - torques[:150]).max() <= NEWLIB_ERROR
         return
-    found = example(tmp_path, plan, readings, compiler, machine)
+    sources = [folder / f"cc_{part}.c" for part in ("example", "parameters")]
+    built = [*compiler, *STRICT, "-O2", "-static", "-o", tmp_path / "example"]
+    run(*built, *sources, folder / "cc_controller.c", "-lm")
+    found = example(tmp_path / "example", plan, readings, *machine)
     assert np.abs(found - torques).max() <= 1e-9
     if not np.array_equal(found, torques):
-        folder, _ = made(scene, name)
-        env = os.environ | WITHOUT_FUSED
-        here = example(folder, plan, readings, [COMPILER], env=env)
-        assert np.array_equal(found, here)
+        words = "env", WITHOUT_FUSED
+        assert np.array_equal(found, example(program(folder), plan, readings, *words))
 
 
 @pytest.mark.parametrize("name", EXPORTED)
@@ -803,11 +803,13 @@ def wild_rows(plan: ExportPlan, rng: np.random.Generator, count: int) -> Array:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", EXPORTED)
-def test_no_input_makes_a_torque_that_is_no_number(name: str, made: Made) -> None:
+@pytest.mark.parametrize(("scene", "name"), CASES)
+def test_no_input_makes_a_torque_that_is_no_number(
+    scene: str, name: str, made: Made
+) -> None:
     """Neither in C nor in Python, where both have the same bits."""
-    folder, plan = made("wrist", name)
-    exported, law = Library(folder, plan), controller(name, drive_of("wrist", name))
+    folder, plan = made(scene, name)
+    exported, law = Library(folder, plan), controller(name, drive_of(scene, name))
     rng = np.random.default_rng(7)
     heard = 0
     for _ in range(3):
@@ -832,7 +834,7 @@ def test_no_input_makes_a_torque_that_is_no_number(name: str, made: Made) -> Non
 
 def test_the_files_are_those_that_are_told(made: Made) -> None:
     folder, _ = made("wrist", "pi")
-    assert {path.name for path in folder.iterdir()} - {"shared.so"} == set(EXPORT_FILES)
+    assert {path.name for path in folder.iterdir()} - {"built"} == set(EXPORT_FILES)
 
 
 def test_only_a_controller_that_is_passive_in_simulation_is_written(
@@ -940,18 +942,16 @@ def test_no_input_leaves_memory_or_the_defined(
 
 
 @needs_compiler
-def test_the_last_plan_goes_on_where_iterations_do_not_suffice(tmp_path: Path) -> None:
+def test_the_last_plan_goes_on_where_iterations_do_not_suffice(made: Made) -> None:
     """C and Python agree; more iterations than are needed change nothing."""
     readings, torques = episode("wrist", "predictive")
     drive = drive_of("wrist", "predictive")
-    found = []
-    for place, iterations in enumerate((64.0, 1000.0)):
+    exported, found = Library(*made("wrist", "predictive")), []
+    for iterations in (64.0, 1000.0):
         plan = ExportPlan.of(
             "predictive", [drive], [driven("wrist")], iterations=iterations
         )
-        write(tmp_path / str(place), plan, "a test")
-        exported = Library(tmp_path / str(place), plan)
-        exported.take(exported.parameters)
+        exported.take(plan.values())
         found.append(exported.motor_torques(readings[:300]))
         law = PredictiveCompensation(drive, iterations=iterations)
         assert np.array_equal(found[-1], python(law, readings[:300], "predictive"))

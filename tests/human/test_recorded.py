@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -148,38 +149,38 @@ ROWS = [(0.0, 0.0), (0.25, 0.125), (0.5, -0.25), (0.75, 0.5)]
 
 
 @pytest.mark.parametrize("unit", ["rad", "mrad", "deg", "rev"])
-@pytest.mark.parametrize("clock", ["s", "ms", "us", "ns"])
-@pytest.mark.parametrize("style", ["{}_{}", "{} [{}]", "{} ({})"])
 def test_units_are_converted_by_the_name_of_the_column(
-    tmp_path: Path, unit: str, clock: str, style: str
+    tmp_path: Path, unit: str
 ) -> None:
-    names = style.format("time", clock), style.format("Angle", unit)
-    factors = CLOCK.factors[clock], ANGLE.factors[unit]
-    lines = [f"{t / factors[0]!r},{a / factors[1]!r}" for t, a in ROWS]
-    found = read_trajectory(write(tmp_path, "\n".join([",".join(names), *lines])))
-    assert found.times == pytest.approx([t for t, _ in ROWS])
-    assert found.angles == pytest.approx([a for _, a in ROWS])
+    styles = "{}_{}", "{} [{}]", "{} ({})"
+    for clock, style in itertools.product(("s", "ms", "us", "ns"), styles):
+        names = style.format("time", clock), style.format("Angle", unit)
+        factors = CLOCK.factors[clock], ANGLE.factors[unit]
+        lines = [f"{t / factors[0]!r},{a / factors[1]!r}" for t, a in ROWS]
+        found = read_trajectory(write(tmp_path, "\n".join([",".join(names), *lines])))
+        assert found.times == pytest.approx([t for t, _ in ROWS])
+        assert found.angles == pytest.approx([a for _, a in ROWS])
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
-@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
-@pytest.mark.parametrize("decimal", [".", ","])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("above", ["", "sep={}", "# recorded at 20 \N{DEGREE SIGN}C"])
 def test_forms_that_spreadsheets_write_read_the_same(
-    tmp_path: Path, encoding: str, separator: str, decimal: str, end: str, above: str
+    tmp_path: Path, encoding: str
 ) -> None:
-    if separator == decimal:
-        return
-    lines = [("time_s", "angle_rad", "note", "")]
-    lines += [(*(f"{x}".replace(".", decimal) for x in row), "", "") for row in ROWS]
-    text = [above.format(separator)] * bool(above)
-    text += [separator.join(line) for line in lines]
-    path = tmp_path / "motion.csv"
-    path.write_bytes(end.join([*text, separator * 3, ""]).encode(encoding))
-    found = read_trajectory(path)
-    assert found.times == tuple(t for t, _ in ROWS)
-    assert found.angles == tuple(a for _, a in ROWS)
+    first = "", "sep={}", "# recorded at 20 \N{DEGREE SIGN}C"
+    for separator, decimal, end, above in itertools.product(
+        ",;\t|", ".,", ("\n", "\r\n"), first
+    ):
+        if separator == decimal:
+            continue
+        lines = [("time_s", "angle_rad", "note", "")]
+        lines += [(*(f"{x}".replace(".", decimal) for x in r), "", "") for r in ROWS]
+        text = [above.format(separator)] * bool(above)
+        text += [separator.join(line) for line in lines]
+        path = tmp_path / "motion.csv"
+        path.write_bytes(end.join([*text, separator * 3, ""]).encode(encoding))
+        found = read_trajectory(path)
+        assert found.times == tuple(t for t, _ in ROWS)
+        assert found.angles == tuple(a for _, a in ROWS)
 
 
 def columns(path: Path, joints: tuple[str, ...]) -> dict[str, list[float]]:

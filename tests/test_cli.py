@@ -53,8 +53,9 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         _episode_files, "write_summary", lambda path, _: Path(path).touch()
     )
+    blank = figure(1.0, 1.0)
     for stem in FIGURE_STEMS:
-        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
+        monkeypatch.setattr(drawing, stem, lambda *_: blank)
 
 
 @pytest.mark.parametrize("scene", ["wrist", "ankle"])

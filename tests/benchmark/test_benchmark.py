@@ -19,6 +19,7 @@ from cc_mujoco.benchmark import (
     BenchmarkPlan,
     Cell,
     Condition,
+    _runner,
     all_tables,
     batch_groups,
     play,
@@ -31,7 +32,7 @@ from cc_mujoco.benchmark._figures import pareto
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._results import read_results
 from cc_mujoco.benchmark._results_files import write
-from cc_mujoco.benchmark._runner import FIGURE_STEMS, Playing
+from cc_mujoco.benchmark._runner import FIGURE_STEMS, Playing, StepTimes
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
@@ -167,8 +168,9 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     monkeypatch.chdir(tmp_path)
     for name in ("mine", "helper"):
         monkeypatch.delitem(sys.modules, name, raising=False)
+    blank = figure(1.0, 1.0)
     for stem in FIGURE_STEMS:
-        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
+        monkeypatch.setattr(drawing, stem, lambda *_: blank)
     Path("helper.py").write_text(
         "from pathlib import Path\nCC_MUJOCO_FILES = ('gain.toml',)\n"
         "def gain():\n    return float(Path('gain.toml').read_text())\n"
@@ -183,7 +185,10 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     return dataclasses.replace(SHORT, controllers=("mine:make",))
 
 
-def test_a_run_resumes_and_replays_other_code(mine: BenchmarkPlan) -> None:
+def test_a_run_resumes_and_replays_other_code(
+    mine: BenchmarkPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_runner, "time_steps", lambda _: StepTimes(1e-6, 2e-6))
     tables, kept, errors, said = [], [], [], []
     for gain in ("0.0", "0.0", "0.2"):
         Path("gain.toml").write_text(gain)

@@ -70,8 +70,9 @@ def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     (tmp_path / code.file).write_text(code.code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
+    blank = figure(1.0, 1.0)
     for stem in FIGURE_STEMS:  # what it scores is drawn as all else is
-        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
+        monkeypatch.setattr(drawing, stem, lambda *_: blank)
     assert cli.main([*command, "--duration", "1.05", "--workers", "1"]) == 0
     overview = tables(capsys.readouterr().out)[0]
     entries = ["none", "pi", "stiction", "my_controller:lead"]

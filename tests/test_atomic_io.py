@@ -20,44 +20,50 @@ from cc_mujoco._utils.atomic_io import (
     replacing,
     replacing_folder,
     require_ours,
+    require_own_file,
     require_unmodified,
     write_manifest,
 )
 from cc_mujoco.errors import CableError
 from cc_mujoco.report import figure, figure_path, save
 
-NAMES = ("log.parquet", "summary.png")
 
-
-def test_a_folder_without_files_of_our_names_may_be_written_to(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
+def test_a_folder_with_anything_needs_our_mark(tmp_path: Path) -> None:
+    (tmp_path / ".hidden").write_text("nothing")
+    (tmp_path / "empty").mkdir()
     for folder in (tmp_path, tmp_path / "new" / "deep"):
-        require_ours(folder, NAMES, lambda _: False)
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_files_of_our_names_need_our_mark(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_text("mine")
-    with pytest.raises(CableError, match=f"{name}, which no such run wrote"):
-        require_ours(tmp_path, NAMES, lambda _: False)
-    require_ours(tmp_path, NAMES, lambda folder: folder == tmp_path)
-
-
-def test_a_link_that_leads_nowhere_is_a_file(tmp_path: Path) -> None:
-    (tmp_path / NAMES[0]).symlink_to(tmp_path / "gone")
-    with pytest.raises(CableError, match="no such run wrote"):
-        require_ours(tmp_path, NAMES, lambda _: False)
+        require_ours(folder, lambda _: False)
+    assert {path.name for path in tmp_path.iterdir()} == {".hidden", "empty"}
+    for make in (
+        lambda: (tmp_path / "notes.txt").write_text("mine"),
+        lambda: (tmp_path / "link").symlink_to(tmp_path / "gone"),
+        lambda: (tmp_path / "linked").symlink_to(tmp_path / "empty"),
+        lambda: (tmp_path / "deep" / "empty").mkdir(parents=True),
+    ):
+        make()
+        (path,) = (p for p in tmp_path.glob("[!.]*") if p.name != "empty")
+        with pytest.raises(CableError, match=f"{path.name}, which no such run wrote"):
+            require_ours(tmp_path, lambda _: False)
+        require_ours(tmp_path, lambda folder: folder == tmp_path)
+        path.rename(tmp_path / f".{path.name}")
 
 
 def test_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="is empty"):
-        require_ours("", NAMES, lambda _: True)
+        require_ours("", lambda _: True)
     (tmp_path / "file").touch()
     with pytest.raises(CableError, match="is a file"):
-        require_ours(tmp_path / "file", NAMES, lambda _: True)
+        require_ours(tmp_path / "file", lambda _: True)
     with pytest.raises(CableError, match="cannot write"):
-        require_ours(tmp_path / "file" / "inside", NAMES, lambda _: True)
+        require_ours(tmp_path / "file" / "inside", lambda _: True)
+
+
+def test_a_file_that_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
+    require_own_file(tmp_path / "new", lambda _: False)
+    (tmp_path / "link").symlink_to(tmp_path / "gone")
+    with pytest.raises(CableError, match="link is there, and no such run wrote it"):
+        require_own_file(tmp_path / "link", lambda _: False)
+    require_own_file(tmp_path / "link", lambda path: path == tmp_path / "link")
 
 
 def test_the_mark_is_read_from_the_content(tmp_path: Path) -> None:
@@ -78,10 +84,10 @@ def test_a_figure_replaces_only_figures_of_ours(tmp_path: Path) -> None:
     save(path, figure(1.0, 1.0))
     assert figure_path(str(path)) == path
     figure(1.0, 1.0).savefig(path)
-    with pytest.raises(ArgumentTypeError, match="which no such run"):
+    with pytest.raises(ArgumentTypeError, match="no such run wrote it"):
         figure_path(str(path))
     path.write_text("mine")
-    with pytest.raises(ArgumentTypeError, match="which no such run"):
+    with pytest.raises(ArgumentTypeError, match="no such run wrote it"):
         figure_path(str(path))
     for folder in ("", str(tmp_path)):
         with pytest.raises(ArgumentTypeError, match="is a folder"):

@@ -26,7 +26,6 @@ from cc_mujoco.benchmark._runner import FIGURE_STEMS
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import commands
 from cc_mujoco.device import find_device
-from cc_mujoco.export import EXPORT_FILES as EXPORTED_FILES
 from cc_mujoco.export import EXPORTED
 from cc_mujoco.export._command import TARGETS
 from cc_mujoco.report import figure
@@ -694,38 +693,63 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
 
 
 RUNS = {
-    "export": (
-        "export wrist --controller pi --no-check".split(),
-        EXPORTED_FILES,
-    ),
-    "play": (["play", "wrist", "--duration", "0.1"], EPISODE_FILES),
-    "benchmark": (
-        "benchmark wrist --controllers feedback --conditions ordinary-rough "
-        "--seeds 1 --duration 1.2 --workers 1".split(),
-        ("table.md", "report.html", "results.parquet", "wrist-pareto.png"),
-    ),
-    "whatif": (
-        "whatif --vary loops=1,2 --duration 0.1 --metric peak_tension".split(),
-        ("study.json", "table.parquet", "ranking.md", "effects.png", "parts/mine"),
-    ),
+    "export": "export wrist --controller pi --no-check".split(),
+    "export onnx": "export wrist --controller a.safetensors --target onnx".split(),
+    "play": ["play", "wrist", "--duration", "0.1"],
+    "benchmark": "benchmark wrist --controllers feedback --conditions ordinary-rough "
+    "--seeds 1 --duration 1.2 --workers 1".split(),
+    "whatif": "whatif --vary loops=1,2 --duration 0.1 --metric peak_tension".split(),
+    "diagnose": ["diagnose", "bench", "data"],
+    "diagnose plan": ["diagnose", "bench", "--plan"],
 }
+"""Commands that write a folder."""
+FILES = {
+    "calibrate": "calibrate wrist --out mine/file".split(),
+    "device": "device wrist --out mine/file".split(),
+    "plugin": "plugin --source --out mine".split(),
+}
+"""Commands that write files."""
 
 
-@pytest.mark.parametrize(
-    ("name", "file"), [(name, file) for name in RUNS for file in RUNS[name][1]]
-)
-def test_no_command_replaces_files_that_it_did_not_write(
+def test_every_command_that_writes_is_tried_on_files_of_a_user() -> None:
+    writes = {name for name, each in COMMANDS.items() if "out" in each.__annotations__}
+    # Theirs are beside the study and the rig that they need.
+    elsewhere = {"run", "whatif-show"}
+    assert writes == {name.split()[0] for name in RUNS} | {*FILES} | elsewhere
+
+
+@pytest.mark.parametrize("file", ["notes.txt", "log.parquet", "parts/mine", "link"])
+@pytest.mark.parametrize("name", RUNS)
+def test_no_command_writes_into_a_folder_of_a_user(
     name: str, file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "mine" / file
     path.parent.mkdir(parents=True)
-    path.write_text("mine")
-    assert cli.main([*RUNS[name][0], "--out", "mine"]) == 2
+    if file == "link":
+        path.symlink_to("gone")
+    else:
+        path.write_text("mine")
+    (tmp_path / "data").mkdir()
+    assert cli.main([*RUNS[name], "--out", "mine"]) == 2
     said = capsys.readouterr().err
-    assert ", which no such run wrote; name another folder" in said
+    assert (
+        f"mine holds {path.relative_to(tmp_path / 'mine').parts[0]}, which no" in said
+    )
     assert said.count("\n") == 1
-    assert path.read_text() == "mine"
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
+    assert [p for p in tmp_path.rglob("*") if not p.is_dir()] == [path]
+    assert file == "link" or path.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_command_replaces_a_file_of_a_user(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine" / ("CMakeLists.txt" if name == "plugin" else "file")
+    path.parent.mkdir()
+    path.write_text("mine")
+    assert cli.main(FILES[name]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [*path.parent.iterdir()] == [path] and path.read_text() == "mine"
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -734,7 +758,7 @@ def test_a_command_runs_again_into_its_own_folder(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for _ in range(2):
-        assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
+        assert cli.main([*RUNS[name], "--out", "runs"]) == 0
 
 
 def test_an_exported_controller_has_the_parameters_of_a_variant(

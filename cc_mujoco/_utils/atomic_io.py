@@ -1,7 +1,7 @@
 """Writing to disk: whole or not at all, and never over a user's file.
 
 A folder is ours once it holds the mark of an earlier run, a file whose content names
-its writer; each subpackage knows its own. In any other folder nothing is replaced.
+its writer; each subpackage knows its own. Any other folder must be empty.
 """
 
 from __future__ import annotations
@@ -28,35 +28,51 @@ _PARTIAL = ".partial"
 """Ending of a file or folder that is being written."""
 
 
-def require_ours(
-    folder: str | os.PathLike[str],
-    names: Iterable[str],
-    ours: Callable[[Path], bool],
-) -> None:
+def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
     """Find out, before long work, whether results may be written to a folder.
 
     Args:
         folder: Where; it need not be there.
-        names: All files that may be written, relative to the folder.
-        ours: Whether the folder has the mark of an earlier run.
+        ours: Function that returns whether a folder has the mark of an earlier run.
 
     Raises:
-        CableError: If it is a file, cannot be written, or holds files by these names
-            that are not ours.
+        CableError: If it is a file, cannot be written, or holds something without being
+            ours. Hidden files and empty folders are nothing.
     """
-    if not os.fspath(folder):
-        raise CableError("the folder to write to is empty; '.' is the current one.")
+    require_writable(folder)
     place = Path(folder)
-    if place.exists() and not place.is_dir():
-        raise CableError(f"{folder} is a file; it must be a folder or be free.")
-    theirs = [name for name in names if os.path.lexists(place / name)]
+    if not place.exists():
+        return
+    held = sorted(path for path in place.iterdir() if path.name[:1] != ".")
+    theirs = [path.name for path in held if not _is_empty_folder(path)]
     if theirs and not ours(place):
         more = f" and {len(theirs) - 3} more" if len(theirs) > 3 else ""
         raise CableError(
             f"{folder} holds {', '.join(theirs[:3])}{more}, which no such run wrote; "
             "name another folder to write to."
         )
-    _require_writable(place)
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
+
+
+def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
+    """Find out, before long work, whether a file may be written or replaced.
+
+    Args:
+        path: Where; it need not be there.
+        ours: Function that returns whether a file is of an earlier run.
+
+    Raises:
+        CableError: If there is a file that is not ours, or its folder cannot be
+            written.
+    """
+    if os.path.lexists(path) and not ours(path):
+        raise CableError(
+            f"{path} is there, and no such run wrote it; name another file to write."
+        )
+    require_writable(path.parent)
 
 
 def checksum_line(path: Path) -> str:
@@ -141,11 +157,21 @@ def is_marked(path: Path) -> bool:
         return False
 
 
-def _require_writable(folder: Path) -> None:
-    there = folder.absolute()
+def require_writable(folder: str | os.PathLike[str]) -> None:
+    """Require that a folder can be written, or be made.
+
+    Raises:
+        CableError: If not.
+    """
+    if not os.fspath(folder):
+        raise CableError("the folder to write to is empty; '.' is the current one.")
+    there = Path(folder).absolute()
+    if there.exists() and not there.is_dir():
+        raise CableError(f"{folder} is a file; it must be a folder or be free.")
     while not there.exists():
         there = there.parent
     try:
+        os.listdir(there)
         with tempfile.TemporaryDirectory(prefix=".cc-mujoco-", dir=there):
             pass
     except OSError as error:

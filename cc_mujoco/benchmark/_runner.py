@@ -218,18 +218,14 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
     return found
 
 
-def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
-    """Find out, before long work, whether a plan's results may be written to a folder.
+def require_ours(out: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether results may be written to a folder.
 
     Raises:
         CableError: If not; see `_utils.atomic_io.require_ours`.
     """
-    cells = [f"{CELLS_FOLDER}/{file}" for cell in plan.cells() for file in _files(cell)]
-    scenes = dict.fromkeys(condition.label for condition in plan.played())
-    pictures = [f"{scene}-{stem}.png" for scene in scenes for stem in FIGURE_STEMS]
     require_ours_in(
         out,
-        (*TEXT_FILES, RESULTS_FILE, *pictures, *cells),
         lambda place: any(map(is_marked, (place / CELLS_FOLDER).glob("*.parquet"))),
     )
     require_unmodified(out, TEXT_FILES)
@@ -262,7 +258,7 @@ def run(
         CableError: If a name is unknown, a controller cannot be used or the folder
             cannot be written or holds files that are not a benchmark's.
     """
-    require_ours(plan, out)
+    require_ours(out)
     job = Playing(plan)
     job.rehearse()
     folder = Path(out) / CELLS_FOLDER

@@ -57,6 +57,14 @@ def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> 
         file.write_bytes(model.SerializeToString())
 
 
+def is_policy(path: Path) -> bool:
+    """Return whether `write_onnx` wrote a file."""
+    try:
+        return POLICY_METADATA_KEY.encode() in path.read_bytes()
+    except OSError:
+        return False
+
+
 def _graph(onnx: Any, network: Network) -> Any:
     """Return the graph of a network."""
     helper, kinds = onnx.helper, onnx.TensorProto

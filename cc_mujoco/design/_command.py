@@ -78,7 +78,7 @@ class WhatIf:
         folder = self.out or Path("runs", f"whatif-{name}")
         plan = make_plan(self.study)
         objectives, limits = plan.objectives, plan.limits
-        require_ours(folder, REPORT_FILES)
+        require_ours(folder)
         require_unmodified(folder, REPORT_FILES)
         if self.around and not objectives:
             raise CableError("--around goes by an --objective, which is not given.")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -230,19 +230,13 @@ def _design_digest(written: Sequence[str]) -> tuple[int, bytes]:
     return len(written), digest.digest()
 
 
-def require_ours(folder: Path, names: Iterable[str] = ()) -> None:
+def require_ours(folder: Path) -> None:
     """Find out, before long work, whether a study may be kept in a folder.
-
-    Args:
-        folder: Where.
-        names: Of what else is to be written there.
 
     Raises:
         CableError: If not; see `_utils.atomic_io.require_ours`.
     """
-    atomic_io.require_ours(
-        folder, (STUDY_FILE, PARTS_FOLDER, TABLE_FILE, *names), _has_study
-    )
+    atomic_io.require_ours(folder, _has_study)
 
 
 def _has_study(folder: Path) -> bool:

@@ -284,7 +284,7 @@ def require_ours(out: str | Path) -> None:
     Raises:
         CableError: If not; see `_utils.atomic_io.require_ours`.
     """
-    atomic_io.require_ours(out, FILES, lambda place: figures.is_ours(place / PICTURE))
+    atomic_io.require_ours(out, lambda place: figures.is_ours(place / PICTURE))
 
 
 def write_comparison(

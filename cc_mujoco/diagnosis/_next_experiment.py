@@ -96,7 +96,7 @@ def plan(
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
     _require_possible(bench, swing)
     names = tuple(MOTION_FILE.format(f"{k:02d}") for k in range(1, 20))
-    _require_free(Path(out), (PLAN_PAGE, DATASET_FILE, *names))
+    _require_free(Path(out))
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
@@ -132,10 +132,10 @@ def plan(
     return found
 
 
-def _require_free(out: Path, names: Sequence[str]) -> None:
+def _require_free(out: Path) -> None:
     """Require that at most an unchanged earlier plan is replaced."""
     page_now = _text(out / PLAN_PAGE)
-    require_ours(out, names, lambda _: page_now.startswith(_TITLE))
+    require_ours(out, lambda _: page_now.startswith(_TITLE))
     require_untouched(out, [DATASET_FILE], page_now)
 
 

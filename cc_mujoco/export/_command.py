@@ -119,16 +119,19 @@ class Export:
         )
 
     def _write_onnx(self) -> None:
+        from cc_mujoco._utils.atomic_io import require_ours
         from cc_mujoco._utils.provenance import POLICY_ENDING
         from cc_mujoco.control import write_onnx
+        from cc_mujoco.control._onnx import is_policy
 
         if not self.controller.endswith(POLICY_ENDING):
             raise CableError(
                 f"--target {ONNX} is for policies, files that end in {POLICY_ENDING}, "
                 f"not for controller {self.controller!r}."
             )
-        self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / "policy.onnx"
+        require_ours(self.out, lambda _: is_policy(path))
+        self.out.mkdir(parents=True, exist_ok=True)
         write_onnx(self.controller, path)
         print(path)
 

@@ -32,9 +32,7 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
     """
     names = (*ROS2_FILES, *EXPORT_FILES)
     header = _existing_header(Path(folder) / HEADER_FILE)
-    atomic_io.require_ours(
-        folder, names, lambda _: header.startswith(c_source.HEADER_MARK)
-    )
+    atomic_io.require_ours(folder, lambda _: header.startswith(c_source.HEADER_MARK))
     atomic_io.require_unmodified(folder, names[:-1])
 
 

@@ -82,7 +82,7 @@ def _place(folder: str | os.PathLike[str], name: str) -> Path:
     path = Path(folder) / name
     if os.path.lexists(path):
         raise CableError(f"{path} exists; remove it or choose another folder.")
-    atomic_io.require_ours(folder, [name], lambda _: False)
+    atomic_io.require_writable(folder)
     return path
 
 

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_ours
+from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_own_file
 from cc_mujoco.assets import SCENES
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, scene_of
@@ -90,11 +90,8 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     model, episode = as_episode(read_rows(path), scene, path)
     written = files_for(path)
     about = files_of(path.stem)[1]
-    require_ours(
-        path.parent,
-        [each.name for each in written],
-        lambda place: (place / about).is_file(),
-    )
+    for each in written:
+        require_own_file(each, lambda one: one.with_name(about).is_file())
 
     from cc_mujoco.viz._rerun_file import write_recording
     from cc_mujoco.viz._summary import write_summary

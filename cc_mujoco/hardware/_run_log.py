@@ -96,10 +96,11 @@ def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -
         name: Of the run's files.
 
     Raises:
-        CableError: It cannot be written, or has a run's files: other than results of
-            a computation, measured data cannot be made again.
+        CableError: It cannot be written, holds anything else but for a plan's trial, or
+            has a run's files: other than results of a computation, measured data
+            cannot be made again.
     """
-    atomic_io.require_ours(folder, (), lambda _: True)
+    atomic_io.require_writable(folder)
     if _is_empty(Path(folder), name):
         return
     for file in files_of(name):
@@ -108,6 +109,7 @@ def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -
                 f"{folder} holds {file}; measured data are never replaced, name "
                 "another folder to write to."
             )
+    atomic_io.require_ours(folder, lambda _: name != DEFAULT_LOG_NAME)
 
 
 def _is_empty(folder: Path, name: str) -> bool:

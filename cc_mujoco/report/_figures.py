@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco._utils.atomic_io import replacing, require_own_file
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def figure_path(text: str) -> Path:
     try:
         if path.is_dir():
             raise CableError(f"{text or 'an empty path'} is a folder; name a PNG file.")
-        require_ours(path.parent, (path.name,), lambda _: is_ours(path))
+        require_own_file(path, is_ours)
     except CableError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return path

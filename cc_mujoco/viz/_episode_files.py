@@ -52,10 +52,7 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
         CableError: If not; see `_utils.atomic_io.require_ours` and
             `_utils.atomic_io.require_unmodified`.
     """
-    names = (*EPISODE_FILES, VIDEO_FILE, PAGE_FILE)
-    atomic_io.require_ours(
-        folder, names, lambda place: atomic_io.is_marked(place / LOG_FILE)
-    )
+    atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
     atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
 
 

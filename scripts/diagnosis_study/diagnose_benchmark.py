@@ -275,7 +275,7 @@ def main() -> None:
     options = parser.parse_args()
     kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
     try:
-        require_ours(options.out, (kept.name, told.name), lambda _: bool(read(kept)))
+        require_ours(options.out, lambda _: bool(read(kept)))
     except CableError as error:
         parser.error(str(error))
     options.out.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,7 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from cc_mujoco import simulate
-from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco._utils.atomic_io import replacing, require_own_file
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.report import (
@@ -220,7 +220,7 @@ def film_path(text: str) -> Path:
     """Return where the film shall be saved; a `type` of `argparse`."""
     path = Path(text)
     try:
-        require_ours(path.parent, (path.name,), lambda _: is_ours(path))
+        require_own_file(path, is_ours)
     except CableError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return path

@@ -190,7 +190,7 @@ def test_the_page_opens_with_the_winner_and_is_written_again_until_a_user_edits_
         before = (tmp_path / edited).read_text("utf-8")
         (tmp_path / edited).write_text("mine")
         with pytest.raises(CableError, match=rf"{edited} is not as an earlier run"):
-            require_ours(plan, tmp_path)
+            require_ours(tmp_path)
         (tmp_path / edited).write_text(before, "utf-8")
 
 

@@ -67,6 +67,9 @@ def test_the_command_writes_and_prints_the_table_and_replaces_only_its_own(
     assert cli.main(words) == 2
     assert "which no such run wrote" in capsys.readouterr().err
     assert (out / "comparison.png").read_bytes() == b"a picture of theirs"
+    for more in ([], words[3:]):
+        assert cli.main([*words[:3], *more, "--out", str(folder.parent)]) == 2
+        assert "which no such run wrote" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

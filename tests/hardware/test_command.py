@@ -142,6 +142,12 @@ def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="measured data are never replaced"):
         RunLog(tmp_path / "out", {}, 1)
     assert cli.main(words(tmp_path, NOWHERE, 0.3)) == 2
+    for file in (tmp_path / "out").iterdir():
+        file.unlink()
+    (tmp_path / "out" / "notes.txt").touch()
+    with pytest.raises(CableError, match=r"holds notes\.txt, which no such run wrote"):
+        require_free(tmp_path / "out")
+    require_free(tmp_path / "out", "motion_01")  # among the trials of a plan
 
 
 def test_a_log_survives_the_death_of_the_host(tmp_path: Path, end: End) -> None:

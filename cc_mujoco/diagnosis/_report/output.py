@@ -76,7 +76,7 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
             f"the scene {scene} lies where the diagnosis writes its own; name another "
             "folder to write to."
         )
-    atomic_io.require_ours(out, names, lambda folder: _provenance(folder) is not None)
+    atomic_io.require_ours(out, lambda folder: _provenance(folder) is not None)
     earlier = _provenance(out) or {}
     atomic_io.require_untouched(out, [SCENE_FILE], str(earlier.get("written", "")))
     base = os.path.join(os.path.realpath(out), str(earlier.get("folder", "")))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import Cable, Conduit, Section, Transmission, replay, rest_state
+from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import (
@@ -148,6 +151,31 @@ WRONG: tuple[Any, ...] = (
     [7.0, 8.0], np.zeros((2, 2, 2)), {"a": 1}, {}, object(), True, 10**400, Cable,
     CABLE,
 )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "package", ["cc_mujoco", "cc_mujoco.plugin", "cc_mujoco.cable"]
+)
+def test_every_public_call_refuses_what_is_of_no_use_in_one_sentence(
+    package: str,
+) -> None:
+    module = importlib.import_module(package)
+    own = [getattr(module, name) for name in module.__all__]
+    laws = [*CONTROLLERS.values()] if package == "cc_mujoco" else []
+    for call in (*own, *laws):
+        if not callable(call) or inspect.isabstract(call) or call is CableError:
+            continue
+        needed = [
+            name
+            for name, one in inspect.signature(call).parameters.items()
+            if one.default is one.empty
+            and one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)
+        ]
+        for wrong in (None, 7, "x", b"x", 1j, [], {}, object(), Cable) * bool(needed):
+            try:
+                call(**dict.fromkeys(needed, wrong))
+            except CableError as error:
+                assert "\n" not in str(error), (call, wrong)
 
 
 def _finite(found: Any) -> bool:

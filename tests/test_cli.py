@@ -268,6 +268,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         ([], ", ".join(COMMANDS)),
         (["play", "wrist", "--out", ""], "--out is empty"),
         (["play", "wrist", "--out="], "--out is empty"),
+        (["benchmark", "wrist", "--seeds", "0"], "has 1 to 1,000 seeds, not 0"),
         (["play", "wrist", "--controller", " "], "--controller is empty"),
         (["play", ""], "a word is empty"),
         (["whatif", "--trajectory", "", "--vary", "loops=1,2"], "--trajectory is"),
@@ -352,6 +353,9 @@ def test_list_takes_a_part_of_a_name_or_of_a_meaning_or_a_device(
     assert "[trials.run_7]" in capsys.readouterr().out
     assert cli.main(["list", "efects"]) == 2
     assert "effects" in capsys.readouterr().err
+    assert cli.main(["list", "foo"]) == 2  # no foot
+    assert cli.main(["list", "foot"]) == 0
+    assert "fall" in capsys.readouterr().out
 
 
 def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:

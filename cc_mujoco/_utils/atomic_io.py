@@ -163,6 +163,8 @@ def require_writable(folder: str | os.PathLike[str]) -> None:
     Raises:
         CableError: If not.
     """
+    if not isinstance(folder, str | os.PathLike):
+        raise CableError(f"the folder to write to must be a path, not {folder!r}.")
     if not os.fspath(folder):
         raise CableError("the folder to write to is empty; '.' is the current one.")
     there = Path(folder).absolute()

@@ -43,9 +43,9 @@ class Benchmark:
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     conditions: Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
-    seeds: int = 0
-    """Number of seeds: plants, noise, motions; 0 for as many as the suite has, which is
-    ten in v1."""
+    seeds: Annotated[int | None, option_help("INT")] = None
+    """Number of seeds: plants, noise, motions; as many as the suite has unless given,
+    which is ten in v1."""
     first_seed: int = 0
     """The first of them; to judge, one that the entrant did not know."""
     key: str = ""
@@ -77,9 +77,8 @@ class Benchmark:
 
     def run(self) -> None:
         """Play what is not done yet; print the best controllers."""
-        for name, value in (("seeds", self.seeds), ("workers", self.workers)):
-            if value < 0:
-                raise CableError(f"--{name} must be 0 or greater, not {value}.")
+        if self.workers < 0:
+            raise CableError(f"--workers must be 0 or greater, not {self.workers}.")
         if self.compare is not None:
             from cc_mujoco.benchmark._report import comparison
             from cc_mujoco.benchmark._results import join_results, read_results

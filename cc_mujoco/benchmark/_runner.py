@@ -77,8 +77,8 @@ class BenchmarkPlan:
     scenes: tuple[str, ...] = ()
     conditions: tuple[str, ...] = ()
     """Names of some, of the devices that have them."""
-    seeds: int = 0
-    """Number of seeds; 0 is what the suite has."""
+    seeds: int | None = None
+    """Number of seeds; that of the suite by default."""
     first_seed: int = 0
     """The first of them; the others follow. Who judges may choose it afterwards."""
     duration: float | None = None
@@ -137,10 +137,12 @@ class BenchmarkPlan:
             raise CableError("a benchmark needs at least one controller.")
         for name in self.controllers:
             require_unused_name(name)
-        count = self.seeds or look_up("suite", self.suite, SUITES).seeds
+        count = look_up("suite", self.suite, SUITES).seeds
+        if self.seeds is not None:
+            count = self.seeds
         if not 1 <= count <= MAX_SEEDS:
             raise CableError(
-                f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {self.seeds:,}."
+                f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {count:,}."
             )
         if not 0 <= self.first_seed <= MAX_SEED:
             raise CableError(

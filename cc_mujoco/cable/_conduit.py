@@ -37,6 +37,7 @@ TIME_STEP = Parameter("time step", "s", low=0.0, high=1e6, low_open=True)
 
 def packed_parameters(cable: Cable) -> FloatArray:
     """Return the cable's parameters as the vector that the kernel reads."""
+    require_kind("cable", cable, Cable)
     prm = np.empty(kernel.parameter_size(cable.segments))
     kernel.pack(
         np.array(cable.scalars),

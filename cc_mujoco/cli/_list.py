@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import re
 import shutil
 import textwrap
 from collections.abc import Mapping
@@ -33,8 +34,8 @@ class Listing:
         tyro.conf.arg(metavar="[WORD]", help_behavior_hint=""),
     ] = ""
     """A group such as effects, a device, whose axes, cables and joints are shown,
-    dataset.toml, of which an example with every key is shown, or a part of a name or of
-    its meaning."""
+    dataset.toml, of which an example with every key is shown, or a part of a name or a
+    word of its meaning."""
 
     def run(self) -> None:
         """Print names, or the chosen ones with their meanings.
@@ -111,15 +112,17 @@ def _groups() -> dict[str, Mapping[str, str]]:
 def _matching(
     groups: Mapping[str, Mapping[str, str]], word: str
 ) -> dict[str, Mapping[str, str]]:
-    """Return the entries with a word in their name, or else in their meaning.
+    """Return the entries with a part of their name, or else a word of their meaning.
 
     Raises:
         CableError: There is none.
     """
-    part = word.lower()
-    for looked_at in (0, 1):
+    part = re.escape(word)
+    # A word, as `foo` is no foot; its plural is the same word.
+    for looked_at, pattern in enumerate((part, rf"(?<!\w){part}(s|es)?(?!\w)")):
+        sought = re.compile(pattern, re.IGNORECASE)
         found = {
-            group: {e[0]: e[1] for e in own.items() if part in e[looked_at].lower()}
+            group: {e[0]: e[1] for e in own.items() if sought.search(e[looked_at])}
             for group, own in groups.items()
         }
         if any(found.values()):
@@ -128,7 +131,8 @@ def _matching(
     near = difflib.get_close_matches(word, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise CableError(
-        f"no name and no meaning has {word!r}; {hint}`cc-mujoco list` shows all names."
+        f"no name has {word!r} and no meaning that word; {hint}"
+        "`cc-mujoco list` shows all names."
     )
 
 

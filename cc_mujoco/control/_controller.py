@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -48,6 +49,7 @@ class Controller(ABC):
         Args:
             drive: The device to be driven.
         """
+        require_kind("drive", drive, Drive)
         self.drive = drive
 
     @abstractmethod

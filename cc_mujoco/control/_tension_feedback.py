@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.control import _compiled_laws as compiled_laws
@@ -159,6 +160,7 @@ class AdaptiveModel(PredictiveCompensation):
             CableError: As `PredictiveCompensation`, if sensors are not known or not as
                 many along every cable, or as `estimation._tension_slope.require_slope`.
         """
+        require_kind("drive", drive, Drive)
         drive = dataclasses.replace(
             drive,
             cable_drives=tuple(

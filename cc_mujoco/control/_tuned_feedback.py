@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_stiffness
@@ -67,6 +68,7 @@ def require_known_motor(drive: Drive) -> None:
     Raises:
         CableError: They are not.
     """
+    require_kind("drive", drive, Drive)
     if not (drive.inertia > 0.0 and drive.cables):
         raise CableError(
             "a controller whose gains follow from rotor and cables needs to know both; "

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cc_mujoco._validation import require_parameter
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import Sensors
@@ -31,6 +32,7 @@ class CableDrive:
         """Refuse an arm that transmits nothing."""
         for name in ("proximal", "distal"):
             value = getattr(self, name)
+            require_parameter(self, name, -math.inf, math.inf, "")
             if not (math.isfinite(value) and value != 0.0):
                 raise CableError(
                     f"CableDrive.{name} must be a finite length other than 0, "
@@ -109,6 +111,8 @@ class Drive:
 
     def __post_init__(self) -> None:
         """Refuse a drive that cannot be controlled."""
+        for name in ("low", "high", "period", "motor_lag", "torque_rate", "ratio"):
+            require_parameter(self, name, -math.inf, math.inf, "")
         if not (math.isfinite(self.ratio) and self.ratio != 0.0):
             raise CableError(
                 f"Drive.ratio must be a finite number other than 0, not {self.ratio!r}."

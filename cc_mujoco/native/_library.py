@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
@@ -109,7 +110,7 @@ def _library() -> ctypes.CDLL:
 
 
 def load(path: Path) -> ctypes.CDLL:
-    """Return the library of a file.
+    """Return the library of a file; one of this user's folder that fails is removed.
 
     Raises:
         NativeLibraryError: it does not load.
@@ -117,6 +118,8 @@ def load(path: Path) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
+        if path.parent == folder():  # perhaps it was compiled for another machine
+            path.unlink(missing_ok=True)
         raise NativeLibraryError(
             f"the native library {path} does not load: {error}"
         ) from None
@@ -341,7 +344,13 @@ def compiler() -> list[str]:
     Raises:
         NativeLibraryError: there is none.
     """
-    chosen = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    given = os.environ.get("CC", "")
+    try:
+        chosen = shlex.split(given, posix=os.name != "nt")
+    except ValueError as error:
+        raise NativeLibraryError(
+            f"the variable CC is no command, `{given}`: {error}."
+        ) from None
     if chosen:
         found = shutil.which(chosen[0])
         if found is None:
@@ -382,7 +391,7 @@ def compile_library(source: Path, path: Path) -> None:
     """
     libraries = [] if sys.platform == "win32" else ["-lm"]
     built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
-    run([*compiler(), *FLAGS, *built])
+    run([*compiler(), *FLAGS, *built], path)
 
 
 def write_source(path: Path) -> None:
@@ -390,18 +399,35 @@ def write_source(path: Path) -> None:
     code = "import sys; from cc_mujoco.native._library import write; write(sys.argv[1])"
     paths = filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    run([sys.executable, "-c", code, str(path)], environment)
+    run([sys.executable, "-c", code, str(path)], path, environment)
 
 
-def run(command: list[str], environment: dict[str, str] | None = None) -> None:
+def run(
+    command: list[str], made: Path, environment: dict[str, str] | None = None
+) -> None:
     """Run a command to its end.
 
+    Args:
+        command: words of the command.
+        made: file that it writes.
+        environment: variables; those of this process by default.
+
     Raises:
-        NativeLibraryError: it fails; with its last lines.
+        NativeLibraryError: it cannot be run, or fails; with its first error, or else
+            its last line, and a note with its last lines.
     """
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    if done.returncode != 0:
-        raise NativeLibraryError(
-            f"the native library cannot be compiled; `{command[0]}` says:\n"
-            + "\n".join(done.stderr.splitlines()[-30:])
-        )
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        said, code = done.stderr.splitlines(), done.returncode
+    except OSError as failure:
+        said, code = [failure.strerror], failure.errno
+    if code == 0 and made.is_file():
+        return
+    told = [line.strip() for line in said if line.strip()]
+    last = told[-1] if told else f"nothing, and ends with {code}"
+    first = next((line for line in told if re.search(r"\berror: ", line)), last)
+    error = NativeLibraryError(
+        f"the native library cannot be compiled; `{command[0]}` says: {first}"
+    )
+    error.add_note("\n".join(said[-30:]))
+    raise error

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import mujoco
 
+from cc_mujoco.native._library import NativeLibraryError
+
 PLUGIN = "cc_mujoco.cable"
 """Name of the engine plugin."""
 
@@ -18,6 +20,6 @@ _PATTERNS = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
 _FOLDER = Path(mujoco.__file__).parent
 _FILES = sorted(_FOLDER.glob(_PATTERNS.get(sys.platform, "libmujoco.so*")))
 if not _FILES:
-    raise ImportError(f"cc_mujoco finds no MuJoCo library in {_FOLDER}")
+    raise NativeLibraryError(f"cc_mujoco finds no MuJoCo library in {_FOLDER}")
 LIBRARY = ctypes.CDLL(str(_FILES[-1]))
 """The MuJoCo library that the Python bindings use."""

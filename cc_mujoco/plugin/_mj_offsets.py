@@ -21,6 +21,7 @@ from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerT
 from mujoco.introspect.structs import STRUCTS
 
 from cc_mujoco.native._kinds import LoadedInt
+from cc_mujoco.native._library import NativeLibraryError
 
 _SCALARS: dict[str, Any] = {
     "char": ctypes.c_char,
@@ -145,7 +146,7 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
         enumerators: values that it was compiled with, as of `mjtTrn.mjTRN_JOINT`.
 
     Raises:
-        ImportError: something differs, so the plugin cannot run on this MuJoCo.
+        NativeLibraryError: something differs, so the plugin cannot run on this MuJoCo.
     """
     model = mujoco.MjModel.from_xml_string(_PROBE_XML)
     data = mujoco.MjData(model)
@@ -175,7 +176,7 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
     if not ctypes.c_size_t.from_address(d.plugin_data).value:
         wrong.append("mjData.plugin_data")
     if wrong:
-        raise ImportError(
+        raise NativeLibraryError(
             f"cc_mujoco cannot run on mujoco {mujoco.__version__}: its structures are "
             f"laid out differently than described ({', '.join(wrong)}); "
             "install a mujoco of a release that cc_mujoco supports"

@@ -24,11 +24,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
-from cc_mujoco.plugin._spec import add_element, read_spec
+from cc_mujoco.plugin._spec import add_element, plain_errors, read_spec
 
 End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
@@ -55,10 +56,12 @@ def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, 
             name: cable_of(source, index, name)
             for name, index in instances(source).items()
         }
-    if isinstance(source, Path) or (isinstance(source, str) and "<" not in source):
-        source = read_spec(source)
-    elif isinstance(source, str):
-        source = mujoco.MjSpec.from_string(source)
+    with plain_errors():
+        if isinstance(source, Path) or (isinstance(source, str) and "<" not in source):
+            source = read_spec(source)
+        elif isinstance(source, str):
+            source = mujoco.MjSpec.from_string(source)
+    require_kind("source", source, mujoco.MjSpec)
     for actuator in source.actuators:
         if actuator.plugin.plugin_name == PLUGIN and not actuator.plugin.name:
             raise CableError(
@@ -95,6 +98,8 @@ def to_mjcf(
     Raises:
         CableError: an end is missing or names no joint or tendon.
     """
+    require_kind("spec", spec, mujoco.MjSpec)
+    require_kind("cable", cable, Cable)
     found = [p for p in spec.plugins if p.plugin_name == PLUGIN and p.name == name]
     used = [a for a in spec.actuators if found and a.plugin.name == name]
     ends = {"proximal": proximal, "distal": distal}
@@ -132,6 +137,7 @@ def to_mjcf(
 
 def instances(model: mujoco.MjModel) -> dict[str, int]:
     """Return the index of each cable's plugin instance in a compiled model, by name."""
+    require_kind("model", model, mujoco.MjModel)
     own = plugin_slot()
     return {
         mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_PLUGIN, index): index
@@ -151,6 +157,7 @@ def make_room(spec: mujoco.MjSpec) -> None:
     Args:
         spec: Of the scene, before it is compiled.
     """
+    require_kind("spec", spec, mujoco.MjSpec)
     for instance in spec.plugins:
         config = dict(instance.config)
         if instance.plugin_name == PLUGIN and "conduit" in config:
@@ -174,8 +181,7 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
             longer than what the model was compiled with; see `make_room`.
     """
     instance = look_up("cable", name, instances(model))
-    if not isinstance(cable, Cable):
-        raise CableError(f"cable {name!r} can become another Cable, not {cable!r}.")
+    require_kind("cable", cable, Cable)
     before = cable_of(model, instance, name)
     for key in ("segments", "path"):
         if getattr(before, key) != getattr(cable, key):

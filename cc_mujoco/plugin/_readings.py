@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._parameters import BENDS, PATHS
@@ -27,7 +28,7 @@ from cc_mujoco.cable._reading import (
     slack_compliance,
 )
 from cc_mujoco.cable._reading import CableReading as CableReading
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._registration import plugin_function
 
@@ -227,6 +228,7 @@ def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
         CableError: the model has no such cable, or the data are of another model.
     """
     index = _instance(model, name)
+    require_kind("data", data, mujoco.MjData)
     if not plugin_function("holds")(model._address, data._address, index):
         raise CableError(
             f"cable {name!r}: the data were made by a model with other sizes or "
@@ -236,7 +238,4 @@ def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
 
 
 def _instance(model: mujoco.MjModel, name: str) -> int:
-    found = instances(model)
-    if name not in found:
-        raise CableError.unknown("cable", name, found)
-    return found[name]
+    return look_up("cable", name, instances(model))

@@ -65,7 +65,8 @@ def register() -> None:
     has loaded from another library of the same code before stays.
 
     Raises:
-        ImportError: this MuJoCo cannot run the plugin, or the name is taken by another.
+        NativeLibraryError: this MuJoCo cannot run the plugin, or the name is taken by
+            another.
     """
     global _holder
     library = native_library.library()
@@ -85,7 +86,7 @@ def register() -> None:
         plugin = present.contents
         keys = [plugin.attributes[i].decode() for i in range(plugin.nattribute)]
         if keys != list(KEYS):
-            raise ImportError(
+            raise native_library.NativeLibraryError(
                 f"MuJoCo already has a plugin `{PLUGIN}` with other keys "
                 f"({', '.join(keys)}); only one version can be loaded in a process"
             )
@@ -143,7 +144,7 @@ def _require_same_code(file: str) -> ctypes.CDLL:
     """Return a loaded library of the plugin if it was made of these sources.
 
     Raises:
-        ImportError: it was made of others.
+        NativeLibraryError: it was made of others.
     """
     library = ctypes.CDLL(file)
     try:
@@ -151,7 +152,7 @@ def _require_same_code(file: str) -> ctypes.CDLL:
     except ValueError:
         made_of = ""
     if made_of != native_library.digest():
-        raise ImportError(
+        raise native_library.NativeLibraryError(
             f"the plugin `{PLUGIN}` of this process is that of {file}, written by "
             "another version of cc_mujoco; write it anew with `cc-mujoco plugin`, or "
             "do not load it"

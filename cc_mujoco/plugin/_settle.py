@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import look_up
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._registration import plugin_function
@@ -73,6 +74,8 @@ def settle(
         CableError: `rope` is neither.
     """
     keeps = look_up("rope", rope, _KEEPS_ROPE)
+    require_kind("model", model, mujoco.MjModel)
+    require_kind("data", data, mujoco.MjData)
     mujoco.mj_fwdPosition(model, data)
     lay = plugin_function("settle")
     for instance in instances(model).values():
@@ -105,6 +108,7 @@ def step_limits(
     Raises:
         CableError: the data are of another model.
     """
+    require_kind("model", model, mujoco.MjModel)
     everywhere = data is None
     if data is None:
         data = mujoco.MjData(model)

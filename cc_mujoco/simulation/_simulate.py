@@ -25,7 +25,7 @@ from cc_mujoco.control._axes import law_drives
 from cc_mujoco.control._of_device import default_controller
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
-from cc_mujoco.errors import CableError, with_new_names
+from cc_mujoco.errors import CableError, shown, with_new_names
 from cc_mujoco.human import Spring, Trajectory
 from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
 from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
@@ -321,8 +321,11 @@ def play(
     Raises:
         CableError: If the simulation diverges or the controller fails.
     """
-    unwrapped: Any = env.unwrapped  # Gymnasium types it as any environment
-    exo: WornDevice = unwrapped.exo
+    exo: WornDevice | None = getattr(getattr(env, "unwrapped", None), "exo", None)
+    if exo is None:
+        raise CableError(
+            f"env must be an environment of cc_mujoco with a device, not {shown(env)}."
+        )
     sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
     device = exo.device
@@ -333,7 +336,7 @@ def play(
 
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
-            made, given = unwrapped.plant, unwrapped.device
+            made, given = env.unwrapped.plant, env.unwrapped.device
             recorder.metadata.update(
                 describe(exo, given, made, sensing, seed, about or {})
             )

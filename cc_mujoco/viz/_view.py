@@ -21,7 +21,7 @@ from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
-from cc_mujoco.plugin._spec import read_spec
+from cc_mujoco.plugin._spec import error_sentence, read_spec
 from cc_mujoco.viz._caption import view_rows, wrap_sentence
 from cc_mujoco.viz._live_controls import Knobs
 from cc_mujoco.viz._pace import RealTimePacer
@@ -69,7 +69,7 @@ def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
         make_room(spec)
         return path, spec, spec.compile()
     except ValueError as error:
-        raise CableError(f"{path}: {' '.join(str(error).split())}") from None
+        raise CableError(f"{path}: {error_sentence(error)}") from None
 
 
 def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._library import library
 from plugin.processes import Ended, processes
@@ -208,18 +209,51 @@ def test_command_without_a_compiler_is_one_sentence(tmp_path: Path) -> None:
     assert error.startswith("cc-mujoco: cc_mujoco needs a C compiler once")
 
 
-def test_any_kept_library_that_is_cut_off_is_compiled_anew(
+def write_one(source: Path) -> None:
+    source.write_text("int one(void);\nint one(void) { return 1; }\n")
+
+
+COMPILERS = {
+    "no binary": ("", "says: Exec format error"),
+    "silent": ("#!/bin/sh\nexit 3", "says: nothing, and ends with 3"),
+    "idle": ("#!/bin/sh\nexit 0", "says: nothing, and ends with 0"),
+    "loud": (
+        "#!/bin/sh\necho 'In file\nx.c:1: error: no such thing\nstopped' >&2\nexit 1",
+        "says: x.c:1: error: no such thing",
+    ),
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its scripts are others")
+@pytest.mark.parametrize("kind", COMPILERS)
+def test_a_compiler_that_fails_is_one_sentence(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, reason = COMPILERS[kind]
+    compiler = tmp_path / "cc"
+    compiler.write_text(text)
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path / "kept"))
+    with pytest.raises(native_library.NativeLibraryError) as failure:
+        native_library.keep("libone", write_one)
+    assert str(failure.value).endswith(f"`{compiler}` {reason}")
+    assert not [*(tmp_path / "kept").iterdir()]
+    monkeypatch.setenv("CC", "'gcc")
+    with pytest.raises(CableError, match="CC is no command, `'gcc`: No closing"):
+        native_library.keep("libone", write_one)
+
+
+def test_any_kept_library_that_is_of_no_use_is_compiled_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """As one that is cut off, or of a compiler for another machine."""
     monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path))
-
-    def write(source: Path) -> None:
-        source.write_text("int one(void);\nint one(void) { return 1; }\n")
-
-    path = native_library.keep("libone", write)
+    path = native_library.keep("libone", write_one)
     size = path.stat().st_size
-    assert native_library.keep("libone", write) == path
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(native_library.NativeLibraryError, match="does not load"):
-        native_library.load(path)
-    assert native_library.keep("libone", write).stat().st_size == size
+    assert native_library.keep("libone", write_one) == path
+    for content in (path.read_bytes()[:100], bytes(size)):
+        path.write_bytes(content)
+        with pytest.raises(native_library.NativeLibraryError, match="does not load"):
+            native_library.load(path)
+        assert native_library.keep("libone", write_one).stat().st_size == size

@@ -420,7 +420,7 @@ def run(
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         said, code = done.stderr.splitlines(), done.returncode
     except OSError as failure:
-        said, code = [failure.strerror], failure.errno
+        said, code = [failure.strerror or ""], failure.errno or 1
     if code == 0 and made.is_file():
         return
     told = [line.strip() for line in said if line.strip()]

@@ -91,10 +91,11 @@ def step_limits(
     Where friction holds the cable its end is a spring of EA over half its last segment.
     About an inertia J that an end moves by a pulley of radius r alone, steps below
     2 / sqrt(stiffness r^2 / J) are stable for it; for the general case see
-    `_stability_limits.py`. Where the step is longer than 0.7 of that, ends are implicit
-    and any step is stable for them, unless the cable has `ends` = `explicit`. Pieces of
-    an open path are always explicit, and the stiffer the shorter they are. The plugin
-    warns, through MuJoCo, of a `timestep` that is too long.
+    `_stability_limits.py`. Where the step is longer than 0.7 of that for a cable alone,
+    its ends are implicit and bear any step, unless it has `ends` = `explicit`. Cables
+    of one joint that pass the limit only together stay explicit. Pieces of an open path
+    are always explicit, and the stiffer the shorter they are. The plugin warns, through
+    MuJoCo, of a `timestep` that is too long.
 
     Args:
         model: the model.

@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._utils.atomic_io import METADATA_KEY, replacing
 from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco._validation import require_dictionary
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._log_columns import (
     AXES,
@@ -64,7 +64,7 @@ class EpisodeLog:
             CableError: If a column is missing, unknown, or has a wrong shape, or the
                 metadata cannot be written as JSON.
         """
-        require_kind("columns", columns, Mapping)
+        require_dictionary("columns", columns)
         self.cables = cables_in(columns)
         self.prefixes = prefixes_in(columns) or ("",)
         """Beginnings of the columns of each axis; empty where there is only one."""

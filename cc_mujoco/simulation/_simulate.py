@@ -321,7 +321,8 @@ def play(
     Raises:
         CableError: If the simulation diverges or the controller fails.
     """
-    exo: WornDevice | None = getattr(getattr(env, "unwrapped", None), "exo", None)
+    unwrapped: Any = getattr(env, "unwrapped", None)
+    exo: WornDevice | None = getattr(unwrapped, "exo", None)
     if exo is None:
         raise CableError(
             f"env must be an environment of cc_mujoco with a device, not {shown(env)}."
@@ -336,7 +337,7 @@ def play(
 
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
-            made, given = env.unwrapped.plant, env.unwrapped.device
+            made, given = unwrapped.plant, unwrapped.device
             recorder.metadata.update(
                 describe(exo, given, made, sensing, seed, about or {})
             )

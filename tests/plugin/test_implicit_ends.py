@@ -399,3 +399,34 @@ def test_ends_are_told_in_words() -> None:
     assert from_mjcf(leg(ends="explicit"))["cable"].ends == "explicit"
     with pytest.raises(CableError, match="`ends` is 'implicit'; it must be `auto`"):
         Cable(ends="implicit")
+
+
+def test_cables_that_pass_the_limit_only_together_stay_explicit_and_are_warned_of() -> (
+    None
+):
+    alone = min(step_limits(leg())["cable"])
+    found, said = [], []
+    mujoco.set_mju_user_warning(said.append)
+    for ends in ("auto", "explicit"):
+        m = leg(0.4 * alone, ends=ends)
+        spec = mujoco.MjSpec.from_string(
+            LEG.format(
+                step=0.4 * alone, inertia=2e-4, mass=0.5, integrator="Euler",
+                cone="pyramidal", damping=0.01, foot=".2 0 0", more="",
+            )
+        )  # fmt: skip
+        for n in range(12):
+            to_mjcf(
+                spec, f"c{n}", from_mjcf(m)["cable"], ("drum", DRUM), ("knee", LEVER)
+            )
+        m = spec.compile()
+        assert step_limits(m)["c3"][0] < m.opt.timestep
+        d = mujoco.MjData(m)
+        settle(m, d)
+        for _ in range(30):
+            d.qfrc_applied[0] = -DRUM * 12.0 * 100.0
+            mujoco.mj_step(m, d)
+        found.append(d.qpos.copy())
+    mujoco.set_mju_user_warning(None)
+    assert found[0].tobytes() == found[1].tobytes()
+    assert sum("its proximal end is stable only with" in text for text in said) == 12

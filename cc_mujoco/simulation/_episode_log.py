@@ -64,7 +64,7 @@ class EpisodeLog:
             CableError: If a column is missing, unknown, or has a wrong shape, or the
                 metadata cannot be written as JSON.
         """
-        require_dictionary("columns", columns)
+        columns = require_dictionary("columns", columns)
         self.cables = cables_in(columns)
         self.prefixes = prefixes_in(columns) or ("",)
         """Beginnings of the columns of each axis; empty where there is only one."""

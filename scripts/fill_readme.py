@@ -8,9 +8,9 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
 Writes the tables of parameters, materials, metrics and effects as CSV files, runs what
 is not done yet of claims and benchmark, and replaces what stands between the marks of
 each block, on its page and, in short, on the front page; claims and the benchmark's
-errors by condition also go into CSV files. The benchmark is
-`cc-mujoco benchmark --suite v1 --controllers pi model stiction`; the structure is what
-`check_structure.py` has left in v2-conditions.csv.
+scores by condition also go into CSV files. The benchmark is what `cc-mujoco benchmark`
+plays with `ENTRIES`; the structure is what `check_structure.py` has left in
+v2-conditions.csv.
 """
 
 from __future__ import annotations
@@ -32,16 +32,14 @@ from cc_mujoco.benchmark import (
     DEFAULT_BASELINE,
     OVERVIEW_HEADING,
     REFERENCES,
+    SCORES,
     BenchmarkPlan,
     Results,
-    conditions_table,
     overview_table,
     ranks_table,
     reference_definitions,
     rms_errors,
     run,
-    scores_table,
-    times_table,
 )
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
@@ -83,7 +81,10 @@ STRUCTURE = PAGES["benchmark"].with_name("v2-conditions.csv")
 """Scores of the controllers in every condition of suite `v2`."""
 OURS = "predictive", "adaptive"
 """Controllers with the model of the cables; all others are baselines."""
-ENTRIES = ("pi", "model", "stiction", "predictive", "adaptive")
+ENTRIES = (
+    "pi", "stiction", "pi_tuned", "pi_feed_forward", "inverse", "lqg", "predictive",
+    "adaptive",
+)  # fmt: skip
 """Controllers in the table of the benchmark, beside `none` and the references."""
 SHORT = {"claims": 1, "diagnosis": 1}
 """Paragraphs of a block that the front page shows, if any."""
@@ -106,10 +107,11 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
 
 
 def tables(results: Results) -> str:
-    """Return the Markdown of a benchmark: overview and references."""
+    """Return the Markdown of a benchmark: overview, without intervals, references."""
     references = reference_definitions(REFERENCES)
-    parts = [OVERVIEW_HEADING, table(*overview_table(results)), "\n".join(references)]
-    return "\n\n".join(parts)
+    whole = [OVERVIEW_HEADING, table(*overview_table(results)), "\n".join(references)]
+    left_out = r" \([\d.]+ to [\d.]+\)| with its 95 % interval"
+    return re.sub(left_out, "", "\n\n".join(whole))
 
 
 def plain(
@@ -174,35 +176,20 @@ def structure(path: Path) -> str:
 
 
 def write_results(results: Results) -> None:
-    """Write errors by condition, scores, ranks and times as CSV beside the page."""
-    conditions: list[list[str]] = []
-    scores = [["scene", "controller", "score", "mean"]]
+    """Write scores by condition, and ranks, as CSV beside the page."""
+    names = [score.name for score in SCORES]
+    conditions = [["scene", "condition", "controller", *names]]
+    for cell, played in results:
+        scores = (played.scores[name] for name in names)
+        known = (one[np.isfinite(one)] for one in scores)
+        means = [f"{np.mean(one):.4g}" if one.size else "" for one in known]
+        at = cell.condition
+        conditions.append([at.label, at.name, cell.controller, *means])
     ranks = [["scene", "rank", "controller", "error", "less_pi", "better_than"]]
-    times = [["scene", "controller", "median_us", "worst_us"]]
-    head, *measured = plain(times_table(results))
-    for place, scene in enumerate(rms_errors(results), 1):
-        times += [
-            [scene, row[0], *re.findall(r"[\d.]+", row[place])] for row in measured
-        ]
-        _, *ranked = plain(ranks_table(rms_errors(results)[scene], DEFAULT_BASELINE))
+    for scene, errors in rms_errors(results).items():
+        _, *ranked = plain(ranks_table(errors, DEFAULT_BASELINE))
         ranks += [[scene, *row] for row in ranked]
-        head, *rows = plain(conditions_table(results, scene))
-        if not conditions:
-            conditions.append(["scene", "condition", "none_nm", *head[2:]])
-        for name, unit, *errors in rows:
-            conditions.append([scene, name, unit.removesuffix(" N m"), *errors])
-        head, *rows = plain(scores_table(results, scene))
-        for name, *means in rows:
-            scores += [
-                [scene, name, score, mean]
-                for score, mean in zip(head[1:], means, strict=True)
-            ]
-    for stem, lines in (
-        ("v1-conditions", conditions),
-        ("v1-scores", scores),
-        ("v1-ranks", ranks),
-        ("v1-times", times),
-    ):
+    for stem, lines in (("v1-conditions", conditions), ("v1-ranks", ranks)):
         write_csv(PAGES["benchmark"].with_name(f"{stem}.csv"), lines)
 
 

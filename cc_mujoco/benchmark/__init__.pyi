@@ -24,10 +24,6 @@ from ._structure import effect_values as effect_values
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
 from ._tables import Interval as Interval
-from ._tables import conditions_table as conditions_table
 from ._tables import format_mean_interval as format_mean_interval
 from ._tables import overview_table as overview_table
-from ._tables import plants_table as plants_table
 from ._tables import ranks_table as ranks_table
-from ._tables import scores_table as scores_table
-from ._tables import times_table as times_table

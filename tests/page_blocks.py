@@ -1,9 +1,10 @@
 """Fenced blocks of the pages, and how each of them runs.
 
 A block runs from the installed wheel, in an empty folder that the blocks of its page
-share. `sh` and `python` run, `xml`, `toml` and `c` are loaded by what reads them, and
-`text` is only read. A first line that is a comment may name a file, which the block is
-written to, or have marks, separated by commas, for what the reader needs to run it:
+share, with short episodes unless a `study` test runs it. `sh` and `python` run, `xml`,
+`toml` and `c` are loaded by what reads them, and `text` is only read. A first line that
+is a comment may name a file, which the block is written to, or have marks, separated by
+commas, for what the reader needs to run it:
 
 - `in a checkout`: the block runs there, with the environment of the checkout;
 - `in another terminal until "TEXT"`: it goes on beside the blocks after it, which start
@@ -18,6 +19,7 @@ written to, or have marks, separated by commas, for what the reader needs to run
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
 import shlex
@@ -100,6 +102,14 @@ class Block:
             return "hours"
         place = "checkout" if self.checkout else "wheel"
         return f"{place}, study" if self.seconds or self.real_time else place
+
+    def brief(self) -> Block:
+        """Return the block with episodes of half a second, which are soon played."""
+        code = re.sub(r"\bduration=[\d.]+", "duration=0.5", self.code)
+        if self.kind == "sh":
+            code = re.sub(r" --duration \S+", "", code)
+            code = re.sub(r"cc-mujoco (play|whatif) ", r"\g<0>--duration 0.5 ", code)
+        return dataclasses.replace(self, code=code)
 
     def commands(self, program: str) -> list[list[str]]:
         """Return the arguments of every call of a program in a shell block."""

@@ -19,27 +19,21 @@ _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 
 
 @internal
-def _constant_coefficients(
+def write_holds(
     prm: FloatArray, n: int, state: FloatArray, work: FloatArray
-) -> None:
-    """Write the coefficients of segments whose friction is constant."""
+) -> tuple[FloatArray, FloatArray]:
+    """Write and return H of segments whose friction is constant, distal and proximal."""
     growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
-    constant_drag, slips = at.constant_drag(prm, n), at.slips(state, n)
-    growth_distal, growth_proximal = (
-        at.row(work, n, at.GROWTH),
-        at.row(work, n, at.GROWTH_PROXIMAL),
-    )
-    hold_distal, hold_proximal = (
+    slips = at.slips(state, n)
+    distal, proximal = (
         at.row(work, n, at.HOLD_DISTAL),
         at.row(work, n, at.HOLD_PROXIMAL),
     )
-    drag, viscosity = at.row(work, n, at.DRAG), at.row(work, n, at.VISCOSITY)
     for j in range(n):
-        growth_distal[j] = growth_proximal[j] = growth[j]
-        drag[j], viscosity[j] = constant_drag[j], 0.0
         # A segment that goes on slipping the same way has already broken away.
-        hold_distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
-        hold_proximal[j] = growth[j] if slips[j] < 0.0 else hold[j]
+        distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
+        proximal[j] = growth[j] if slips[j] < 0.0 else hold[j]
+    return distal, proximal
 
 
 @internal
@@ -53,7 +47,11 @@ def write_coefficients(
 ) -> None:
     """Write the coefficients of every segment for this step, see `_friction.py`."""
     if prm[at.CONSTANT_COULOMB] != 0.0:
-        _constant_coefficients(prm, n, state, work)
+        write_holds(prm, n, state, work)
+        at.row(work, n, at.GROWTH)[:] = at.constant_growth(prm, n)
+        at.row(work, n, at.GROWTH_PROXIMAL)[:] = at.constant_growth(prm, n)
+        at.row(work, n, at.DRAG)[:] = at.constant_drag(prm, n)
+        at.row(work, n, at.VISCOSITY)[:] = 0.0
         return
     values = at.scalars(prm)
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0

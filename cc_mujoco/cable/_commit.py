@@ -19,6 +19,27 @@ _GREASE = law.INDEX["grease_drag"]
 
 
 @internal
+def written_size(prm: FloatArray, n: int) -> int:
+    """Return how many numbers of a state steps of a cable may change, from the first."""
+    if prm[at.PATH_LENGTHENS] != 0.0:
+        return at.state_size(n)
+    rows = 1
+    if _remembers_speed(prm):
+        rows = 2
+    if prm[_BRISTLE] > 0.0:
+        rows = 4
+    if prm[_AGEING] > 0.0:
+        rows = 5
+    return at.STATE_HEADER + 1 + (1 + rows) * n
+
+
+@internal
+def _remembers_speed(prm: FloatArray) -> bool:
+    """Return whether the speed of a slip matters in the step after it."""
+    return float(prm[_STRIBECK]) > 0.0 or float(prm[_GREASE]) > 0.0
+
+
+@internal
 def commit(
     prm: FloatArray,
     n: int,
@@ -38,10 +59,20 @@ def commit(
     node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
-    behind = proximal_value - state[0]
     is_curved = nodes.is_curved(prm)
-    for i in range(n + 1):
-        ahead = shift[i] if i < n else distal_value - state[1]
+    proximal, distal = max(node[0], 0.0), max(node[n], 0.0)
+    if is_curved:
+        for i in range(1, n):
+            stretched = shift[i] - shift[i - 1]
+            node[i] = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
+    else:
+        for i in range(1, n):
+            strained = tension[i] + stiffness[i] * (shift[i] - shift[i - 1])
+            node[i] = min(strained, 0.0) if node[i] <= 0.0 else strained
+    for end in range(2):
+        i = n * end
+        behind = shift[n - 1] if end == 1 else proximal_value - state[0]
+        ahead = distal_value - state[1] if end == 1 else shift[0]
         strained = tension[i] + stiffness[i] * (ahead - behind)
         if is_curved:
             strained = nodes.tension_after_stretch(
@@ -49,18 +80,17 @@ def commit(
             )
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
-        if (i == 0 and proximal_kind == TENSION) or (i == n and distal_kind == TENSION):
-            strained = max(node[i], 0.0)
         node[i] = strained
-        behind = ahead
     if proximal_kind == POSITION:
         new_state[0] = proximal_value
     else:
+        node[0] = proximal
         stretched = nodes.stretch_between(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
     if distal_kind == POSITION:
         new_state[1] = distal_value
     else:
+        node[n] = distal
         stretched = nodes.stretch_between(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
     lost, mixed = 0.0, 0.0
@@ -68,10 +98,6 @@ def commit(
     if has_bristles:
         slipped = at.row(work, n, at.SLIPPED)
         _commit_bristles(prm, n, state, tension, new_state, work)
-    values = at.scalars(prm)
-    remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
-    ages = prm[_AGEING] > 0.0
-    before_slip, slip = at.slips(state, n), at.slips(new_state, n)
     lengthens = prm[at.PATH_LENGTHENS] != 0.0
     if lengthens or loses_stretch(prm):
         # The cable slips as its path lengthens, so friction was that of before.
@@ -79,9 +105,10 @@ def commit(
     # At mean tensions, so that work of the ends is what is stored more, and heat.
     low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
     for j in range(n):
-        moved = slipped[j]
-        high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
-        ratio = moving_path.surface_ratio(prm, low, high)
+        high = 0.5 * (tension[j + 1] + node[j + 1])
+        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+            high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
+        ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
         lost += (high - low) * shift[j] * ratio
         if lengthens:
             # Cable that a surface carries to a node of another strain.
@@ -90,18 +117,7 @@ def commit(
         if has_bristles:
             lost += at.row(work, n, at.RELEASED_ENERGY)[j]
         low = high
-        same = moved * before_slip[j] > 0.0
-        slip[j] = moved + before_slip[j] if same else moved
-        if ages:
-            age = at.contact_ages(state, n)[j]
-            at.contact_ages(new_state, n)[j] = law.age_after_step(
-                values, age, moved, dt
-            )
-        if remembers:
-            speed = at.slip_speeds(state, n)[j] if same else 0.0
-            at.slip_speeds(new_state, n)[j] = law.remembered_speed(
-                values, speed, moved, dt
-            )
+    _commit_slip(prm, n, state, slipped, dt, new_state)
     lost = max(lost, 0.0)
     if prm[at.CONSTANT_COULOMB] == 0.0:
         new_state[at.TIME] = state[at.TIME] + dt
@@ -113,6 +129,33 @@ def commit(
     if lengthens:
         return
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
+
+
+@internal
+def _commit_slip(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    slipped: FloatArray,
+    dt: float,
+    new_state: FloatArray,
+) -> None:
+    """Write what the segments remember of their slip: distance, speed and age."""
+    values = at.scalars(prm)
+    before, slip = at.slips(state, n), at.slips(new_state, n)
+    speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
+    for j in range(n):
+        moved = slipped[j]
+        slip[j] = moved + before[j] if moved * before[j] > 0.0 else moved
+    for j in range(n if _remembers_speed(prm) else 0):
+        speed = speeds[j] if slipped[j] * before[j] > 0.0 else 0.0
+        at.slip_speeds(new_state, n)[j] = law.remembered_speed(
+            values, speed, slipped[j], dt
+        )
+    for j in range(n if prm[_AGEING] > 0.0 else 0):
+        at.contact_ages(new_state, n)[j] = law.age_after_step(
+            values, ages[j], slipped[j], dt
+        )
 
 
 @internal

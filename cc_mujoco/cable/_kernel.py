@@ -33,10 +33,12 @@ from cc_mujoco.cable._coefficients import (
     friction_holds,
     update_viscosity,
     write_coefficients,
+    write_holds,
 )
 from cc_mujoco.cable._commit import POSITION as POSITION
 from cc_mujoco.cable._commit import TENSION as TENSION
 from cc_mujoco.cable._commit import commit
+from cc_mujoco.cable._commit import written_size as written_size
 from cc_mujoco.cable._fronts import march
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER
@@ -216,8 +218,8 @@ def begin_step(
 
     Arguments as in `step`, of which this is the first part. Returns its status.
     """
-    for i in range(at.state_size(n)):
-        new_state[i] = state[i]
+    whole = new_state[: at.state_size(n)]
+    whole[:] = state[: at.state_size(n)]
     # Until what changes the tensions before the ends move is done, they hold.
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     prepare.expect_yielding(prm, 0.0, 0.0)
@@ -255,12 +257,7 @@ def begin_step(
         )
     quick = is_constant_coulomb and by_position
     if quick and prm[_STATIC] > 0.0:
-        write_coefficients(prm, n, state, tension, dt, work)
-        growth, drag = at.row(work, n, at.GROWTH), at.row(work, n, at.DRAG)
-        hold_distal, hold_proximal = (
-            at.row(work, n, at.HOLD_DISTAL),
-            at.row(work, n, at.HOLD_PROXIMAL),
-        )
+        hold_distal, hold_proximal = write_holds(prm, n, state, work)
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
         quick = friction_holds(n, tension, hold_distal, hold_proximal, drag)

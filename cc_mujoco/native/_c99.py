@@ -612,8 +612,12 @@ class _CWriter(Writer):
         else:
             raise self.refuse(target, "a target")
         if isinstance(place.kind, Array):
-            value = self._typed(given, place.kind.element).text
-            self.emit(f"fill_{short_name(place.kind)}({place.text}, {value});")
+            name, source = short_name(place.kind), self.visit(given)
+            if source.kind == place.kind:
+                self.emit(f"copy_{name}({place.text}, {source.text});")
+            else:
+                value = self.as_kind(source, place.kind.element, given).text
+                self.emit(f"fill_{name}({place.text}, {value});")
         else:
             self.emit(f"{place.text} = {self._typed(given, place.kind).text};")
 

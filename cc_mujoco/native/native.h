@@ -75,6 +75,10 @@ CC_INLINE double floor_mod_real(double a, double b)
         for (int64_t i = 0; i < size; i++) {                              \
             a.p[i] = value;                                               \
         }                                                                 \
+    }                                                                     \
+    CC_INLINE void copy_##Name(Name a, Name source)                       \
+    {                                                                     \
+        memmove(a.p, source.p, (size_t)(size) * sizeof(Element));         \
     }
 CC_FILL(Reals, double, a.n)
 CC_FILL(RealMatrix, double, a.n * a.columns)
@@ -109,5 +113,20 @@ CC_MEMORY(integer, int32_t)
 CC_MEMORY(word, int64_t)
 CC_MEMORY(real, double)
 #undef CC_MEMORY
+
+CC_INLINE void copy_bytes(int64_t source, int64_t target, int64_t size)
+{
+    memmove((void *)(intptr_t)target, (const void *)(intptr_t)source, (size_t)size);
+}
+
+CC_INLINE void clear_bytes(int64_t address, int64_t size)
+{
+    memset((void *)(intptr_t)address, 0, (size_t)size);
+}
+
+CC_INLINE bool same_bytes(int64_t a, int64_t b, int64_t size)
+{
+    return memcmp((void *)(intptr_t)a, (void *)(intptr_t)b, (size_t)size) == 0;
+}
 
 #endif

@@ -61,6 +61,7 @@ from cc_mujoco.plugin._evaluate import (
     save_motion,
     set_rest_state,
     update_parameters,
+    written_bytes,
 )
 from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
@@ -73,7 +74,6 @@ from cc_mujoco.plugin._ffi import (
     callback,
     clear,
     copy,
-    copy_words,
     fill,
     floats,
     free_stack,
@@ -119,7 +119,6 @@ from cc_mujoco.plugin._instance_data import (
     STATE_PATH,
     acting_block,
     before_at,
-    block_of,
     committed_time_at,
     displacement,
     fits,
@@ -127,6 +126,7 @@ from cc_mujoco.plugin._instance_data import (
     invalidate,
     is_open,
     new_at,
+    own_block,
     parameters_at,
     path_memory,
     pose_at,
@@ -408,8 +408,10 @@ def undo_early(model: int, data: int, instance: CInt) -> None:
     for other in range(mj_struct.plugins(model) - 1, -1, -1):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = block_of(model, data, other)
+            block = own_block(model, data, other)
         if block == 0 or load_word(block + EARLY_PULL) != EARLY_REPLACED:
+            continue
+        if not fits(block, model, other):
             continue
         n = load_word(block + SEGMENTS)
         pulls = floats(pulls_at(block, n), nv)
@@ -526,6 +528,10 @@ def reset(model: int, state: int, block: int, instance: CInt) -> None:
 
 @callback
 def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
+    if capability == _PASSIVE:
+        block = own_block(model, data, instance)
+        if block != 0 and not is_open(block):
+            return  # all that it does are the forces of its actuators
     block = acting_block(model, data, instance)
     if block == 0:
         cannot_act(model, data, instance)
@@ -533,8 +539,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
     if capability == _PASSIVE:
         store_word(block + PASSIVE_FRESH, 1)
         store_word(block + EARLY_PULL, 0)
-        if is_open(block):
-            pull_early(model, data, instance)
+        pull_early(model, data, instance)
         return
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     if lead == block:
@@ -679,7 +684,7 @@ def advance(model: int, data: int, instance: CInt) -> None:
                 shape = first
                 lay(block, shape, state)
     if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
-        copy_words(new_at(block, n), state, kernel.state_size(n))
+        copy(new_at(block, n), state, written_bytes(block))
         store_real(committed_time_at(state, n), time)
         store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
         save_ends(data, block, state, n, ends[0], ends[1])

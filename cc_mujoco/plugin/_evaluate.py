@@ -21,14 +21,12 @@ from cc_mujoco.plugin._ffi import (
     Floats,
     callback,
     copy,
-    copy_words,
     fill,
     floats,
     internal,
-    load_byte,
     load_real,
     load_word,
-    same_words,
+    same,
     store_real,
     store_word,
 )
@@ -166,10 +164,11 @@ def update_parameters(block: int, model: int, instance: int) -> bool:
     seen = text_at(block, load_word(block + SEGMENTS))
     size = load_word(block + TEXT_SIZE)
     i = 0
-    while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
-        i += 8
-    while i < size and load_byte(seen + i) == load_byte(attributes + i):
-        i += 1
+    # In pieces: what follows the first difference need not be memory of the model.
+    while i + 128 <= size and same(seen + i, attributes + i, 128):
+        i += 128
+    if i + 128 > size and same(seen + i, attributes + i, size - i):
+        i = size
     route = path.digest(model, load_word(block + ROUTE))
     if size > 0 and i == size and route == load_word(block + ROUTE_DIGEST):
         return True
@@ -194,7 +193,7 @@ def path_unchanged(block: int) -> bool:
     """Return whether the path is the same as at the last stage of RK4."""
     n = load_word(block + SEGMENTS)
     now, last = shape_at(block, n, 0), shape_at(block, n, 4)
-    return same_words(now, last, load_word(block + SHAPE_BYTES) // 8)
+    return same(now, last, load_word(block + SHAPE_BYTES))
 
 
 @internal
@@ -233,7 +232,7 @@ def save_first_stage(block: int, data: int, state: int) -> None:
     It began from the state at address `state`.
     """
     n, first = load_word(block + SEGMENTS), first_stage_at(block)
-    copy_words(new_at(block, n), first, kernel.state_size(n))
+    copy(new_at(block, n), first, 8 * kernel.state_size(n))
     store_real(committed_time_at(first, n), mj_struct.time(data))
     store_word(pose_at(first, n), load_word(pose_at(state, n)))
     if is_open(block):
@@ -268,14 +267,22 @@ def is_evaluated(
     What an implicit end looks ahead to depends on its velocity, too.
     """
     n = load_word(block + SEGMENTS)
-    same = load_word(block + RESULT_VALID) == 1
-    same = same and load_real(block + INPUT_POSITIONS) == u_proximal
-    same = same and load_real(block + INPUT_POSITIONS + 8) == u_distal
+    known = load_word(block + RESULT_VALID) == 1
+    known = known and load_real(block + INPUT_POSITIONS) == u_proximal
+    known = known and load_real(block + INPUT_POSITIONS + 8) == u_distal
     for end in range(2):
         output = load_word(block + (DISTAL if end else PROXIMAL))
         speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        same = same and load_real(block + INPUT_VELOCITIES + 8 * end) == speed
-    return same and same_words(old_at(block, n), state, kernel.state_size(n))
+        known = known and load_real(block + INPUT_VELOCITIES + 8 * end) == speed
+    return known and same(old_at(block, n), state, written_bytes(block))
+
+
+@internal
+def written_bytes(block: int) -> int:
+    """Return how many bytes of a state evaluations may change, from the first."""
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    return 8 * kernel.written_size(prm, n)
 
 
 @internal
@@ -298,17 +305,17 @@ def evaluate(
     """
     n = load_word(block + SEGMENTS)
     old = old_at(block, n)
-    size = kernel.state_size(n)
+    size, written = kernel.state_size(n), written_bytes(block)
     known = load_word(block + RESULT_VALID) == 1
     given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
     for i in range(5):
         before = load_word(block + INPUTS + 8 * i)
         store_real(block + INPUTS + 8 * i, given[i])
         known = known and before == load_word(block + INPUTS + 8 * i)
-    if known and same_words(old, state, size):
+    if known and same(old, state, written):
         return True
     store_word(block + EARLY_PULL, 0)
-    copy_words(state, old, size)
+    copy(state, old, written)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     kernel.expect_yielding(prm, yield_proximal, yield_distal)
     status = kernel.step(

@@ -122,6 +122,21 @@ store_real: Callable[[int, float], None]
 load_real, store_real = _access(ctypes.c_double)
 
 
+def copy(source: int, target: int, size: int) -> None:
+    """Copy `size` bytes from one address to another."""
+    ctypes.memmove(target, source, size)
+
+
+def clear(address: int, size: int) -> None:
+    """Set `size` bytes to zero."""
+    ctypes.memset(address, 0, size)
+
+
+def same(a: int, b: int, size: int) -> bool:
+    """Return whether `size` bytes at two addresses are equal."""
+    return ctypes.string_at(a, size) == ctypes.string_at(b, size)
+
+
 @reinterpret
 def floats(address: int, count: int) -> Floats:
     """Return a view on `count` doubles."""
@@ -183,34 +198,15 @@ def borrow_rows(data: int, rows: int, columns: int) -> FloatMatrix:
 
 
 @internal
-def same_words(a: int, b: int, count: int) -> bool:
-    """Return whether `count` aligned words at two addresses are equal, bit by bit."""
-    one, other, different = words(a, count), words(b, count), 0
-    for i in range(count):
-        different |= one[i] ^ other[i]
-    return different == 0
-
-
-@internal
-def copy_words(source: int, target: int, count: int) -> None:
-    """Copy aligned words of 8 bytes."""
-    given, taken = words(source, count), words(target, count)
-    for i in range(count):
-        taken[i] = given[i]
-
-
-@internal
 def fill(target: Floats, value: float) -> None:
     """Set all numbers of an array."""
-    for i in range(target.size):
-        target[i] = value
+    target[:] = value
 
 
 @internal
 def assign(target: Floats, source: Floats) -> None:
     """Copy an array into one of its size."""
-    for i in range(target.size):
-        target[i] = source[i]
+    target[:] = source
 
 
 @internal
@@ -254,20 +250,6 @@ def text(address: int) -> Bytes:
     while load_byte(address + length) != 0:
         length += 1
     return octets(address, length)
-
-
-@internal
-def copy(source: int, target: int, size: int) -> None:
-    """Copy `size` bytes from one address to another."""
-    for i in range(size):
-        store_byte(target + i, load_byte(source + i))
-
-
-@internal
-def clear(address: int, size: int) -> None:
-    """Set `size` bytes to zero."""
-    for i in range(size):
-        store_byte(address + i, 0)
 
 
 @internal

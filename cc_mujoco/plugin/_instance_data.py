@@ -138,15 +138,24 @@ def fits(block: int, model: int, instance: int) -> bool:
 
 
 @internal
+def own_block(model: int, data: int, instance: int) -> int:
+    """Return the block of an instance of the plugin, or 0 where data have none.
+
+    It may be one for another model, see `fits`.
+    """
+    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
+    if not mj_struct.is_plugin(data, instance, kind):
+        return 0
+    return mj_struct.block(data, instance)
+
+
+@internal
 def block_of(model: int, data: int, instance: int) -> int:
     """Return the block of an instance, or 0 where data have none that fits the model.
 
     `instance` is one of the plugin.
     """
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-    if not mj_struct.is_plugin(data, instance, kind):
-        return 0
-    block = mj_struct.block(data, instance)
+    block = own_block(model, data, instance)
     return block if block != 0 and fits(block, model, instance) else 0
 
 

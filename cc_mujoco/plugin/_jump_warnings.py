@@ -72,7 +72,8 @@ def checksum(model: int, positions: int) -> float:
     q = floats(positions, mj_struct.positions(model))
     total, weight = 0.0, 0.0
     for i in range(q.size):
-        weight = (weight + _GOLDEN) % 1.0
+        weight += _GOLDEN
+        weight = weight - 1.0 if weight >= 1.0 else weight
         total += (1.0 + weight) * q[i]
     return total
 

@@ -25,7 +25,7 @@ from cc_mujoco.native._c99 import (
 )
 from cc_mujoco.native._entries import entries_text, has_entry
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
-from cc_mujoco.native._kinds import BYTE, INT, INT32, NOTHING, REAL, Scalar
+from cc_mujoco.native._kinds import BOOL, BYTE, INT, INT32, NOTHING, REAL, Scalar
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin import _registration as registration
@@ -156,6 +156,8 @@ def _intrinsics() -> Intrinsics:
         load, store = _memory(name, kind)
         found[id(getattr(ffi, f"load_{name}"))] = load
         found[id(getattr(ffi, f"store_{name}"))] = store
+    for name, result in (("copy", NOTHING), ("clear", NOTHING), ("same", BOOL)):
+        found[id(getattr(ffi, name))] = _bytes_call(name, result)
     found[id(ffi._digest_table)] = lambda writer, node, given: Value(
         "(int64_t)(intptr_t)cc_mujoco_said", INT, UNARY
     )
@@ -178,6 +180,14 @@ def _engine_call(function: ffi.Engine) -> Intrinsic:
         if result == INT:
             text = f"(int64_t)(intptr_t){text}"
         return Value(text, result, UNARY)
+
+    return write
+
+
+def _bytes_call(name: str, result: Scalar) -> Intrinsic:
+    def write(writer: Any, node: ast.Call, given: list[Value]) -> Value:
+        texts = [writer.as_kind(each, INT, node).text for each in given]
+        return Value(f"{name}_bytes({', '.join(texts)})", result)
 
     return write
 

@@ -246,7 +246,7 @@ def warn_jump(
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     node = layout.tensions(floats(state, kernel.state_size(n)), n)
     most = prm[_PRETENSION]
-    for i in range(node.size):
+    for i in range(node.size if by_hand else 0):
         most = max(most, node[i])
     soft = most * prm[layout.LENGTH] / prm[_STIFFNESS]
     for what in range(3):

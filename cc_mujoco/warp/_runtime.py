@@ -27,6 +27,12 @@ def fill(row: wp.array(dtype=Real), value: Real):
 
 
 @wp.func
+def fill(row: wp.array(dtype=Real), source: wp.array(dtype=Real)):
+    for i in range(row.shape[0]):
+        row[i] = source[i]
+
+
+@wp.func
 def square(x: Real):
     return x * x
 

@@ -22,7 +22,7 @@ _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 def write_holds(
     prm: FloatArray, n: int, state: FloatArray, work: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Write and return H of segments whose friction is constant, distal and proximal."""
+    """Write and return H of segments whose friction is constant, towards both ends."""
     growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
     slips = at.slips(state, n)
     distal, proximal = (

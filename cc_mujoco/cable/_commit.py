@@ -20,7 +20,7 @@ _GREASE = law.INDEX["grease_drag"]
 
 @internal
 def written_size(prm: FloatArray, n: int) -> int:
-    """Return how many numbers of a state steps of a cable may change, from the first."""
+    """Return how many of the first numbers of a state the steps of a cable change."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
     rows = 1

@@ -310,8 +310,8 @@ def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> flo
 @internal
 def save_path(shape: FloatArray, n: int, memory: FloatArray) -> None:
     """Write the path memory of a state."""
-    for i in range(memory_size(n)):
-        memory[i] = shape[_LENGTH * (n + 1) + i]
+    own = memory[: memory_size(n)]
+    own[:] = shape[_LENGTH * (n + 1) : _ROWS * (n + 1)]
 
 
 @internal

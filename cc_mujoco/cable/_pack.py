@@ -19,6 +19,7 @@ from cc_mujoco.native import (
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
+_LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 
@@ -28,7 +29,7 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
     """Pack the values that depend on the wrap angles of the segments."""
     values = at.scalars(prm)
     hold = law.holding_coefficient(values)
-    guided = int(prm[at.GUIDED])
+    guided, everywhere = int(prm[at.GUIDED]), values[_LOAD_INDEPENDENT] != 0.0
     length = at.contact_length(prm, n)
     angle, drag = at.segment_angles(prm, n), at.constant_drag(prm, n)
     growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
@@ -39,7 +40,9 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
             growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
             if hold != values[_FRICTION]:
                 holding[j] = law.ratio(hold, angle[j])
-        drag[j] = law.drag(values, length[j], growth[j], j, guided)
+        drag[j] = 0.0
+        if everywhere or j == 0 or j == guided - 1:
+            drag[j] = law.drag(values, length[j], growth[j], j, guided)
 
 
 @internal

@@ -136,18 +136,18 @@ def solve_with_slack(
                 return False
             if i == 0:
                 strained, strain = proximal_p, proximal_q * shift[0]
-                size = abs(strain)
             elif i == n:
                 strained, strain = distal_p, -distal_q * shift[n - 1]
-                size = abs(strain)
             else:
                 strained = tension[i]
                 strain = stiffness[i] * (shift[i] - shift[i - 1])
+            now_slack = 1.0 if strained + strain < 0.0 else 0.0
+            if now_slack == slack[i] or not may_change:
+                continue
+            size = abs(strain)
+            if 0 < i < n:
                 size = stiffness[i] * (abs(shift[i]) + abs(shift[i - 1]))
-            size = LIMIT_TOLERANCE * (abs(strained) + size)
-            strained += strain
-            now_slack = 1.0 if strained < 0.0 else 0.0
-            if may_change and abs(strained) > size and now_slack != slack[i]:
+            if abs(strained + strain) > LIMIT_TOLERANCE * (abs(strained) + size):
                 slack[i], right = now_slack, False
         if right:
             return True

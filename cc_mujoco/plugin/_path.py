@@ -16,6 +16,7 @@ from cc_mujoco.plugin._ffi import (
     borrow_floats,
     free_stack,
     internal,
+    load_integer,
     load_real,
     load_word,
     mark_stack,
@@ -48,14 +49,14 @@ def digest(model: int, tendon: int) -> int:
     if tendon >= mj_struct.tendons(model):
         return -1
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    found = tendon
-    for i in range(
-        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    ):
-        found = found * 1099511628211 + mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
-        found = found * 1099511628211 + mj_struct.integer(
-            model, mj_struct.WRAP_OBJID, i
-        )
+    number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    kinds = load_word(model + mj_struct.WRAP_TYPE) + 4 * start
+    things = load_word(model + mj_struct.WRAP_OBJID) + 4 * start
+    found, weight = tendon + number, 1
+    for i in range(number):
+        weight *= 1099511628211
+        place = load_integer(kinds + 4 * i) + 16 * load_integer(things + 4 * i)
+        found += place * weight
     return found
 
 

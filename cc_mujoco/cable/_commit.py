@@ -23,20 +23,12 @@ def written_size(prm: FloatArray, n: int) -> int:
     """Return how many of the first numbers of a state the steps of a cable change."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
-    rows = 1
-    if _remembers_speed(prm):
-        rows = 2
+    rows = 2
     if prm[_BRISTLE] > 0.0:
         rows = 4
     if prm[_AGEING] > 0.0:
         rows = 5
     return at.STATE_HEADER + 1 + (1 + rows) * n
-
-
-@internal
-def _remembers_speed(prm: FloatArray) -> bool:
-    """Return whether the speed of a slip matters in the step after it."""
-    return float(prm[_STRIBECK]) > 0.0 or float(prm[_GREASE]) > 0.0
 
 
 @internal
@@ -142,12 +134,13 @@ def _commit_slip(
 ) -> None:
     """Write what the segments remember of their slip: distance, speed and age."""
     values = at.scalars(prm)
+    remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)
     speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
     for j in range(n):
         moved = slipped[j]
         slip[j] = moved + before[j] if moved * before[j] > 0.0 else moved
-    for j in range(n if _remembers_speed(prm) else 0):
+    for j in range(n if remembers else 0):
         speed = speeds[j] if slipped[j] * before[j] > 0.0 else 0.0
         at.slip_speeds(new_state, n)[j] = law.remembered_speed(
             values, speed, slipped[j], dt

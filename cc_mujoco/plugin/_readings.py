@@ -221,6 +221,23 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
     return tendon
 
 
+def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Require that data have the sizes of a model.
+
+    Raises:
+        CableError: they are of another model.
+    """
+    own = model.nq, model.nv, model.nbody, model.ntendon, model.nplugin
+    poses = data.qpos.size, data.qvel.size, len(data.xpos)
+    found = *poses, data.ten_length.size, data.nplugin
+    if found != own:
+        words = "{} positions, {} speeds, {} bodies, {} tendons and {} plugins"
+        raise CableError(
+            f"data have {words.format(*found)}, and the model has "
+            f"{words.format(*own)}; give an MjData of this model"
+        )
+
+
 def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
     """Return the instance of a cable that data hold as the model has it.
 
@@ -229,6 +246,7 @@ def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
     """
     index = _instance(model, name)
     require_kind("data", data, mujoco.MjData)
+    require_data_of(model, data)
     if not plugin_function("holds")(model._address, data._address, index):
         raise CableError(
             f"cable {name!r}: the data were made by a model with other sizes or "

@@ -71,14 +71,19 @@ def settle(
             restored without its `plugin_state`.
 
     Raises:
-        CableError: `rope` is neither.
+        CableError: `rope` is neither, or the data are of another model.
     """
     keeps = look_up("rope", rope, _KEEPS_ROPE)
     require_kind("model", model, mujoco.MjModel)
     require_kind("data", data, mujoco.MjData)
+    # Compiled code takes seconds to load, and few need it.
+    from cc_mujoco.plugin._readings import held_instance, require_data_of
+
+    require_data_of(model, data)
+    held = [held_instance(model, data, name) for name in instances(model)]
     mujoco.mj_fwdPosition(model, data)
     lay = plugin_function("settle")
-    for instance in instances(model).values():
+    for instance in held:
         lay(model._address, data._address, instance, keeps)
     mujoco.mj_forward(model, data)
 
@@ -110,12 +115,13 @@ def step_limits(
         CableError: the data are of another model.
     """
     require_kind("model", model, mujoco.MjModel)
+    # Compiled code takes seconds to load, and few need it.
+    from cc_mujoco.plugin._readings import held_instance, require_data_of
+
     everywhere = data is None
     if data is None:
         data = mujoco.MjData(model)
-    # Compiled code takes seconds to load, and few need it.
-    from cc_mujoco.plugin._readings import held_instance
-
+    require_data_of(model, data)
     held = {name: held_instance(model, data, name) for name in instances(model)}
     mujoco.mj_fwdPosition(model, data)
     found = {

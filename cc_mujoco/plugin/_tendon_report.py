@@ -26,7 +26,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, instances
-from cc_mujoco.plugin._readings import route_tendon
+from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._tendon_survey import (
@@ -420,7 +420,11 @@ def tendon_report(
         why = why or _role(model, known[name], on.get(known[name]))
         if why and wanted is None:
             skipped[name] = why
-    data = mujoco.MjData(model) if data is None else _copy_of(data, model)
+    if data is None:
+        data = mujoco.MjData(model)
+    else:
+        require_data_of(model, data)
+        data = copy.copy(data)
     rest = data.qpos.copy()
     found = []
     for name in chosen:
@@ -449,25 +453,6 @@ def tendon_report(
             )
         )  # fmt: skip
     return TendonReport(tuple(found), skipped)
-
-
-def _copy_of(data: mujoco.MjData, model: mujoco.MjModel) -> mujoco.MjData:
-    """Return a copy of a simulation.
-
-    Raises:
-        CableError: it is a simulation of another model.
-    """
-    mine, sizes = (
-        [(len(x.qpos), len(x.qvel), len(x.xpos), len(x.ten_length))
-         for x in (mujoco.MjData(model), data)]
-    )  # fmt: skip
-    if mine != sizes:
-        raise CableError(
-            f"data= has {sizes[0]} positions, {sizes[2]} bodies and {sizes[3]} "
-            f"tendons, and the model has {mine[0]}, {mine[2]} and {mine[3]}: give an "
-            "MjData of this model."
-        )
-    return copy.copy(data)
 
 
 def _summarize(

@@ -21,7 +21,14 @@ import cc_mujoco
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._conduit import end_stiffness
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin import cables, from_mjcf, read, settle, step_limits
+from cc_mujoco.plugin import (
+    cables,
+    from_mjcf,
+    read,
+    settle,
+    step_limits,
+    tendon_report,
+)
 from plugin import damage
 from plugin.open_scenes import atwood, winch
 from plugin.scenes import (
@@ -178,10 +185,25 @@ def test_settling_at_the_reference_is_a_reset() -> None:
         assert np.array_equal(d.plugin_state, fresh)
 
 
-def test_data_of_another_kind_of_cable_have_no_step_limits() -> None:
-    one, other = damage.scene("guided"), damage.scene("open")
-    with pytest.raises(CableError, match="another kind of path"):
-        step_limits(one, mujoco.MjData(other))
+def test_data_of_another_model_are_refused_as_they_are() -> None:
+    bare = mujoco.MjModel.from_xml_string("<mujoco/>")
+    others = {kind: damage.scene(kind) for kind in damage.KINDS}
+    path_of = {kind: damage.path_of(kind) for kind in damage.KINDS} | {"none": ""}
+    for one, ours in [*others.items(), ("none", bare)]:
+        for other, theirs in [*others.items(), ("none", bare)]:
+            if one == other or path_of[one] == path_of[other]:
+                continue
+            d = mujoco.MjData(theirs)
+            before = d.plugin_state.copy()
+            uses = (settle, step_limits, tendon_report)
+            # A report needs the pose alone, which the sizes decide.
+            for use in uses[: 3 if bare in (ours, theirs) else 2]:
+                with pytest.raises(CableError, match=r"kind of path|and the model"):
+                    use(ours, data=d)
+            for reader in damage.READERS if ours is not bare else ():
+                with pytest.raises(CableError, match=r"kind of path|and the model"):
+                    reader(ours, d, "cable")
+            assert np.array_equal(d.plugin_state, before)
 
 
 def test_a_keyframe_starts_at_rest_once_settled() -> None:

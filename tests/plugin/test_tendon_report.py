@@ -174,7 +174,7 @@ def test_tendons_without_a_path_are_left_out_and_refused_by_name() -> None:
     with pytest.raises(CableError, match="needs an MjModel or MjSpec, not str"):
         tendon_report(wrong)
     other = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
-    with pytest.raises(CableError, match="has 0 positions, 1 bodies and 0 tendons"):
+    with pytest.raises(CableError, match="data have 0 positions, 0 speeds, 1 bodies"):
         tendon_report(spec, data=other)
 
 

@@ -172,6 +172,13 @@ class Bench:
         }
 
     @property
+    def other_axes(self) -> tuple[str, ...]:
+        """Names of the device's other axes, with which their columns begin."""
+        end = f".{channels.JOINT_ANGLE}"
+        columns = self.angle_columns.values() if self.axis else ()
+        return tuple(column.removesuffix(end) for column in columns)
+
+    @property
     def min_cable_segments(self) -> int:
         """Segments that the cables have at least: a path in the open needs its own."""
         return max(c.segments for c in self.cables) if self.led in OPEN_PATHS else 1

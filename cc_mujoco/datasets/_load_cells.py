@@ -39,20 +39,11 @@ def check_cells(
     for trial, own in zip(trials, cells, strict=True):
         missing = [names[0] for names in wanted if not set(names) & set(own)]
         if missing:
-            strange = [n for n in own if not any(n in names for names in wanted)]
-            message = f"{trial.path} has no {missing[0]}"
-            if strange:
-                message += (
-                    f", only {', '.join(strange)}; call the cables as the scene does, "
-                    f"or say which is which: [columns.{missing[0]}] "
-                    f"name = '{trial.labels.get(strange[0], strange[0])}'."
-                )
-            else:
-                message += (
-                    "; one cable of a pair does not tell the torque of both: measure "
-                    f"the other one too, or declare [columns.{torque}] measured = "
-                    "false."
-                )
+            message = (
+                f"{trial.path} has no {missing[0]}; one cable of a pair does not tell "
+                "the torque of both: measure the other one too, or declare "
+                f"[columns.{torque}] measured = false."
+            )
             return None, [error(message, trial.name, missing[0])]
         for name in own:
             pull = trial.tensions[name]

@@ -74,6 +74,7 @@ def read(
     axis: str = "",
     others: Mapping[str, str] | None = None,
     further: Collection[str] = (),
+    other_axes: Collection[str] = (),
 ) -> Recording:
     """Read the channels of one file.
 
@@ -85,12 +86,14 @@ def read(
         others: joints whose angles are needed besides that of the driven one, with
             their columns in such logs.
         further: columns to read besides, where the file has them.
+        other_axes: names of the device's other axes, whose columns are left out.
 
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
     parts = (TrialFile("", path, PartFile("")),)
-    return read_parts(parts, file, name or path.stem, axis, others, further)
+    name = name or path.stem
+    return read_parts(parts, file, name, axis, others, further, other_axes)
 
 
 def read_parts(
@@ -100,6 +103,7 @@ def read_parts(
     axis: str = "",
     others: Mapping[str, str] | None = None,
     further: Collection[str] = (),
+    other_axes: Collection[str] = (),
 ) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
@@ -110,6 +114,7 @@ def read_parts(
         axis: with whose name columns may begin, as in logs of several axes.
         others: as of `read`.
         further: as of `read`.
+        other_axes: as of `read`.
 
     Raises:
         CableError: a file cannot be read, lacks a column or holds text; clocks of
@@ -121,6 +126,8 @@ def read_parts(
     start = f"{axis}." if axis else ""
     others = others or {}
     logged = {column: channels.other_angle(joint) for joint, column in others.items()}
+    strange = tuple(f"{each}." for each in other_axes)
+    kept = {*logged, *(file.source(channel).name for channel in file.columns)}
     placed = [
         (
             f"{table.part.key}.{column}"
@@ -130,8 +137,17 @@ def read_parts(
         )
         for table in tabled
         for column in table.names
-        if len(parts) == 1 or column != table.time
+        if (len(parts) == 1 or column != table.time)
+        and (column in kept or not column.startswith(strange))
     ]
+    alone = all(column == table.time for _, (table, column) in placed)
+    if alone and (
+        left := [c for t in tabled for c in t.names if c.startswith(strange)]
+    ):
+        raise CableError(
+            f"{where} has columns of other axes alone, such as {left[-1]}; give the "
+            f"axis of these data, or data of {axis!r}."
+        )
     homes = dict(placed)
     # With what is there twice, which may be why another is missing.
     names = [column for column, _ in placed]

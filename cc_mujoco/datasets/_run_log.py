@@ -11,6 +11,7 @@ from typing import Any
 
 from cc_mujoco._utils.atomic_io import is_marked
 from cc_mujoco._utils.parsing import parse_json, parse_toml
+from cc_mujoco.assets import SCENES
 
 DEFAULT_LOG_NAME = "log"
 """Name of a run's files unless it has one of its own."""
@@ -38,6 +39,12 @@ def scene_of(rows: Path) -> str:
     except tomllib.TOMLDecodeError:
         return ""
     return str(rig.get("scene", ""))
+
+
+def other_scene(rows: Path, scene: str) -> str:
+    """Return the scene of a run if both are built in and differ, otherwise ""."""
+    ran = scene_of(rows)
+    return ran if ran != scene and {ran, scene} <= {*SCENES} else ""
 
 
 def is_log(path: Path) -> bool:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import SampledTrack, find_segments
@@ -36,7 +37,7 @@ from cc_mujoco.datasets._occasions import (
     occasion_of,
 )
 from cc_mujoco.datasets._reading import Recording, read, read_parts
-from cc_mujoco.datasets._run_log import is_log, truncation_reason
+from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
@@ -46,6 +47,7 @@ from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
 from cc_mujoco.diagnosis._checks.run import check_motions, check_recording, check_trials
 from cc_mujoco.diagnosis._rig.lowpass import compared_band
 from cc_mujoco.errors import CableError
+from cc_mujoco.report._html import list_words
 
 
 def load(
@@ -83,6 +85,7 @@ def load(
         findings.append(warning(f"The columns are read as {toml} declares them."))
     axis = bench.axis if bench else ""
     others: Mapping[str, str] = {}
+    strange = bench.other_axes if bench else ()
     if bench is not None:
         others = bench.recorded_angles(file.source(channels.JOINT_TORQUE).measured)
         other_axes = OtherAxes(bench)
@@ -93,9 +96,9 @@ def load(
     for path, name in names.items():
         try:
             recording = (
-                read_parts(parts[path], file, name, axis, others, columns)
+                read_parts(parts[path], file, name, axis, others, columns, strange)
                 if path in parts
-                else read(path, file, name, axis, others, columns)
+                else read(path, file, name, axis, others, columns, strange)
             )
         except CableError as wrong:
             findings.append(error(str(wrong), name))
@@ -110,6 +113,7 @@ def load(
         facts = file.facts_of(path, names)
         if not facts.occasion:
             facts = replace(facts, occasion=occasion_of(path, folders))
+        findings += _check_origin(recording, bench)
         ordered, found = sort_rows(recording)
         findings += found
         if ordered is None:
@@ -185,6 +189,32 @@ def _load_each(
     if errors(findings):
         return next(iter(parts.values())), findings
     return join_occasions(parts), findings
+
+
+def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding]:
+    """Return errors of a recording of another device than that of the scene."""
+    if bench is None:
+        return []
+    cables = [*bench.names, *bench.strangers]
+    found = [
+        error(
+            f"{recording.column(channel)} is of cable {cable!r}, and {bench.path} has "
+            f"{list_words(cables, 'and')}; give the scene of these data, take the "
+            "column out, or say which is which: [columns."
+            f"{channel.replace(f'_{cable}_', f'_{bench.names[0]}_')}] name = "
+            f"'{recording.labels[channel]}'.",
+            recording.name,
+            channel,
+        )
+        for channel in recording.values
+        if channels.is_tension(channel)
+        and (cable := channels.cable_end(channel)[0]) not in ("", *cables)
+    ]
+    scene = next((name for name in SCENES if scene_path(name) == bench.path), "")
+    if ran := other_scene(recording.path, scene):
+        message = f"{recording.path} was recorded with scene {ran!r}, not {scene!r}"
+        found.append(error(f"{message}; give that one.", recording.name))
+    return found
 
 
 def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> None:

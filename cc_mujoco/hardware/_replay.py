@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_own_file
-from cc_mujoco.assets import SCENES
 from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, scene_of
+from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, other_scene
 from cc_mujoco.device import Drive, find_device
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -81,8 +80,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
         raise CableError(
             f"{path} is the log of an episode; open its recording: rerun {made}"
         )
-    ran = scene_of(path)
-    if ran != scene and {ran, scene} <= {*SCENES}:
+    if ran := other_scene(path, scene):
         raise CableError(
             f"{path} was recorded with scene {ran!r}, not {scene!r}; name that one, or "
             "a file of it."

@@ -18,6 +18,7 @@ from cc_mujoco._utils.atomic_io import checksum_line
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
+from cc_mujoco.datasets._run_log import RUN_MARK
 from cc_mujoco.diagnosis import EFFECTS, load, repair_scene, write
 from cc_mujoco.diagnosis._checks.run import check_bench
 from cc_mujoco.diagnosis._report.output import OPTIONAL_FILES
@@ -404,3 +405,29 @@ def test_a_run_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
     assert (found.severity, found.trial) == ("warning", "trial_01")
     assert "trial_01.csv is what there is of a run" in found.statement
     assert "(stopped by SIGTERM)" in found.statement
+
+
+@pytest.mark.parametrize(
+    ("start", "more", "ran", "said"),
+    [
+        ("elbow.", {}, "", "has columns of other axes alone"),
+        ("", {"tension_flexor_distal_n": 80.0}, "", "is of cable 'flexor'"),
+        ("", {}, "wrist", "was recorded with scene 'wrist', not 'bench'"),
+        ("", {}, "bench", ""),
+        ("", {"tension_agonist_distal_n": 80.0}, "", ""),
+        ("shoulder.", {}, "", ""),
+    ],
+)
+def test_data_of_another_cable_are_refused(
+    tmp_path: Path, start: str, more: dict[str, float], ran: str, said: str
+) -> None:
+    columns = {f"{start}{n}" if n != "time_s" else n: c for n, c in recording().items()}
+    scatter = 1.0 + 0.01 * np.sin(np.arange(len(columns["time_s"])))
+    columns |= {name: value * scatter for name, value in more.items()}
+    record(tmp_path / "run.csv", columns)
+    if ran:
+        page = {**RUN_MARK, "rig": f'scene = "{ran}"', "outcome": "", "exit_code": 0}
+        (tmp_path / "run.json").write_text(json.dumps(page))
+    axes = replace(BENCH, axis="shoulder", angle_columns={"e": "elbow.joint_angle_rad"})
+    found = errors(load(tmp_path, bench=axes if start else BENCH)[1])
+    assert (said in found[0].statement) if said else not found, found

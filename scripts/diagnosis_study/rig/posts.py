@@ -9,6 +9,8 @@ along what lies on it. Where the tendon is bent it rubs as a capstan,
 
 with a drag f and a viscosity c per length l of contact. Which bends slip, and which
 way, is tried from how it was: the bend that errs most is put right until none does.
+The winch winds tendon as it is stretched there and gives out what it wound last first;
+below lies tendon at the pretension.
 """
 
 from __future__ import annotations
@@ -57,6 +59,18 @@ class Path(NamedTuple):
     pieces: FloatArray
     wrap: FloatArray
     contact: FloatArray
+
+
+class _Winch(NamedTuple):
+    """Layers that a winch wound since the start, one for every sample (samples,).
+
+    Attributes:
+        surface: of the winch that a layer covers [m], 0 where it was given out again.
+        amount: unstretched length of the layer [m].
+    """
+
+    surface: FloatArray
+    amount: FloatArray
 
 
 class _Room(NamedTuple):
@@ -164,9 +178,10 @@ def played(
     """
     sizes = [PIECES] * 7 + [PIECES + 1] * 2 + [BENDS] * 5
     room = _Room(*map(np.zeros, sizes))
+    winch = _Winch(np.zeros(motor.size), np.zeros(motor.size))
     way, ends = np.zeros(BENDS, dtype=np.int64), np.empty((2, motor.size))
     reached, fits = _run(
-        Tendon(*map(float, rig)), dt, motor, joint, _no_path(), way, room, ends
+        Tendon(*map(float, rig)), dt, motor, joint, _no_path(), way, winch, room, ends
     )
     if reached < motor.size:
         if fits:
@@ -183,12 +198,12 @@ def _run(
     joint: FloatArray,
     here: Path,
     way: IntArray,
+    winch: _Winch,
     room: _Room,
     ends: FloatMatrix,
 ) -> tuple[int, bool]:
     """Fill in end tensions; return the first sample not reached and if a state fits."""
     length, tension, held = room.length, room.tension, room.held
-    strained = 1.0 + rig.pretension / rig.stiffness
     _lay(-joint[0], here)
     _fill_lengths(here, length)
     tension[:] = rig.pretension
@@ -200,7 +215,7 @@ def _run(
             copy(length, room.before)
             _fill_lengths(here, length)
             _carry(room)
-            held[0] -= WINCH_RADIUS * (motor[k] - motor[k - 1]) / strained
+            held[0] -= _wind(rig, k, motor[k] - motor[k - 1], tension[0], winch)
             if not _step(rig, here, dt, way, room):
                 return k, False
         for i in range(PIECES):
@@ -208,6 +223,28 @@ def _run(
                 return k, True
         ends[0, k], ends[1, k] = tension[0], tension[PIECES - 1]
     return motor.size, True
+
+
+@internal
+def _wind(rig: Tendon, k: int, turned: float, tension: float, winch: _Winch) -> float:
+    """Turn the winch by an angle at sample k; return the unstretched length it winds.
+
+    It is negative where the winch gives out.
+    """
+    if turned >= 0.0:
+        winch.surface[k] = WINCH_RADIUS * turned
+        winch.amount[k] = winch.surface[k] / (1.0 + tension / rig.stiffness)
+        return winch.amount[k]
+    left, given = -WINCH_RADIUS * turned, 0.0
+    for i in range(k - 1, -1, -1):
+        if left > 0.0 and winch.surface[i] > 0.0:
+            part = min(left, winch.surface[i])
+            amount = winch.amount[i] * (part / winch.surface[i])
+            winch.surface[i] -= part
+            winch.amount[i] -= amount
+            given += amount
+            left -= part
+    return -given - left / (1.0 + rig.pretension / rig.stiffness)
 
 
 @internal

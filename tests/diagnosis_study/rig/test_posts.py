@@ -35,7 +35,6 @@ def test_no_energy_comes_of_a_cycle() -> None:
     assert work > 0.01
 
 
-@pytest.mark.study
 @pytest.mark.parametrize(
     ("hidden", "told"),
     [

@@ -145,7 +145,8 @@ def run_inference(
         found = Search.without_effects(baseline_fit.crossed)
     else:
         searching, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-        found = search(baseline_fit.crossed, division, names, limits, searching)
+        common = [name for name in rare if EFFECTS[name].common]
+        found = search(baseline_fit.crossed, division, names, limits, searching, common)
         found = search_rare(found, division, rare, limits, of_rare)
     result = _conclude(
         baseline_fit, found, bench, settings, progress, temperatures, by_trial

@@ -84,6 +84,19 @@ def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
     assert values["joint_wind_up"] == pytest.approx(wind_up, rel=0.3)
 
 
+def test_friction_of_the_joint_competes_with_a_seal_there() -> None:
+    seal = {"load_independent_friction": 0.0, "seal_proximal": 0.0, "seal_distal": 2.0}
+    data = dataset({"load_independent_friction": seal}, duration=2.0)
+    records, filtering = prepare(data, BENCH)
+    crossed = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).crossed
+    usual, common = ("load_independent_friction",), ("joint_friction",)
+    found = search(
+        crossed, interleaved_folds(records), usual, Thresholds(), common=common
+    )
+    assert found.rounds[0].added == usual[0]
+    assert {c.id for c in found.rounds[0].candidates} == {*usual, *common}
+
+
 def test_a_joint_that_rests_keeps_its_friction_unless_it_is_lubricated() -> None:
     time = 0.01 * np.arange(400)
     angle = 0.2 * np.minimum(time, 2.0)

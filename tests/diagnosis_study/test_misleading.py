@@ -51,6 +51,21 @@ def test_dry_friction_of_the_joint_is_not_a_cable_s(tmp_path: Path, seed: int) -
     assert size.value == pytest.approx(0.15, rel=0.1)
 
 
+def test_dry_friction_of_the_joint_is_tied_with_a_seal_unless_cables_come_off(
+    tmp_path: Path,
+) -> None:
+    seed, sets = 16042, "rich"
+    data = make_dataset(
+        make_rig(seed, make="guides"), {"joint_friction": 0.48}, sets, seed
+    )
+    write_data(tmp_path / "data", data, facts_of(sets, seed))
+    found = infer(BENCH, [tmp_path / "data"])[0].diagnosis
+    both = {"joint_friction", "load_independent_friction"}
+    assert found.verdict == "tie" and both in map(set, found.ties), found.statement
+    assert found.next_experiment is not None
+    assert both <= {*found.next_experiment.separates}
+
+
 def test_cables_off_for_half_a_trial_are_unknown_with_file_time_and_size(
     tmp_path: Path,
 ) -> None:

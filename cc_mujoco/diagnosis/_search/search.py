@@ -135,12 +135,14 @@ def search(
     ids: Sequence[str],
     thresholds: Thresholds,
     progress: Progress = no_progress,
+    common: Sequence[str] = (),
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
-    Where the user interrupts it, it ends with what was added until then.
+    Where the user interrupts it, it ends with what was added until then. Effects that
+    are `common` compete with those of `ids` that are confused with them alone.
     """
-    course = _add_effects(baseline, division, ids, thresholds, progress)
+    course = _add_effects(baseline, division, ids, thresholds, progress, common=common)
     return course.drop_redundant(baseline, division, thresholds)
 
 
@@ -186,6 +188,7 @@ def _add_effects(
     earlier: Sequence[Round] = (),
     whole: Search | None = None,
     changes: Changes | None = None,
+    common: Sequence[str] = (),
 ) -> _Course:
     """Add effects while each is accepted.
 
@@ -199,6 +202,7 @@ def _add_effects(
             over as long as both add the same effects.
         whole: see `names_found`.
         changes: of torques by effects that an earlier search has kept.
+        common: see `search`.
     """
     now, rounds = baseline, []
     changes = changes or Changes()
@@ -222,15 +226,25 @@ def _add_effects(
                 len(earlier),
             )
             same, following = earlier[place : place + 1], earlier[place + 1 :]
+            part = part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS)
+            refitted = {c.id: c for past in same for c in past.candidates}
             candidates = _refit_candidates(
-                now,
-                division,
-                signatures if hopeful else [],
-                thresholds,
-                part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS),
-                {c.id: c for past in same for c in past.candidates},
-                whole,
-            )
+                now, division, signatures if hopeful else [], thresholds, part,
+                refitted, whole,
+            )  # fmt: skip
+            accepted = {c.id for c in candidates if not c.reason}
+            beside = [
+                name
+                for name in common
+                if name not in (*left, *now.problem.effects)
+                and accepted.intersection(EFFECTS[name].confounded_with)
+            ]
+            if beside:
+                more = _screen_folds(now, division, beside, changes)
+                candidates += _refit_candidates(
+                    now, division, more, thresholds, part, refitted, whole
+                )
+                signatures = [*signatures, *more]
             step = decide(now, candidates, signatures, thresholds)
             rounds.append(step)
             for candidate in candidates:  # derivatives take more room than the data
@@ -308,7 +322,7 @@ def search_rare(
     if not rare or found.interrupted or found.after.misfit <= MAX_EXPLAINED_ERROR:
         return found
     tried = {c.id for step in found.rounds for c in step.candidates}
-    ids = [*sorted(tried), *rare]
+    ids = list(dict.fromkeys([*sorted(tried), *rare]))
     course = _add_effects(
         found.before,
         division,

@@ -257,6 +257,9 @@ class JointFriction:
     where = "joint"
     needs = "the cables off and the joint moved both ways"
     confused_with = ("load_independent_friction", "asymmetric_friction")
+    common = (
+        True  # bearings rub, and a seal at the joint's end of the cable does as much
+    )
 
     def parameters(self) -> list[Size | Shape]:
         """See `_effect_class`."""

@@ -43,9 +43,10 @@ RELIABILITY: Mapping[Verdict, float] = {
 `scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. On new rigs with
 the standard trials verdicts were right at least as often (`validation.md`).
 """
-FAR_OFF_RATE = 0.6
-"""Share of right names among those on study rigs that leave more than
-`MAX_EXPLAINED_ERROR`, 3 of 5, see `validation.md`."""
+FAR_OFF_RIGHT, FAR_OFF_NAMES = 4, 4
+"""Names on study rigs that left more than `MAX_EXPLAINED_ERROR`, those that were right
+and all of them, see `validation.md`. So few count by the rule of succession, (k + 1) /
+(n + 2)."""
 _MIN_SHOWN = 0.02
 """Least probability of an alternative that is listed."""
 _MAX_SHOWN = 3
@@ -90,7 +91,7 @@ def belief_in_verdict(
         others = [Alternative(name, rest / len(missing)) for name in missing]
         return _rate(kind, reliable, others)
     if left > MAX_EXPLAINED_ERROR:
-        reliable = FAR_OFF_RATE
+        reliable = (FAR_OFF_RIGHT + 1) / (FAR_OFF_NAMES + 2)
     groups = {group[0]: set(group) for group in ties}
     whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
     for step in found.rounds:
@@ -171,8 +172,8 @@ def _worded(
         statement += f"; otherwise {list_words(rest, 'or')}"
     if not complete:
         statement += (
-            f". They are low as {format_number(left)} noise floors are left: of names "
-            f"that left more than {MAX_EXPLAINED_ERROR:g} on study rigs, "
-            f"{format_share(FAR_OFF_RATE)} were right"
+            f". They are lower as {format_number(left)} noise floors are left: on "
+            f"study rigs only {FAR_OFF_NAMES} names left more than "
+            f"{MAX_EXPLAINED_ERROR:g}, of which {FAR_OFF_RIGHT} were right"
         )
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

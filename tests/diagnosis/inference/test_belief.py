@@ -19,7 +19,8 @@ from cc_mujoco.diagnosis._search.acceptance import (
     comparison_z,
 )
 from cc_mujoco.diagnosis._search.belief import (
-    FAR_OFF_RATE,
+    FAR_OFF_NAMES,
+    FAR_OFF_RIGHT,
     MEETING_FORM_SHARE,
     RELIABILITY,
     _rate,
@@ -80,7 +81,8 @@ def test_rates_are_those_of_the_page() -> None:
     rates = re.findall(r"`(\w+)`\s+(\d+) %", odds)
     assert {name: int(rate) / 100 for name, rate in rates} == RELIABILITY
     far = re.search(r"above (\d+) of (\d+)", odds)
-    assert far is not None and int(far[1]) / int(far[2]) == FAR_OFF_RATE
+    assert far is not None
+    assert (int(far[1]), int(far[2])) == (FAR_OFF_RIGHT, FAR_OFF_NAMES)
 
 
 @pytest.mark.parametrize(

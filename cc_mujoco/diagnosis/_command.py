@@ -162,20 +162,20 @@ class Diagnose:
             raise CableError("--plan is for before there are data; give none with it.")
         scene = _require_scene(scene, data)
 
-        from cc_mujoco.diagnosis._next_experiment import DEFAULT_SPEED, PLAN_PAGE, plan
-        from cc_mujoco.diagnosis._propose.identifiability import MIN_CLARITY
+        from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, plan
+        from cc_mujoco.diagnosis._thresholds import Limit
 
         found = plan(
             scene,
             self.out,
             axis=self.axis,
             reach=self.reach,
-            speed=DEFAULT_SPEED if self.speed is None else self.speed,
+            speed=Limit.default_speed if self.speed is None else self.speed,
             dataset_toml=self.dataset,
         )
         for motion in found.trials:
             print(f"  {motion.description}")
-        weak = [each for each in found.resolved if each.separation < MIN_CLARITY]
+        weak = [each for each in found.resolved if each.separation < Limit.min_clarity]
         ties = ", ".join(f"{each.id} (like {each.likest})" for each in weak)
         print(f"not distinguished: {ties or 'none'}")
         print(f"plan:     {self.out / PLAN_PAGE}")

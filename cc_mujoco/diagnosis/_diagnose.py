@@ -17,26 +17,31 @@ from typing import Any
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._checks.lead_check import check_lead
 from cc_mujoco.diagnosis._checks.run import (
     check_bench,
     check_known_torques,
     check_load_cells,
 )
+from cc_mujoco.diagnosis._checks.timing import check_lead
+from cc_mujoco.diagnosis._fit.baseline import floor_ratios
+from cc_mujoco.diagnosis._fit.fit import DiagnosisResult, Options, fit_scene
+from cc_mujoco.diagnosis._fit.intervals import undetermined
+from cc_mujoco.diagnosis._judge.judge import judge, undecidable_sentence
 from cc_mujoco.diagnosis._loading import load
-from cc_mujoco.diagnosis._partial.loss_only import diagnose_loss
-from cc_mujoco.diagnosis._partial.motion_only import diagnose_motion
-from cc_mujoco.diagnosis._phrases import DATA_PREFIX
-from cc_mujoco.diagnosis._pipeline import run_inference, unanswered_diagnosis
-from cc_mujoco.diagnosis._progress import Progress, no_progress
+from cc_mujoco.diagnosis._locate.location import locate_error
+from cc_mujoco.diagnosis._partial.loss import diagnose_loss
+from cc_mujoco.diagnosis._partial.motion import describe_mode, diagnose_motion
+from cc_mujoco.diagnosis._phrases import DATA_PREFIX, Progress, no_progress
+from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
-from cc_mujoco.diagnosis._result import DiagnosisResult, Options
-from cc_mujoco.diagnosis._scene.repair import existing_effects
-from cc_mujoco.diagnosis._scene.requirements import require_repairable
-from cc_mujoco.diagnosis._verdict import Diagnosis
+from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
+from cc_mujoco.diagnosis._search.acceptance import Round
+from cc_mujoco.diagnosis._search.search import search_effects
+from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import single_threaded_blas
+from cc_mujoco.report._html import list_words
 
 
 def diagnose(
@@ -161,18 +166,119 @@ def _infer(
         diagnosis = Diagnosis(
             "fix-data", statement, problems=tuple(notes or statements)
         )
-        return unanswered_diagnosis(diagnosis, bench), dataset
+        return DiagnosisResult(diagnosis, bench), dataset
     if not dataset.has_motor_angle:
         diagnosis = diagnose_loss(dataset, known, seed)
-        return _noted(unanswered_diagnosis(diagnosis, bench), findings), dataset
+        return _noted(DiagnosisResult(diagnosis, bench), findings), dataset
     if not dataset.instruments.rows:
         diagnosis = diagnose_motion(dataset, known)
-        return _noted(unanswered_diagnosis(diagnosis, bench), findings), dataset
+        return _noted(DiagnosisResult(diagnosis, bench), findings), dataset
     with single_threaded_blas():
         result = run_inference(
             dataset, bench, Options(seed=seed, requested=requested), progress
         )
     return _noted(result, findings), dataset
+
+
+def run_inference(
+    dataset: Dataset,
+    bench: Bench,
+    settings: Options = Options(),  # noqa: B008
+    progress: Progress = no_progress,
+) -> DiagnosisResult:
+    """Return the verdict on checked trials, without any file.
+
+    Args:
+        dataset: trials of `_loading.load`, without anything to fix.
+        bench: rig as the scene has it.
+        settings: choices besides data and scene.
+        progress: called with the share done and what is being done.
+    """
+    limits = settings.thresholds
+    bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
+    fitted = fit_scene(dataset, bench, settings, progress)
+    if isinstance(fitted, DiagnosisResult):
+        return fitted
+    found = search_effects(fitted, settings, progress)
+    judged = judge(found, limits)
+    proposal = propose(found, limits)
+    located = locate_error(fitted, found, judged, settings.seed)
+    progress(0.95, "writing it down")
+    statement = judged.statement
+    if found.ties and proposal is None:
+        statement += undecidable_sentence(found.ties[0])
+    baseline, search = fitted.problem, found.search
+    counts = [record.counts for record in found.problem.plant.records]
+    diagnosis = Diagnosis(
+        judged.verdict,
+        statement,
+        effects=found.effects,
+        ties=found.ties,
+        not_testable=judged.not_testable,
+        next_experiment=proposal.experiment if proposal else None,
+        where=located.where,
+        gap=found.held.gap,
+        problems=(*_never_held_out_note(found.held.never), *fitted.notes),
+        baseline=Baseline(
+            {p.name: found.estimated[p.name] for p in baseline.tuned},
+            undetermined(baseline, fitted.whole.x, counts),
+        ),
+        runner_ups=tuple(_runner_ups(step) for step in search.rounds),
+        trials=located.trials,
+        question=located.question,
+        strayed=judged.deviating,
+        confounded=judged.confounded,
+        remaining=floor_ratios(found.held.gap)[1],
+        instruments=describe_mode(
+            dataset.instruments, dataset.ends_held, bool(bench.arm)
+        ),
+        occasions=found.occasions,
+        interrupted=search.interrupted,
+        belief=judged.belief,
+    )
+    return DiagnosisResult(
+        diagnosis,
+        bench,
+        located.evidence,
+        found.problem,
+        found.x,
+        fitted,
+        proposal.motion if proposal else None,
+    )
+
+
+def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
+    """Return a note on the trials that no held-out error is of."""
+    if not trials:
+        return ()
+    one = len(trials) == 1
+    return (
+        f"{list_words(trials)} {'is the only trial' if one else 'are the only trials'} "
+        f"of {'its' if one else 'their'} kind (side held, pretension, tilt, weights), "
+        f"so {'it is' if one else 'they are'} in every fit and the held-out error is "
+        "that of the others; record more like it to check it.",
+    )
+
+
+def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
+    return tuple(
+        RunnerUp(
+            c.id,
+            c.reduction,
+            c.z,
+            not c.reason,
+            c.reason,
+            {
+                parameter.name: c.crossed.problem.values(c.crossed.fits[0].x).get(
+                    parameter.name, 0.0
+                )
+                for parameter in c.crossed.problem.plant.library.effects[
+                    c.id
+                ].parameters
+            },
+        )
+        for c in step.candidates
+    )
 
 
 def _paths(

@@ -42,10 +42,9 @@ from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
-from cc_mujoco.diagnosis._checks.noise import noise_of
-from cc_mujoco.diagnosis._checks.repeatability import wrong_repeats
+from cc_mujoco.diagnosis._checks.noise import noise_of, wrong_repeats
 from cc_mujoco.diagnosis._checks.run import check_motions, check_recording, check_trials
-from cc_mujoco.diagnosis._rig.lowpass import compared_band
+from cc_mujoco.diagnosis._rig.records import compared_band
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
@@ -257,7 +256,6 @@ def _trials_by_file(
 
 
 def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
-    """Return the trial of a recording."""
     values = track.values
     temperature = values.get(channels.TEMPERATURE)
     if temperature is None and facts.temperature is not None:

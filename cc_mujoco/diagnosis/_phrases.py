@@ -9,7 +9,7 @@ The module is independent of HTML and figures.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
 from cc_mujoco.estimation._least_squares import Estimate
@@ -86,13 +86,7 @@ def capitalise(text: str) -> str:
 
 
 def continue_command(trials: str, folder: str, out: str) -> str:
-    """Return the command that diagnoses the data of a diagnosis with more trials.
-
-    Args:
-        trials: files of the new ones.
-        folder: of the earlier diagnosis.
-        out: folder of the new one.
-    """
+    """Return the command that diagnoses the data of a diagnosis with more trials."""
     return f"cc-mujoco diagnose {trials} --continue {folder} --out {out}"
 
 
@@ -246,3 +240,15 @@ def _with_true_minus(text: str) -> str:
 
 def _superscript(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+Progress = Callable[[float, str], None]
+
+
+def no_progress(share: float, doing: str) -> None:
+    """Report nothing."""
+
+
+def part_of(progress: Progress, start: float, length: float) -> Progress:
+    """Return a report of progress that covers a part of another one."""
+    return lambda share, doing: progress(start + length * share, doing)

@@ -5,21 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.diagnosis import Diagnosis
-from cc_mujoco.diagnosis._report_data import (
-    PREDICTED_CHANNELS,
-    Evidence,
-    Isolability,
-    Map,
-    TrialTrace,
-)
 from cc_mujoco.diagnosis._verdict import (
+    PREDICTED_CHANNELS,
     Baseline,
+    Evidence,
     FoundEffect,
     Gap,
+    Isolability,
+    Map,
     NextExperiment,
     NotTestable,
     RunnerUp,
     TrialError,
+    TrialTrace,
     Where,
 )
 from cc_mujoco.estimation import Estimate

@@ -13,7 +13,7 @@ from cc_mujoco.control import axes_controller
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.diagnosis._loading import load
-from cc_mujoco.diagnosis._report import report
+from cc_mujoco.diagnosis._report import output
 from cc_mujoco.diagnosis._resume import Earlier
 from cc_mujoco.hardware import (
     DrivenAxis,
@@ -79,7 +79,7 @@ def test_an_axis_is_diagnosed_by_the_log_of_a_run_of_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its rotor, which takes part of the command that a log has, is what is missing."""
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    monkeypatch.setattr(output, "draw_figures", lambda *_: {})
     scene = written(tmp_path, ARM)
     times = np.arange(0.0, 7.0, 0.01)
     torques = 5.0 + 3.0 * np.sin(2.0 * times) + np.sin(7.3 * times)

@@ -15,10 +15,9 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._torques import expected_instruments
 from cc_mujoco.diagnosis import MOTION_STEP, plan
-from cc_mujoco.diagnosis._next_experiment import PLAN_PAGE
-from cc_mujoco.diagnosis._propose.identifiability import MIN_CLARITY
-from cc_mujoco.diagnosis._propose.planning import MAX_SLACK, TrialPlan, planned
+from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, TrialPlan, planned
 from cc_mujoco.diagnosis._rig.motions import middle_angle, motions
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from hardware.devices import ARM, KNEE, written
 
@@ -45,7 +44,7 @@ def test_effects_show_and_are_told_from_each_other(
     found, _ = made
     assert {each.id for each in found.resolved} == set(IDS)
     assert len(found.trials) < 10
-    assert all(each.separation >= MIN_CLARITY for each in found.resolved)
+    assert all(each.separation >= Limit.min_clarity for each in found.resolved)
     assert all(each.clarity >= each.separation for each in found.resolved)
     assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
     hooked = [motion.pretension > 0.0 for motion in found.trials]
@@ -140,7 +139,7 @@ def test_what_was_corrected_in_a_plan_is_not_replaced(
     made: tuple[TrialPlan, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "cc_mujoco.diagnosis._next_experiment.planned", lambda *_: made[0]
+        "cc_mujoco.diagnosis._propose.planning.planned", lambda *_: made[0]
     )
     for reach in (0.8, 0.4):  # another plan in the place of one that nobody touched
         plan(scene_path("bench"), tmp_path, reach=reach, ids=IDS[:2])
@@ -228,7 +227,7 @@ def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> Non
     for motion in found.trials:
         assert motion.joint.min() > bench.span[0]
         assert motion.joint.max() < bench.span[1]
-    assert all(each.separation > MIN_CLARITY for each in found.resolved)
+    assert all(each.separation > Limit.min_clarity for each in found.resolved)
     with pytest.raises(CableError, match="its lever is not known"):
         plan(bench.path, tmp_path / "far", reach=3.0)
 
@@ -264,7 +263,7 @@ def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:
 def test_a_lone_cable_stays_taut_in_every_planned_trial(tmp_path: Path) -> None:
     found = plan("ankle", tmp_path / "out", ids=IDS[:2])
     assert len(found.slack) == len(found.trials)
-    assert max(found.slack) <= MAX_SLACK
+    assert max(found.slack) <= Limit.max_slack
     hooked = [trial for trial in found.trials if trial.pretension]
     loads = ("weight of", "spring", "locked")
     assert all(any(load in t.description for load in loads) for t in hooked)

@@ -18,11 +18,11 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.effect_check import check_effects
 from cc_mujoco.diagnosis._fit.folds import interleaved_folds
+from cc_mujoco.diagnosis._fit.prerequisites import check_effects
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
-from cc_mujoco.diagnosis._search.acceptance import Thresholds
-from cc_mujoco.diagnosis._search.search import search, search_rare
+from cc_mujoco.diagnosis._search.rounds import search, search_rare
+from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset

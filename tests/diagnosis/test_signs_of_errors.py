@@ -9,20 +9,20 @@ import pytest
 
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.diagnosis import Problem, prepare
-from cc_mujoco.diagnosis._fit.jacobian import jacobian
+from cc_mujoco.diagnosis._fit.fitting import jacobian
 from cc_mujoco.diagnosis._locate.residual_maps import describe_map, error_maps
 from cc_mujoco.diagnosis._phrases import SIGN_NOTE
 from cc_mujoco.diagnosis._report import sections
-from cc_mujoco.diagnosis._report_data import (
-    PREDICTED_CHANNELS,
-    Evidence,
-    Isolability,
-    TrialTrace,
-)
 from cc_mujoco.diagnosis._rig.bench_simulation import (
     TORQUE_OFFSETS,
     SimulatedRig,
     baseline_parameters,
+)
+from cc_mujoco.diagnosis._verdict import (
+    PREDICTED_CHANNELS,
+    Evidence,
+    Isolability,
+    TrialTrace,
 )
 from cc_mujoco.estimation import Measurement
 from diagnosis.recorded import BENCH, dataset

@@ -17,7 +17,7 @@ from proposal_loop import trial_of
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import Diagnosis, infer, plan
-from cc_mujoco.diagnosis._propose.planning import MAX_SLACK
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.hardware._trials import Planned, read_plan
 from diagnosis.rigs import alone
 from rig.dataset import run, truth_of
@@ -113,8 +113,8 @@ def test_a_plan_of_one_cable_is_recorded_taut_and_diagnosed(
     rig = make_rig(SEED, make="guides")
     effects = {hidden: amount} if hidden else {}
     slack = recorded(tmp_path / "plan", rig, effects, tmp_path / "data")
-    assert slack <= MAX_SLACK
+    assert slack <= Limit.max_slack
     found: Diagnosis = infer(Bench.of(scene), [tmp_path / "data"])[0].diagnosis
     assert found.verdict == ("named" if hidden else "none"), found.statement
     assert [each.id for each in found.missing] == ([hidden] if hidden else [])
-    assert max(each.slack for each in found.trials) <= MAX_SLACK
+    assert max(each.slack for each in found.trials) <= Limit.max_slack

@@ -11,12 +11,8 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._smoothing import velocity, velocity_noise
 from cc_mujoco.datasets._trials import Dataset, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.noise import find_holds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
-
-# Share of the range by which a motion must come back to be a reversal.
-_REVERSAL_SHARE = 0.02
-_POWER_QUANTILE = 0.99
-_SPEED_SIGMAS = 3.0
 
 
 class Excitation(NamedTuple):
@@ -110,7 +106,7 @@ def excitation(dataset: Dataset) -> Excitation:
         known = dataset.noise.get(channels.MOTOR_ANGLE)
         floor = velocity_noise(known.deviation if known else 0.0, trial.step)
         with np.errstate(invalid="ignore"):
-            speeds.append(speed[speed > max(_SPEED_SIGMAS * floor, 1e-9)])
+            speeds.append(speed[speed > max(3.0 * floor, 1e-9)])
         rests += [(part.stop - part.start) * trial.step for part in find_holds(trial)]
         reversals += sum(
             count_reversals(trial.motor_angle[part]) for part in trial.segments
@@ -144,7 +140,7 @@ def excitation(dataset: Dataset) -> Excitation:
 
 def count_reversals(angle: FloatArray) -> int:
     """Return the number of reversals of an angle by more than 2 % of its range."""
-    band = _REVERSAL_SHARE * float(np.ptp(angle)) if len(angle) else 0.0
+    band = Limit.reversal_share * float(np.ptp(angle)) if len(angle) else 0.0
     if not band > 0.0:
         return 0
     # Only the extremes between which the angle changes by more than the band count.
@@ -176,11 +172,10 @@ def _bandwidth(trial: Trial) -> float:
     if not power.sum() > 0.0:
         return 0.0
     share = np.cumsum(power) / power.sum()
-    return float(frequency[np.searchsorted(share, _POWER_QUANTILE)])
+    return float(frequency[np.searchsorted(share, 0.99)])
 
 
 def _valid_samples(dataset: Dataset, channel: str) -> FloatArray:
-    """Return all valid samples of a channel."""
     return np.concatenate(
         [np.zeros(0)]
         + [

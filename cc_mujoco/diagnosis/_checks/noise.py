@@ -1,41 +1,44 @@
-"""Readings of a channel when nothing happens: quantisation and sensor noise."""
+"""Noise of a channel: quantisation, scatter at rest, deviation between repetitions.
+
+Of two repetitions the root mean square difference over the square root of two is what
+one of them scatters, which no model can explain. The part of the difference that
+follows the motor's is another motion, an input of the model; that part is removed.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from cc_mujoco.datasets._channels import MOTOR_ANGLE
+from cc_mujoco.datasets._data_findings import DataFinding, error
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import digit_of
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Dataset, FloatArray, Noise, Trial
-
-_REST_SPEED_SHARE = 0.02  # share of the usual top speed below which nothing moves
-MIN_HOLD_TIME = 0.2
-"""A hold is at least so long [s]."""
-_MIN_WINDOW = 8
-_MIN_NOISE_SHARE = 1e-6
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.estimation._least_squares import autocorrelation
 
 
 def find_holds(trial: Trial) -> list[slice]:
-    """Return stretches of `MIN_HOLD_TIME` seconds or more without motion."""
+    """Return stretches of `Limit.min_hold_time` seconds or more without motion."""
     still = np.ones(len(trial.time), dtype=bool)
     for angle in (trial.motor_angle, trial.joint_angle):
         if not angle.size:
             continue
         speed = np.abs(velocity(angle, trial.step, trial.segments))
         with np.errstate(invalid="ignore"):
-            still &= speed <= _REST_SPEED_SHARE * np.nanpercentile(speed, 95)
+            still &= speed <= Limit.noise_rest_speed_share * np.nanpercentile(speed, 95)
     found = []
     for part in trial.segments:
         edges = np.flatnonzero(np.diff(still[part], prepend=False, append=False))
         found += [
             slice(part.start + int(a), part.start + int(b))
             for a, b in edges.reshape(-1, 2)
-            if (b - a) * trial.step >= MIN_HOLD_TIME
+            if (b - a) * trial.step >= Limit.min_hold_time
         ]
     return found
 
@@ -66,7 +69,7 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
             steps = [digit_of(trial, channel) for trial in trials]
             step = float(np.median([each for each in steps if each > 0.0] or [0.0]))
         spans = [float(np.ptp(values)) for values in _valid_stretches(trials, channel)]
-        least = max(step / math.sqrt(12.0), _MIN_NOISE_SHARE * max(spans, default=0.0))
+        least = max(step / math.sqrt(12.0), (1e-6) * max(spans, default=0.0))
         if source.noise is not None:
             found[channel] = Noise(source.noise * factor, step, "declared")
             continue
@@ -86,7 +89,7 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
 
 def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
     """Yield the standard deviations about straight lines over short windows."""
-    length = max(_MIN_WINDOW, round(0.5 * MIN_HOLD_TIME / step))
+    length = max(8, round(0.5 * Limit.min_hold_time / step))
     place = np.arange(length) - 0.5 * (length - 1)
     for start in range(0, len(values) - length + 1, length):
         part = values[start : start + length]
@@ -95,7 +98,6 @@ def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
 
 
 def _valid_stretches(trials: Sequence[Trial], channel: str) -> Iterator[FloatArray]:
-    """Yield the valid stretches of a channel."""
     for trial in trials:
         for part in trial.segments:
             yield trial.channel(channel)[part]
@@ -106,3 +108,174 @@ def _roughness(trial: Trial, channel: str) -> float:
     values = trial.channel(channel)
     third = [np.abs(np.diff(values[part], 3)) for part in trial.segments]
     return 1.4826 * float(np.median(np.concatenate(third))) / math.sqrt(20.0)
+
+
+Pair = dict[str, FloatArray]
+"""Differences between two repetitions, by channel."""
+
+
+class Scatter(NamedTuple):
+    """Deviation between repetitions.
+
+    Attributes:
+        deviation: of one repetition by channel [its unit]; 0 without any.
+        trials: names of those that were compared.
+    """
+
+    deviation: FloatArray
+    trials: frozenset[str]
+
+
+def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
+    """Return declared repeats that differ in motor motion or set-up."""
+    found = [
+        error(
+            f"{trial.path} is declared a repeat of {original.name}, but its motor "
+            "moves otherwise; correct repeat_of.",
+            trial.name,
+        )
+        for original, trial in _repeat_pairs(trials)
+        if _compare_trials(original, trial) is None
+    ]
+    return found + [
+        error(
+            f"{trial.path} is declared a repeat of {original.name}, but with another "
+            f"{what}; correct repeat_of or the {what}.",
+            trial.name,
+        )
+        for original, trial in _repeat_pairs(trials)
+        for what, one, other in (
+            ("pretension", original.facts.pretension, trial.facts.pretension),
+            ("tilt", original.facts.tilt or 0.0, trial.facts.tilt or 0.0),
+            ("state of the cables", original.facts.unhooked, trial.facts.unhooked),
+            ("place of the sensors", original.facts.swapped, trial.facts.swapped),
+            ("load cell", original.facts.load_cell, trial.facts.load_cell),
+        )
+        if one is not None and other is not None and one != other
+    ]
+
+
+def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
+    """Return the deviation of one repetition, and the trials it is from.
+
+    It comes from trials declared as repeats, else from the periods of periodic trials.
+    Samples that are NaN do not count.
+    """
+    pairs = [
+        ({original.name, trial.name}, pair)
+        for original, trial in _repeat_pairs(trials)
+        if (pair := _compare_trials(original, trial)) is not None
+    ]
+    if not pairs:
+        pairs = [
+            ({trial.name}, pair)
+            for trial in trials
+            for pair in period_differences(trial)
+        ]
+    if not pairs:
+        return Scatter(np.zeros(len(channels)), frozenset())
+    squares = [
+        [_rms_difference(pair, name) ** 2 for name in channels] for _, pair in pairs
+    ]
+    compared = frozenset().union(*(names for names, _ in pairs))
+    return Scatter(np.sqrt(0.5 * np.mean(squares, axis=0)), compared)
+
+
+def _repeat_pairs(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:
+    """Yield pairs of a trial and its declared repeat."""
+    named = {trial.name: trial for trial in trials}
+    for trial in trials:
+        if trial.facts.repeat_of in named:
+            yield named[str(trial.facts.repeat_of)], trial
+
+
+def _rms_difference(pair: Pair, channel: str) -> float:
+    """Return the root mean square difference that does not follow the motor's."""
+    counts = np.isfinite(pair[channel])
+    if not np.any(counts):
+        return 0.0
+    difference, motor = pair[channel][counts], pair[MOTOR_ANGLE][counts]
+    power = float(motor @ motor)
+    if channel != MOTOR_ANGLE and power > 0.0:
+        difference = difference - motor * (float(motor @ difference) / power)
+    return math.sqrt(float(np.mean(difference**2)))
+
+
+def _compare_trials(original: Trial, trial: Trial) -> Pair | None:
+    """Return the differences of two trials, or None if the motor motion differs."""
+    first = original.time[original.segments[0]][0]
+    times = trial.time - trial.time[trial.segments[0]][0] + first
+    shifts = np.arange(-Limit.max_shift, Limit.max_shift + 1) * trial.step
+    errors = []
+    for shift in shifts:
+        difference = _channel_difference(original, trial, MOTOR_ANGLE, times + shift)
+        errors.append(float(np.mean(difference**2)) if len(difference) else math.inf)
+    best = times + shifts[int(np.argmin(errors))]
+    spread = float(np.std(original.motor_angle[original.segments[0]]))
+    if math.sqrt(min(errors)) > Limit.repeat_tolerance * spread:
+        return None
+    shared = [name for name in original.channels if name in trial.channels]
+    return {name: _channel_difference(original, trial, name, best) for name in shared}
+
+
+def _channel_difference(
+    original: Trial, trial: Trial, channel: str, times: FloatArray
+) -> FloatArray:
+    """Return the differences between two trials where both have readings."""
+    differences = [np.empty(0)]
+    for part in original.segments:
+        clock = original.time[part]
+        for own in trial.segments:
+            inside = (times[own] >= clock[0]) & (times[own] <= clock[-1])
+            wanted = times[own][inside]
+            there = np.interp(wanted, clock, original.channel(channel)[part])
+            differences.append(trial.channel(channel)[own][inside] - there)
+    return np.concatenate(differences)
+
+
+def period_differences(trial: Trial) -> Iterator[Pair]:
+    """Yield the differences of neighbouring periods of periodic segments."""
+    for part in trial.segments:
+        length = find_period(trial.motor_angle[part])
+        if length is None:
+            continue
+        row = np.arange(part.stop - part.start)
+        # The first period holds what is left of the start.
+        now = row[math.ceil(2.0 * length) :]
+        pair = {
+            name: values[now] - np.interp(now - length, row, values)
+            for name in trial.channels
+            for values in [trial.channel(name)[part]]
+        }
+        # A swing that grows is in step with itself, yet it is another motion.
+        if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * np.std(
+            trial.motor_angle[part]
+        ):
+            yield pair
+
+
+def find_period(angle: FloatArray) -> float | None:
+    """Return the period of a motion in samples, None if it is not periodic."""
+    angle = angle - angle.mean()
+    count = len(angle)
+    if count < 40 or not angle.any():
+        return None
+    shifted = autocorrelation(angle)
+    power = np.concatenate([[0.0], np.cumsum(angle**2)])
+    lags = np.arange(int(count / 2.5))
+    scale = np.sqrt(power[count - lags] * (power[count] - power[lags]))
+    match = shifted[: len(lags)] / np.maximum(scale, 1e-300)
+    fallen = np.flatnonzero(match < 0.5)
+    if not len(fallen):
+        return None
+    peaks = (match[1:-1] >= match[:-2]) & (match[1:-1] > match[2:])
+    candidates = (
+        np.flatnonzero(peaks & (match[1:-1] > Limit.min_period_correlation)) + 1
+    )
+    candidates = candidates[candidates > fallen[0]]
+    if not len(candidates):
+        return None
+    best = int(candidates[0])
+    left, middle, right = match[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    return best + (0.5 * float((left - right) / bend) if bend < 0.0 else 0.0)

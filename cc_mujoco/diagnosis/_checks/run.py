@@ -23,36 +23,23 @@ from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
-from cc_mujoco.diagnosis._checks.alignment import check_alignment
-from cc_mujoco.diagnosis._checks.mechanics import Mechanics, measure_mechanics
 from cc_mujoco.diagnosis._checks.signs import (
+    Mechanics,
     check_ratios,
     check_signs,
     check_sizes,
     check_units,
     group_trials,
+    measure_mechanics,
     wrong_unit,
 )
+from cc_mujoco.diagnosis._checks.timing import check_alignment
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
-MAX_JOINT_TURNS, MAX_MOTOR_TURNS = 2.0, 8.0
-"""Turns beyond which angles are taken for degrees, unless the unit is declared."""
 _ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
-_BEYOND_STOPS = 0.3  # of an angle whose zero is not exact [rad]
-_LOCKED_RANGE = 0.05  # range of an angle that was held fast [rad]
-_MAX_WIND_UP, _MAX_LEAD, _IMPOSSIBLE_LEAD = 2.0, 1.3, 1.5
-"""A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
-_MIN_TRIALS = 3
-_UNEQUAL, _INVERSE = 0.15, 0.1
-"""Logarithm of a ratio whose inverse is another one, and by which it may be missed."""
-_COPY_TOLERANCE = 1e-9
-"""Share of a motion by which an angle is no copy of another."""
-_MIN_CLIP_LENGTH = 5  # samples at an extreme that are one clipped stretch
-_MIN_CLIP_COUNT = 2
 _LOAD_KINDS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
-_MAX_ANGLE_STEP = 0.5  # turned at most from one sample to the next [rad]
-_OVERLOAD_RATIO = 150.0  # tensions that no scene explains, over its pretension
 _SIDE_PATTERN = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
 _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 
@@ -108,7 +95,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
     if abs(known.follows) < 0.6:
         return []
     ratio_error = known.ratio * ratio
-    if 1.0 / _MAX_WIND_UP < ratio_error < _MAX_LEAD:
+    if 1.0 / Limit.max_wind_up < ratio_error < Limit.max_lead:
         return []
     degrees = math.degrees(1.0)
     motor, joint = channels.ANGLES
@@ -127,7 +114,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
     impossible = not 0.25 < ratio_error < 4.0 or (
-        several and ratio_error > _IMPOSSIBLE_LEAD
+        several and ratio_error > Limit.impossible_lead
     )
     return [(error if impossible else warning)(message, trial.name)]
 
@@ -137,10 +124,6 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
 
     A cable that winds up moves the joint less than its pulleys would: what counts is
     the trial that comes closest to the scene.
-
-    Args:
-        trials: of one rig.
-        bench: of the scene, with what is known of the rig.
     """
     ratio = bench.joint_radius / bench.motor_radius
     if bench.others:  # the ends do not turn by one ratio
@@ -158,7 +141,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
         key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
         default=None,
     )
-    several = len(certain) >= _MIN_TRIALS
+    several = len(certain) >= 3
     findings = _check_inverse(certain, [found[t.name] for t in certain], ratio)
     if closest and not findings:
         findings = check_ratio(closest, ratio, several)
@@ -175,11 +158,11 @@ def _check_inverse(
     A joint that turns further than its pulleys is impossible. One that turns less may
     be held by a soft cable, which all trials or the torques must rule out.
     """
-    if abs(math.log(ratio)) < _UNEQUAL:
+    if abs(math.log(ratio)) < Limit.unequal:
         return []
 
     def inverse(found: float) -> bool:
-        return found > 0.0 and abs(math.log(found / ratio)) < _INVERSE
+        return found > 0.0 and abs(math.log(found / ratio)) < Limit.inverse
 
     turned = [
         (trial, m) for trial, m in zip(trials, known, strict=True) if inverse(m.ratio)
@@ -268,7 +251,7 @@ def _check_others_range(trial: Trial, bench: Bench) -> list[DataFinding]:
     for joint, (low, high) in zip(bench.others, bench.stops, strict=True):
         channel = channels.other_angle(joint)
         least, most = (f(trial.channel(channel)) for f in (np.nanmin, np.nanmax))
-        if low - _BEYOND_STOPS <= least and most <= high + _BEYOND_STOPS:
+        if low - Limit.beyond_stops <= least and most <= high + Limit.beyond_stops:
             continue
         message = (
             f"{trial.column(channel)} goes from {least:.3g} to {most:.3g} rad, but "
@@ -293,7 +276,7 @@ def _check_overload(trial: Trial, bench: Bench) -> list[DataFinding]:
             continue
         tension = float(np.sqrt(np.nanmean(torque**2))) / radius
         share = tension / max(taut, 1.0)
-        if share > _OVERLOAD_RATIO:
+        if share > Limit.overload_ratio:
             message = (
                 f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
                 f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
@@ -311,7 +294,7 @@ def _check_locked(recording: Recording, facts: Facts) -> list[DataFinding]:
     if channel not in recording.values:
         return []
     moved = _robust_range(recording.values[channel])
-    if moved <= _LOCKED_RANGE:
+    if moved <= Limit.locked_range:
         return []
     message = (
         f"{recording.column(channel)} moves by {moved:.3g} rad, though "
@@ -359,10 +342,8 @@ def _check_clipping(recording: Recording) -> list[DataFinding]:
             there = values == extreme
             edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
             lengths = edges[1::2] - edges[::2]
-            flat = lengths[lengths >= _MIN_CLIP_LENGTH]
-            if not len(flat) or (
-                len(flat) < _MIN_CLIP_COUNT and flat[0] < 4 * _MIN_CLIP_LENGTH
-            ):
+            flat = lengths[lengths >= Limit.min_clip_length]
+            if not len(flat) or (len(flat) < 2 and flat[0] < 4 * Limit.min_clip_length):
                 continue
             mend = "use a sensor of wider range"
             if channel == channels.MOTOR_TORQUE:
@@ -380,8 +361,8 @@ def _check_degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]
     """Find angles too large for radians."""
     findings = []
     limits = {
-        channels.JOINT_ANGLE: MAX_JOINT_TURNS,
-        channels.MOTOR_ANGLE: MAX_MOTOR_TURNS,
+        channels.JOINT_ANGLE: Limit.max_joint_turns,
+        channels.MOTOR_ANGLE: Limit.max_motor_turns,
     }
     for channel, most in limits.items():
         if channel not in recording.values:
@@ -414,9 +395,9 @@ def _check_turnovers(recording: Recording) -> list[DataFinding]:
             continue
         steps = np.abs(np.diff(recording.values[channel]))
         steps = steps[np.isfinite(steps)]
-        jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < _MAX_ANGLE_STEP))
+        jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < Limit.max_angle_step))
         # Who turns as far in one sample as in the next is fast, or counts in turns.
-        if not jumps or np.quantile(steps, 0.9) > _MAX_ANGLE_STEP:
+        if not jumps or np.quantile(steps, 0.9) > Limit.max_angle_step:
             continue
         message = (
             f"{recording.column(channel)} jumps by a full turn {jumps} times, as an "
@@ -439,7 +420,7 @@ def _check_leaps(recording: Recording) -> list[DataFinding]:
         interval = np.diff(time)
         rows = rows[interval[rows - 1] < GAP_FACTOR * np.median(interval)]
         turn = np.abs(np.abs(values[rows] - values[rows - 1]) - 2.0 * math.pi)
-        rows = rows[turn > _MAX_ANGLE_STEP]
+        rows = rows[turn > Limit.max_angle_step]
         if not rows.size:
             continue
         row = int(rows[0])
@@ -506,4 +487,4 @@ def _is_copy(one: FloatArray, other: FloatArray) -> bool:
         return False
     gain, offset = np.polyfit(one, other, 1)
     left = float(np.max(np.abs(other - gain * one - offset)))
-    return left < _COPY_TOLERANCE * float(np.ptp(other))
+    return left < Limit.copy_tolerance * float(np.ptp(other))

@@ -4,8 +4,8 @@ Three things are known of every transmission, whatever its friction: the joint f
 the motor, the joint torque asks for motor torque of the same sign, and motor power less
 joint power is never negative in the long run. Of the eight ways in which signs may be
 wrong, each breaks another combination of the three (inverting everything on both sides
-is a change of convention that nothing can show). And by virtual work the ratio of the
-angles is the ratio of the torques, if the units are right.
+is a change of convention that nothing can show). By virtual work the ratio of the
+angles is the ratio of the torques, friction aside, if the units are right.
 """
 
 from __future__ import annotations
@@ -31,27 +31,158 @@ from cc_mujoco.datasets._channels import (
 )
 from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._smoothing import velocity
-from cc_mujoco.datasets._trials import Trial
-from cc_mujoco.diagnosis._checks.mechanics import Mechanics, sliding_torque_ratio
+from cc_mujoco.datasets._trials import FloatArray, Trial
+from cc_mujoco.diagnosis._thresholds import Limit
 
-_MIN_ANGLE_CORRELATION = 0.6  # correlation from which on a sign is certain
+
+class Mechanics(NamedTuple):
+    """Relations between the two sides of a trial.
+
+    Attributes:
+        ratio: joint speed per motor speed.
+        follows: correlation of the speeds, 0 if one side stands still.
+        torque_ratio: motor torque per joint torque, friction aside.
+        asks: their correlation while the cable slides either way, 0 if unknown.
+        motor_work: work of the motor per travel of the motor, less what is stored [N
+            m].
+        joint_work: the same of the joint; their difference is friction.
+        doubt: standard deviation of that difference.
+        scale: power that passes per speed of the motor [N m].
+    """
+
+    ratio: float
+    follows: float
+    torque_ratio: float
+    asks: float
+    motor_work: float
+    joint_work: float
+    doubt: float
+    scale: float
+
+
+def measure_mechanics(trial: Trial) -> Mechanics:
+    """Compare the known speeds, torques and works of both sides."""
+    used = np.concatenate([np.arange(p.start, p.stop) for p in trial.segments])
+    omega = velocity(trial.motor_angle, trial.step, trial.segments)[used]
+    turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
+    ratio = float(omega @ turn / max(omega @ omega, 1e-300))
+    follows = _correlation(omega, turn)
+    if trial.motor_torque is None or trial.joint_torque is None:
+        return Mechanics(ratio, follows, 0.0, 0.0, 0.0, 0.0, math.inf, 1.0)
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    torque_ratio, asks = sliding_torque_ratio(motor, joint, omega, trial.step)
+    works = _work_per_travel(trial, used, (motor, joint), omega, turn)
+    return Mechanics(ratio, follows, torque_ratio, asks, *works)
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    scale = math.sqrt(float((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 0.0 else 0.0
+
+
+def sliding_torque_ratio(
+    motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
+) -> tuple[float, float]:
+    """Return motor over joint torque during sliding, and their correlation.
+
+    Friction that grows with load tilts the slope up one way and down the other; their
+    geometric mean is the ratio without friction. At reversals torques change together
+    or against each other as the ends move, which says nothing of signs.
+    """
+    usual = math.sqrt(float(np.mean(omega**2)))
+    ways, settled = _sliding(omega, usual, step)
+    slopes, matches = [], []
+    for way in (1.0, -1.0):
+        rows = settled & (ways == way)
+        if np.count_nonzero(rows) < 50:
+            return 0.0, 0.0
+        one, other = motor[rows] - motor[rows].mean(), joint[rows] - joint[rows].mean()
+        spread, other_spread = motor.std(), joint.std()
+        if not (
+            one.std() > Limit.min_spread_share * spread
+            and other.std() > Limit.min_spread_share * other_spread
+        ):
+            return 0.0, 0.0
+        slopes.append(float(one @ other) / float(other @ other))
+        matches.append(_correlation(one, other))
+    if slopes[0] * slopes[1] <= 0.0:
+        return 0.0, 0.0
+    ratio = math.copysign(math.sqrt(slopes[0] * slopes[1]), slopes[0])
+    return ratio, math.copysign(min(map(abs, matches)), slopes[0])
+
+
+def _sliding(
+    omega: FloatArray, usual: float, step: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the direction of motion, and where friction has settled."""
+    moving = np.flatnonzero(np.abs(omega) > 0.2 * Limit.sliding_speed_share * usual)
+    last = np.zeros(len(omega), dtype=np.intp)
+    last[moving] = moving
+    ways = np.sign(omega[np.maximum.accumulate(last)])
+    travel = np.cumsum(np.abs(omega)) * step
+    turned = np.flatnonzero(np.diff(ways, prepend=ways[0]))
+    start = np.zeros(len(omega))
+    start[turned] = travel[turned]
+    since = travel - np.maximum.accumulate(start)
+    span = float(np.ptp(np.cumsum(omega) * step))
+    return ways, (since > Limit.signs_settling_share * span) & (
+        np.abs(omega) > Limit.sliding_speed_share * usual
+    )
+
+
+def _work_per_travel(
+    trial: Trial,
+    used: np.ndarray,
+    shown: tuple[FloatArray, FloatArray],
+    omega: FloatArray,
+    turn: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Return works per travel, their uncertainty, and the transmitted power.
+
+    What is stored is a function of the state: it is fitted as one, so that cycles need
+    not be closed. Linear terms in the angles take up constant offsets of the torques.
+    """
+    motor, joint = shown
+    lengths = [part.stop - part.start for part in trial.segments]
+    starts = np.cumsum([0, *lengths[:-1]])
+    powers = np.column_stack([motor * omega, joint * turn, np.abs(omega)])
+    passed = np.cumsum(powers, axis=0) * trial.step
+    travel = passed[:, 2]
+    span = np.ptp(trial.motor_angle[used])
+    if not span > 0.0 or travel[-1] < Limit.min_travel * span:
+        return 0.0, 0.0, math.inf, 1.0
+    state = np.column_stack(
+        [
+            trial.motor_angle[used],
+            trial.joint_angle[used],
+            motor**2,
+            joint**2,
+            motor * joint,
+            omega**2,
+            turn**2,
+        ]
+    )
+    columns = np.column_stack([travel, state, passed[:, :2]])
+    for start, length in zip(starts, lengths, strict=True):
+        part = slice(start, start + length)
+        columns[part] -= columns[part].mean(axis=0)
+    known, works = columns[:, :8], columns[:, 8:]
+    scale = np.maximum(np.abs(known).max(axis=0), 1e-300)
+    slopes = np.linalg.lstsq(known / scale, works, rcond=None)[0] / scale[:, None]
+    lost = (works - known[:, 1:] @ slopes[1:]) @ [1.0, -1.0]
+    blocks = np.array_split(np.arange(len(used)), 8)
+    rates = [
+        np.polyfit(travel[block], lost[block], 1)[0]
+        for block in blocks
+        if len(block) > 2 and np.ptp(travel[block]) > 0.02 * travel[-1]
+    ]
+    doubt = np.std(rates) / math.sqrt(len(rates)) if len(rates) > 2 else math.inf
+    power = float(np.abs(powers[:, :2]).sum() * trial.step / travel[-1])
+    return float(slopes[0, 0]), float(slopes[0, 1]), float(doubt), max(power, 1e-300)
+
+
 _MIN_TORQUE_CORRELATION = 0.7
-_UNIT_CHECK_CORRELATION = 0.9
-_MIN_GENERATED_SHARE, _LARGE_GENERATED_SHARE = (
-    0.03,
-    0.06,
-)  # energy gained, as a share of what passes
-_CLEAR_WORK_SHARE = 0.2  # energy gained, as a share of the net works
-_MIN_TRIALS = 3  # trials in which torques cannot oppose each other by chance
-# Share of the power lost from which on both sides may be driving.
-_MAX_FRICTION_SHARE = 0.6
-_UNIT_MISMATCH_RATIO, _UNIT_MATCH_RATIO = (
-    12.0,
-    4.0,
-)  # ratios of angles to torques that are wrong, and right
 _ODD_ANGLE_RATIO = 8.0
-# Torques of one trial over those of the others that no load explains.
-_TORQUE_LEAP_RATIO = 300.0
 _DEGREES_PER_RADIAN = math.degrees(1.0)
 
 
@@ -67,11 +198,10 @@ class Group(NamedTuple):
 
 
 def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Group]:
-    """Group the trials of one rig, whose mechanics are known."""
     by_signs = defaultdict(list)
     for trial, m in zip(trials, known, strict=True):
         by_signs[
-            _sign(m.follows, _MIN_ANGLE_CORRELATION),
+            _sign(m.follows, Limit.min_angle_correlation),
             _sign(m.asks, _MIN_TORQUE_CORRELATION),
         ].append((trial, m))
     return [
@@ -131,7 +261,7 @@ def check_signs(group: Group) -> list[DataFinding]:
     """Find channels with inverted sign, and swapped sides."""
     trials, m = group
     follows, asks = (
-        _sign(m.follows, _MIN_ANGLE_CORRELATION),
+        _sign(m.follows, Limit.min_angle_correlation),
         _sign(m.asks, _MIN_TORQUE_CORRELATION),
     )
     friction = m.motor_work - m.joint_work
@@ -140,7 +270,7 @@ def check_signs(group: Group) -> list[DataFinding]:
         contradictions.append("the joint turns against the motor")
     if asks < 0.0:
         contradictions.append("motor torque falls where joint torque rises")
-    made = friction < -max(3.0 * m.doubt, _MIN_GENERATED_SHARE * m.scale)
+    made = friction < -max(3.0 * m.doubt, Limit.min_generated_share * m.scale)
     if made:
         contradictions.append(
             f"more energy leaves the transmission than enters, by "
@@ -162,12 +292,12 @@ def check_signs(group: Group) -> list[DataFinding]:
         # A torque sensor of wrong gain makes a little power; only a sign makes much.
         net = abs(m.motor_work) + abs(m.joint_work)
         certain = asks < 0.0 or -friction > max(
-            _LARGE_GENERATED_SHARE * m.scale, _CLEAR_WORK_SHARE * net
+            Limit.large_generated_share * m.scale, Limit.clear_work_share * net
         )
     else:
         # Torques also oppose each other where both sides drive against friction.
-        known = friction < _MAX_FRICTION_SHARE * m.scale and math.isfinite(m.doubt)
-        certain = known or len(trials) >= _MIN_TRIALS
+        known = friction < Limit.max_friction_share * m.scale and math.isfinite(m.doubt)
+        certain = known or len(trials) >= Limit.signs_min_trials
     return [(error if certain else warning)(sentence, _single_trial_name(trials))]
 
 
@@ -223,7 +353,7 @@ def _fewest_inversions(m: Mechanics, follows: float, asks: float) -> list[str]:
         if (
             follows * motor_angle * joint_angle >= 0.0
             and asks * motor_torque * joint_torque >= 0.0
-            and friction > -min(2.0 * m.doubt, _MIN_GENERATED_SHARE * m.scale)
+            and friction > -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
         ):
             inverted = [
                 name
@@ -244,13 +374,10 @@ def _fewest_inversions(m: Mechanics, follows: float, asks: float) -> list[str]:
 def check_units(group: Group) -> list[DataFinding]:
     """Find units that contradict each other, by virtual work."""
     trials, m = group
-    if not (
-        abs(m.follows) > _MIN_ANGLE_CORRELATION
-        and abs(m.asks) > _UNIT_CHECK_CORRELATION
-    ):
+    if not (abs(m.follows) > Limit.min_angle_correlation and abs(m.asks) > 0.9):
         return []
     mismatch = abs(m.torque_ratio / m.ratio)
-    if 1.0 / _UNIT_MISMATCH_RATIO < mismatch < _UNIT_MISMATCH_RATIO:
+    if 1.0 / Limit.unit_mismatch_ratio < mismatch < Limit.unit_mismatch_ratio:
         return []
     mends = {
         wrong_unit(trials[0], MOTOR_ANGLE): mismatch / _DEGREES_PER_RADIAN,
@@ -263,7 +390,7 @@ def check_units(group: Group) -> list[DataFinding]:
     likely = sorted(
         (abs(math.log(left)), text)
         for text, left in mends.items()
-        if abs(math.log(left)) < math.log(_UNIT_MATCH_RATIO)
+        if abs(math.log(left)) < math.log(Limit.unit_match_ratio)
     )
     advice = " or ".join(text for _, text in likely[:2]).format(**_labels(trials[0]))
     sentence = (
@@ -290,7 +417,9 @@ def check_sizes(
         )
         for channel in (MOTOR_TORQUE, JOINT_TORQUE)
     }
-    ratios = [abs(m.ratio) for m in known if abs(m.follows) > _MIN_ANGLE_CORRELATION]
+    ratios = [
+        abs(m.ratio) for m in known if abs(m.follows) > Limit.min_angle_correlation
+    ]
     ratio = float(np.median(ratios)) if ratios else 1.0
     share = {MOTOR_TORQUE: ratio, JOINT_TORQUE: 1.0 / ratio}
     leaps = {channel: _size_below_leap(size) for channel, size in sizes.items()}
@@ -299,7 +428,7 @@ def check_sizes(
         for k in np.flatnonzero(sizes[channel] > leaps[channel]).tolist():
             is_consistent = (
                 sizes[channel][k]
-                < _TORQUE_LEAP_RATIO * share[channel] * sizes[other][k]
+                < Limit.torque_leap_ratio * share[channel] * sizes[other][k]
             )
             if is_consistent and sizes[other][k] <= leaps[other]:
                 continue
@@ -318,7 +447,7 @@ def _size_below_leap(sizes: NDArray[np.float64]) -> float:
     """Return the size below a leap in the sizes of the trials, or infinity."""
     ordered = np.sort(sizes)
     above = np.flatnonzero(
-        ordered[1:] > _TORQUE_LEAP_RATIO * np.maximum(ordered[:-1], 1e-12)
+        ordered[1:] > Limit.torque_leap_ratio * np.maximum(ordered[:-1], 1e-12)
     )
     return float(ordered[above[-1]]) if len(above) else math.inf
 
@@ -330,7 +459,7 @@ def check_ratios(
     certain = [
         (trial, m.ratio)
         for trial, m in zip(trials, known, strict=True)
-        if abs(m.follows) > _MIN_ANGLE_CORRELATION
+        if abs(m.follows) > Limit.min_angle_correlation
     ]
     if len(certain) < 3:
         return []

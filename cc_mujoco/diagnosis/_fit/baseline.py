@@ -1,38 +1,97 @@
-"""The baseline: all that is uncertain of the scene, fitted before anything is named."""
+"""Fit of the baseline, and its error on data that the parameters have not seen.
+
+The baseline holds all that is uncertain of the scene and is fitted before anything is
+named, by a simulation that is as fine as the noise floor requires. Held-out errors are
+weighted by how well the angles determine the torque at that moment: where an end of the
+cable sticks, the last digit of its angle is worth newtons, and a handful of such
+samples would decide over all others.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._fit.fitting import Problem, fit, independence_weight
+from cc_mujoco.diagnosis._fit.fitting import (
+    Masks,
+    Problem,
+    TorqueDerivatives,
+    fit,
+    huber_residual,
+    independence_weight,
+)
 from cc_mujoco.diagnosis._fit.folds import (
+    BOOTSTRAP_BLOCK,
     CrossValidation,
+    Fold,
     cross_validate,
     interleaved_folds,
+    never_held_out,
+    trial_folds,
 )
-from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
-from cc_mujoco.diagnosis._fit.numerics import MAX_NUMERICAL_ERROR, refinement_change
-from cc_mujoco.diagnosis._rig.bench_simulation import (
-    MIN_SEGMENTS,
-    SimulatedRig,
-    baseline_parameters,
-)
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._rig.records import Filtering, Record
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Gap, TrialTrace
 from cc_mujoco.estimation._least_squares import Fit, Tuned
 from cc_mujoco.native import FloatArray
 
-MULTISTART_UNCERTAINTY = 0.3
-"""Relative uncertainty of a pretension from which more than one start is tried."""
 
-MULTISTART_FACTORS = (0.1, 0.3, 3.0)
-"""Such starts, over the value that was given."""
+def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
+    """Return the same problem simulated more finely; None where that changes nothing.
+
+    Or where it is as fine as it gets.
+    """
+    plant = problem.plant
+    if (
+        2 * plant.segments > Limit.max_cable_segments
+        and 2 * plant.substeps > Limit.max_substeps
+    ):
+        return None
+    change, finer = refinement_change(problem, x, masks)
+    parts = zip(problem.errors(x, masks), masks, strict=True)
+    kept = np.concatenate([error[:, mask].ravel() for error, mask in parts])
+    left = float(np.sqrt(np.mean(kept**2)))
+    harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
+    if change <= harmless or finer is None:
+        return None
+    return problem.simulated_by(finer)
+
+
+def refinement_change(
+    problem: Problem, x: FloatArray, masks: Masks
+) -> tuple[float, SimulatedRig | None]:
+    """Return the RMS change over the floor by a finer plant, and that plant.
+
+    Segments or steps are halved, whichever changes more; the parameters stay, and
+    errors are by Huber as in fits. The plant is None where neither may be halved.
+    Arguments as in `refine_simulation`.
+    """
+    plant = problem.plant
+    values = problem.values(x)
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = plant.simulate(values, problem.effects, seen)
+    tried = []
+    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
+        there = finer.simulate(values, problem.effects, seen)
+        changes = [
+            huber_residual((a - b) / problem.floor[k])[:, masks[k]].ravel()
+            for k, a, b in zip(seen, here, there, strict=True)
+        ]
+        change = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+        fine = (
+            finer.segments > Limit.max_cable_segments
+            or finer.substeps > Limit.max_substeps
+        )
+        tried.append((change, None if fine else finer))
+    return max(tried, key=lambda each: each[0])
 
 
 @dataclass(frozen=True)
@@ -44,6 +103,10 @@ class BaselineFit:
     crossed: CrossValidation
     change: float
     """RMS change by a finer simulation, over the floor."""
+    notes: tuple[str, ...] = ()
+    """Sentences on requested effects that the data cannot show."""
+    temperatures: Mapping[str, float] = field(default_factory=dict)
+    """Mean temperature of trials by name, where it is known [degC]."""
 
 
 def plant_of(
@@ -63,7 +126,7 @@ def plant_of(
     return SimulatedRig(
         bench,
         records,
-        MIN_SEGMENTS,
+        Limit.min_segments,
         instruments=dataset.instruments,
         constants=dataset.constants,
         given=given or {},
@@ -100,7 +163,7 @@ def fit_baseline(
         )
         whole = fit(problem, x, counts)
         change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
-        if change <= MAX_NUMERICAL_ERROR or finer is None:
+        if change <= Limit.max_numerical_error or finer is None:
             break
         plant, starts = finer, [whole.x]
         slopes = TorqueDerivatives(problem.slopes)
@@ -116,9 +179,174 @@ def _start_points(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
     """
     starts = [x]
     for index, parameter in enumerate(free):
-        if parameter.name == "pretension" and parameter.scale > MULTISTART_UNCERTAINTY:
-            for factor in MULTISTART_FACTORS:
+        if (
+            parameter.name == "pretension"
+            and parameter.scale > Limit.multistart_uncertainty
+        ):
+            for factor in Limit.multistart_factors:
                 start = x.copy()
                 start[index] = math.log(factor) / parameter.scale
                 starts.append(start)
     return starts
+
+
+def predicted(
+    problem: Problem, start: FloatArray, division: Sequence[Fold]
+) -> tuple[FloatArray, ...]:
+    """Return torques of every record predicted from other samples (2, samples).
+
+    Samples that no fold holds out are predicted by the last fit.
+    """
+    records = problem.plant.records
+    found = [np.zeros(record.measured.shape) for record in records]
+    for fold in division:
+        x = fit(problem, start, fold.train, 6).x
+        played = problem.plant.simulate(problem.values(x), problem.effects)
+        for kept, torque, train in zip(found, played, fold.train, strict=True):
+            kept[:, ~train] = torque[:, ~train]
+            empty = np.all(kept == 0.0, axis=0)
+            kept[:, empty] = torque[:, empty]
+    return tuple(found)
+
+
+def gaps(
+    problem: Problem,
+    before: Sequence[FloatArray],
+    after: Sequence[FloatArray],
+    division: Sequence[Fold],
+    seed: int = 0,
+) -> dict[str, Gap]:
+    """Return the gap of each channel on the samples that are held out."""
+    records = problem.plant.records
+    masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
+    for fold in division:
+        for mask, test in zip(masks, fold.test, strict=True):
+            mask |= test
+    found = {}
+    random = np.random.default_rng(seed)
+    for row, channel in enumerate(problem.plant.instruments.channels):
+        squares = []
+        for record, mask, old, new, noise, floor in zip(
+            records, masks, before, after, problem.noise, problem.floor, strict=True
+        ):
+            size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
+            columns = (
+                np.array(
+                    [
+                        (record.measured[row] - old[row]) ** 2,
+                        (record.measured[row] - new[row]) ** 2,
+                        noise[row] ** 2,
+                        np.ones(mask.size),
+                    ]
+                )
+                * mask
+                / floor[row] ** 2
+            )
+            for first in range(0, mask.size, size):
+                if np.any(mask[first : first + size]):
+                    squares.append(columns[:, first : first + size].sum(axis=1))
+        found[channel] = _gap_of_sums(np.array(squares), random)
+    return found
+
+
+def _gap_of_sums(squares: FloatArray, random: np.random.Generator) -> Gap:
+    """Compute a gap from block sums (blocks, 4): before, after, floor, weights."""
+    draws = random.integers(0, len(squares), (400, len(squares)))
+    shares = [_closed_share(*squares[draw, :3].sum(axis=0)) for draw in draws]
+    old, new, floor, weights = squares.sum(axis=0)
+    low = high = math.nan
+    if np.mean(np.isfinite(shares)) > Limit.min_draw_share:
+        low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
+    return Gap(
+        float(np.sqrt(old / weights)),
+        float(np.sqrt(new / weights)),
+        float(np.sqrt(floor / weights)),
+        _closed_share(old, new, floor),
+        (low, high),
+    )
+
+
+def _closed_share(old: float, new: float, floor: float) -> float:
+    """Return the closed share of the gap of squared RMS errors, NaN without one."""
+    if old <= 1.02 * floor:
+        return math.nan
+    before, after, least = (math.sqrt(square) for square in (old, new, floor))
+    return 1.0 - (after - least) / (before - least)
+
+
+def overall_share(found: Mapping[str, Gap]) -> float:
+    """Return the closed share of the gap of all channels, NaN without a gap."""
+    before, after = floor_ratios(found)
+    return _closed_share(before**2, after**2, 1.0)
+
+
+def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
+    """Compute the RMS error of all channels over the noise floor, before and after."""
+    if not found:
+        return math.nan, math.nan
+    before = [(gap.rmse_before / gap.noise_floor) ** 2 for gap in found.values()]
+    after = [(gap.rmse_after / gap.noise_floor) ** 2 for gap in found.values()]
+    return math.sqrt(np.mean(before)), math.sqrt(np.mean(after))
+
+
+def traces(
+    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[TrialTrace, ...]:
+    """Return the series that the report draws."""
+    channels = problem.plant.instruments.channels
+    return tuple(
+        TrialTrace(
+            record.trial,
+            record.time,
+            record.motor_angle,
+            record.joint_angle,
+            dict(zip(channels, record.measured, strict=True)),
+            dict(zip(channels, old, strict=True)),
+            dict(zip(channels, new, strict=True)),
+            record.counts.astype(float),
+        )
+        for record, old, new in zip(problem.plant.records, before, after, strict=True)
+    )
+
+
+class Held(NamedTuple):
+    """Torques (2, samples) of every record without and with the added effects.
+
+    Those that are held out, predicted by the others; the gap of them; and the trials
+    that were never held out.
+    """
+
+    before: tuple[FloatArray, ...]
+    after: tuple[FloatArray, ...]
+    gap: dict[str, Gap]
+    never: tuple[str, ...] = ()
+
+
+class Holdout:
+    """Cache of held-out predictions, those of the baseline computed once."""
+
+    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
+        problem = baseline_fit.problem
+        records = problem.plant.records
+        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
+        # Whole trials. An effect that a single trial shows, say the only one at low
+        # pretension, is not to be had from the others: then it is stretches of all.
+        self._divisions = trial_folds(records), interleaved_folds(records)
+        self._before: dict[int, tuple[FloatArray, ...]] = {}
+
+    def out(self, problem: Problem, x: FloatArray) -> Held | None:
+        """Predict the held-out data; None if they do not support the effects."""
+        for place, division in enumerate(self._divisions):
+            if place not in self._before:
+                self._before[place] = predicted(self._problem, self._x, division)
+            before = self._before[place]
+            after = predicted(problem, x, division) if problem.effects else before
+            gap = gaps(self._problem, before, after, division, self._seed)
+            better = sum(
+                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
+                for g in gap.values()
+            )
+            if not problem.effects or better >= 0.0:
+                records = problem.plant.records
+                return Held(before, after, gap, never_held_out(division, records))
+        return None

@@ -17,17 +17,12 @@ from cc_mujoco.diagnosis._fit.fitting import (
     plain_error,
 )
 from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.estimation._least_squares import Fit
 from cc_mujoco.native import FloatArray
 
 BOOTSTRAP_BLOCK = 1.0
 """Length of a block of the bootstrap [s]."""
-RECORD_PIECES = 12
-"""Stretches of a record that are held out in turn."""
-HELD_SHARE = 0.1
-"""Motion of an angle, over the largest in any trial, below which it was held."""
-TRIAL_FOLDS = 3
-"""Parts of the trials that are held out in turn; fewer trials are split in time."""
 
 
 class Fold(NamedTuple):
@@ -60,7 +55,9 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the second, fourth, ... piece of the samples that count."""
     place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
-    odd: NDArray[np.bool_] = (place * RECORD_PIECES * (1.0 - 1e-9)).astype(int) % 2 == 1
+    odd: NDArray[np.bool_] = (place * Limit.record_pieces * (1.0 - 1e-9)).astype(
+        int
+    ) % 2 == 1
     return odd
 
 
@@ -80,14 +77,14 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
             ),
         )
     kinds = trial_kinds(records)
-    if len(kinds) < TRIAL_FOLDS:
+    if len(kinds) < Limit.trial_folds:
         return interleaved_folds(records)
     known = list(kinds.values())
     shared = [group for group in kinds if known.count(kinds[group]) > 1]
     groups = sorted(shared or kinds)
     groups.sort(key=lambda group: known.index(kinds[group]))
     found = []
-    parts = min(TRIAL_FOLDS, len(groups))
+    parts = min(Limit.trial_folds, len(groups))
     for part in range(parts):
         out = set(groups[part::parts])
         found.append(
@@ -108,7 +105,7 @@ def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
     used = [record for record in records if record.counts.any()]
     angles = [(record.motor_angle, record.joint_angle) for record in used]
     spans = np.array([[np.ptp(angle) for angle in pair] for pair in angles])
-    moved = spans > HELD_SHARE * spans.max(axis=0, initial=0.0)
+    moved = spans > Limit.held_share * spans.max(axis=0, initial=0.0)
     kinds: dict[str, tuple[object, ...]] = {}
     for record, (motor, joint) in zip(used, moved.tolist(), strict=True):
         tension = record.pretension
@@ -202,13 +199,7 @@ def cross_validate(
     division: Sequence[Fold],
     starts: Sequence[FloatArray],
 ) -> CrossValidation:
-    """Fit a model on every fold and predict the held-out data.
-
-    Args:
-        problem: the model.
-        division: of the samples.
-        starts: one per fold.
-    """
+    """Fit a model on every fold and predict the held-out data."""
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):

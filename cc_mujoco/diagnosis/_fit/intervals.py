@@ -29,15 +29,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis._fit.fitting import Masks, Problem
-from cc_mujoco.diagnosis._fit.folds import RECORD_PIECES
-from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives, jacobian
+from cc_mujoco.diagnosis._fit.fitting import Masks, Problem, TorqueDerivatives, jacobian
 from cc_mujoco.diagnosis._fit.plausibility import (
     amplitude_indices,
     max_ordinary_size,
     shape_indices,
 )
 from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.estimation._least_squares import (
     Estimate,
     covariance,
@@ -45,17 +44,6 @@ from cc_mujoco.estimation._least_squares import (
     undetermined_directions,
 )
 from cc_mujoco.native import FloatArray
-
-_MAX_LOG_FACTOR = 7.0
-"""Logarithm of the largest factor of an interval in proportion."""
-UNDETERMINED_DEVIATION = 1.0
-"""Deviation in units of priors from which on the data say less than was known."""
-_NEW = 1e-3
-"""Part of a signature's length below which nothing of it is left."""
-LEAST = 3
-"""Trials from which on they tell how much they disagree; of fewer their pieces do."""
-_TELLS = 1e-9
-"""Share of a variance that a part has to take off to tell of a parameter."""
 
 
 class Spread(NamedTuple):
@@ -86,11 +74,6 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     trials share add what they shift (`form_error`). Only the second is known from so
     few numbers that it takes Student's t: its degrees of freedom are over the square of
     its share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
-
-    Args:
-        problem: the model.
-        x: the parameters fitted to all data.
-        masks: samples that took part.
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -128,7 +111,7 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
     for parameter in problem.tuned:
         if (
             parameter.factor
-            and _log_span(found[parameter.name]) > 2.0 * _MAX_LOG_FACTOR
+            and _log_span(found[parameter.name]) > 2.0 * Limit.max_log_factor
         ):
             nothing = replace(found[parameter.name], ci95=(math.nan, math.nan))
             found[parameter.name] = nothing
@@ -153,9 +136,8 @@ def _log_span(found: Estimate) -> float:
 
 
 def _proportional_interval(found: Estimate) -> Estimate:
-    """Return the estimate with an interval in proportion, for a size that is not 0."""
     low, high = found.ci95
-    reach = math.exp(min(0.5 * (high - low) / found.value, _MAX_LOG_FACTOR))
+    reach = math.exp(min(0.5 * (high - low) / found.value, Limit.max_log_factor))
     return Estimate(found.value, found.unit, (found.value / reach, found.value * reach))
 
 
@@ -165,7 +147,9 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
-    for shares in undetermined_directions(covariance(data), UNDETERMINED_DEVIATION):
+    for shares in undetermined_directions(
+        covariance(data), Limit.undetermined_deviation
+    ):
         parts = [
             parameter.name
             for parameter, share in zip(problem.tuned, shares, strict=True)
@@ -214,7 +198,7 @@ def form_error(
     into = base.T @ slopes @ spread
     beside = base - slopes @ into.T
     kept = float(np.sum(base * beside))
-    shown = _basis(beside) if np.linalg.norm(beside) > _NEW else beside[:, :0]
+    shown = _basis(beside) if np.linalg.norm(beside) > Limit.new else beside[:, :0]
     if not shown.size:
         return nothing
     along = shown.T @ residual
@@ -227,7 +211,7 @@ def form_error(
 def _basis(columns: FloatArray) -> FloatArray:
     """Orthonormal (rows, k) of what columns of length 1 at most span."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    found: FloatArray = left[:, sizes > _NEW]
+    found: FloatArray = left[:, sizes > Limit.new]
     return found
 
 
@@ -314,7 +298,7 @@ def disagreement(
         joint = -shares @ whole @ shares.T
         joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)
-        tells = size > _TELLS * whole[k, k]
+        tells = size > Limit.tells * whole[k, k]
         if np.sum(tells) < 2:
             continue
         deviation = np.sqrt(size[tells])
@@ -329,18 +313,18 @@ def parts_of(
 ) -> NDArray[np.int64]:
     """Return the group of each residual (data,): its trial and its repetitions.
 
-    Of fewer trials than `LEAST` it is one of the pieces of every record.
+    Of fewer trials than `Limit.least` it is one of the pieces of every record.
     """
     used = [bool(mask.any()) for mask in masks]
     groups = sorted({r.group for r, some in zip(records, used, strict=True) if some})
     found = []
     for place, (record, mask) in enumerate(zip(records, masks, strict=True)):
         count = int(np.sum(mask))
-        if len(groups) >= LEAST:
+        if len(groups) >= Limit.least:
             own = np.full(count, groups.index(record.group) if count else 0)
         else:
-            own = place * RECORD_PIECES + np.arange(count) * RECORD_PIECES // max(
-                count, 1
-            )
+            own = place * Limit.record_pieces + np.arange(
+                count
+            ) * Limit.record_pieces // max(count, 1)
         found.append(np.tile(own, len(record.measured)))
     return np.concatenate(found).astype(np.int64)

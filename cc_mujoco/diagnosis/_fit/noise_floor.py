@@ -33,34 +33,13 @@ from cc_mujoco.datasets._channels import (
 )
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis._checks.repeatability import repeat_scatter as scatter_of
+from cc_mujoco.diagnosis._checks.noise import repeat_scatter as scatter_of
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
-from cc_mujoco.diagnosis._rig.lowpass import low_pass
-from cc_mujoco.diagnosis._rig.records import Filtering, Record, play_filter
+from cc_mujoco.diagnosis._rig.records import Filtering, Record, low_pass, play_filter
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 
-NOISE_DRAWS = 6
-"""Simulations with resampled angles."""
-SMOOTHING_TIME = 0.04
-"""Time over which the scatter is taken together [s]."""
-MIN_FLOOR_SHARE = 1e-3
-"""Least floor, over the RMS of the channel."""
-
 _NO_NOISE = Noise(0.0, 0.0, "declared")
-_SLOW = 1.0 / 6.0
-"""Band of the movements that are put back, over that of the angles that are played."""
-_PUT_BACK = 0.5
-"""Share of them: some of what is slow is noise, and most of it where readings are
-rounded. On rigs without effects this makes the floor what readings are off by."""
-_SMOOTH = 1.0 / 5.0
-"""Band of the likely motion where the angle is well under way, the same."""
-_PACE = 4.0
-"""Way within `_WINDOW` from which an angle is under way, over the play."""
-_WINDOW = 0.05
-"""[s]."""
-_CLEAR = 0.2
-"""Time all of which an angle has to be under way; where it rests, smoothing would make
-it set out early, which a cable that sticks would feel [s]."""
 
 
 class NoiseFloor(NamedTuple):
@@ -97,11 +76,13 @@ def noise_floor(
         records: Sequence[Record], about: Sequence[FloatArray]
     ) -> list[FloatArray]:
         played = plant.limited(records).simulate(values, effects)
-        return [(a - b) ** 2 / NOISE_DRAWS for a, b in zip(played, about, strict=True)]
+        return [
+            (a - b) ** 2 / Limit.noise_draws for a, b in zip(played, about, strict=True)
+        ]
 
     plain = [np.zeros(torque.shape) for torque in clean]
     wide = [np.zeros(torque.shape) for torque in clean]
-    for _ in range(NOISE_DRAWS):
+    for _ in range(Limit.noise_draws):
         read = [resample_angles(r, noise, filtering, other) for r in true]
         for total, square in zip(plain, scatter(read, exact), strict=True):
             total += square
@@ -117,7 +98,7 @@ def noise_floor(
         for name in known.channels
     ]
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
-    least = (MIN_FLOOR_SHARE * np.std(whole, axis=1)) ** 2
+    least = (Limit.min_floor_share * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
     bases = [_cell_noise(base, record, dataset, filtering) for record in plant.records]
     alone = [total + own for total, own in zip(plain, bases, strict=True)]
@@ -135,21 +116,16 @@ def noise_floor(
 def _cell_noise(
     base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
 ) -> FloatArray:
-    """Return the variance (rows, 1) of the instruments of a record [(N m)^2].
-
-    Args:
-        base: of the torque sensors.
-        record: the record, with a load cell in place of one of them or without.
-        dataset: of the record.
-        filtering: of its signals.
-    """
+    """Return the variance (rows, 1) of the instruments of a record [(N m)^2]."""
     if (cell := record.load_cell) is None:
         return base
     found = base.copy()
     channel = dataset.trial(record.trial).facts.load_cell
     deviation = abs(cell.factor) * dataset.noise.get(channel, _NO_NOISE).deviation
     row = dataset.instruments.rows.index(cell.row)
-    found[row] = max(deviation**2 * filtering.passed, MIN_FLOOR_SHARE**2 * base[row, 0])
+    found[row] = max(
+        deviation**2 * filtering.passed, Limit.min_floor_share**2 * base[row, 0]
+    )
     return found
 
 
@@ -219,7 +195,7 @@ def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
     """Return the highest local mean nearby, because spikes shift in time."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-    size = max(3, round(SMOOTHING_TIME / dt))
+    size = max(3, round(Limit.smoothing_time / dt))
     mean: FloatArray = uniform_filter1d(square, size, axis=1)
     highest: FloatArray = maximum_filter1d(mean, size, axis=1)
     return highest
@@ -246,13 +222,13 @@ def _likely(
 
     if width == 0.0:
         return angle
-    hidden = low_pass(seen - angle, _SLOW * band, 1.0 / dt)
-    found = angle + _PUT_BACK * hidden
-    smooth = low_pass(found, _SMOOTH * band, 1.0 / dt)
-    half = max(1, round(0.5 * _WINDOW / dt))
+    hidden = low_pass(seen - angle, Limit.slow * band, 1.0 / dt)
+    found = angle + Limit.put_back * hidden
+    smooth = low_pass(found, Limit.smooth * band, 1.0 / dt)
+    half = max(1, round(0.5 * Limit.window / dt))
     wide = np.pad(smooth, half, mode="edge")
-    moves = np.abs(wide[2 * half :] - wide[: -2 * half]) > _PACE * width
-    clear = minimum_filter1d(moves.astype(float), 2 * round(0.5 * _CLEAR / dt) + 1)
+    moves = np.abs(wide[2 * half :] - wide[: -2 * half]) > Limit.pace * width
+    clear = minimum_filter1d(moves.astype(float), 2 * round(0.5 * Limit.clear / dt) + 1)
     share: FloatArray = uniform_filter1d(clear, 2 * half + 1)
     return found + share * (smooth - found)
 

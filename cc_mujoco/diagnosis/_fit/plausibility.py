@@ -1,9 +1,9 @@
 """Checks that fitted effects are as they are called: possible, sure, out of the way.
 
 Plausible sizes are those of the bench, scaled to the rig. `EffectParameter.typical` is
-what a bench of `TENSION`, `RADIUS`, `LENGTH` and `STIFFNESS` may have. On another rig
-forces go with the tension, torques with tension and radius, stretches with the stretch
-of the cable.
+what a bench of `Limit.tension`, `Limit.radius`, `Limit.length` and `Limit.stiffness`
+may have. On another rig forces go with the tension, torques with tension and radius,
+stretches with the stretch of the cable.
 """
 
 from __future__ import annotations
@@ -15,16 +15,13 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis._fit.fitting import Problem
 from cc_mujoco.diagnosis._rig.bench_simulation import plausible_range
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, EffectParameter
 from cc_mujoco.estimation._least_squares import MAX_FREEDOM
 from cc_mujoco.native import FloatArray
 
 IMPLAUSIBLE_PREFIX = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
-NONZERO_CONFIDENCE = 0.95
-"""Probability with which the sizes of a named effect are not all zero."""
-TENSION, RADIUS, LENGTH, STIFFNESS = 80.0, 0.05, 2.0, 5e4
-"""Pretension [N], radius of pulleys [m], length [m] and stiffness [N] of the bench."""
 _OF_STRETCH = ("bristle_length",)
 _OF_STRAIN = ("bedding_strain", "bedding_strain_antagonist")
 _AT_MOTOR = ("motor_", "cogging_", "eccentricity_", "ovality_")
@@ -84,7 +81,9 @@ def doubtful_effects(
         square = float(size @ contrast)
         count = len(index) + len(shape)
         known = _effective_freedom(contrast, np.diag(part), freedom[index])
-        found[name] = square / (count * float(fdtri(count, known, NONZERO_CONFIDENCE)))
+        found[name] = square / (
+            count * float(fdtri(count, known, Limit.nonzero_confidence))
+        )
     return [name for name, evidence in found.items() if evidence < 1.0]
 
 
@@ -123,13 +122,7 @@ def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
 def max_ordinary_size(
     problem: Problem, x: FloatArray, parameter: EffectParameter
 ) -> float:
-    """Return the largest size of an effect's parameter that any rig may have, above 0.
-
-    Args:
-        problem: the model, of whose cables it is a share.
-        x: where it was fitted.
-        parameter: with an ordinary size.
-    """
+    """Return the largest size of a parameter that any rig may have, above 0."""
     cables = problem.plant.cables(problem.values(x), problem.effects)
     sizes = [
         parameter.ordinary * _reference_size(parameter.ordinary_of, c) for c in cables
@@ -164,20 +157,14 @@ def amplitude_indices(problem: Problem, names: Sequence[str]) -> list[int]:
 def plausible_size(
     parameter: EffectParameter, problem: Problem, x: FloatArray
 ) -> float:
-    """Compute the size of an effect's parameter that is plausible on a rig.
-
-    Args:
-        parameter: one of the sizes of an effect.
-        problem: the model of the rig.
-        x: where it was fitted.
-    """
+    """Compute the size of an effect's parameter that is plausible on a rig."""
     bench = problem.plant.bench
     cable = problem.plant.cables(problem.values(x), problem.effects)[0]
-    tension = cable.pretension / TENSION
-    length = cable.length / LENGTH
-    soft = STIFFNESS / cable.axial_stiffness
+    tension = cable.pretension / Limit.tension
+    length = cable.length / Limit.length
+    soft = Limit.stiffness / cable.axial_stiffness
     at_motor = parameter.name.startswith(_AT_MOTOR)
-    radius = (bench.motor_radius if at_motor else bench.joint_radius) / RADIUS
+    radius = (bench.motor_radius if at_motor else bench.joint_radius) / Limit.radius
     scale = 1.0
     if parameter.name in _OF_STRETCH:
         scale = tension * soft * length

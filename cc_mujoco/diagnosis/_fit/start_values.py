@@ -21,48 +21,18 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._fit.fitting import Problem, fit
 from cc_mujoco.diagnosis._rig.bench_simulation import (
-    MAX_FITTED_FRICTION,
     MAX_FITTED_STIFFNESS,
     SimulatedRig,
     baseline_parameters,
 )
 from cc_mujoco.diagnosis._rig.records import Filtering, Record, prepare
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 
 _FREE_PARAMETERS = ("friction", "axial_stiffness")
 """Parameters that a scene may give at any size."""
 _ESTIMATED_PARAMETERS = (*_FREE_PARAMETERS, "pretension")
 """Parameters that are estimated."""
-OFF_FACTOR = 3.0
-"""Factor by which a value of the scene has to be off to be no start."""
-PRETENSION_OFF_FACTOR = 2.0
-"""Factor by which the pretension has to be off; a fit trusts the scene's to 10 %."""
-MAX_COST_RATIO = 0.8
-"""Cost, over that of the scene, from which on the data contradict the scene."""
-_THINNED_STEP = 0.04
-"""Time between the samples of a thinned record [s]."""
-_SEGMENTS = 4
-_ERROR_SCALE = 0.1
-"""Error that counts as one, over the standard deviation of the readings."""
-_MAX_MEAN_SQUARE = 9.0
-"""Mean squared error, over `_ERROR_SCALE`, up to which estimates are accepted.
-
-No estimate explains torques of the opposite sign.
-"""
-_SETTLING_SHARE = 0.1
-"""Share of a record's travel after which its beginning no longer counts."""
-_FRICTION_GRID = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Friction times wrap on the grid."""
-_STIFFNESS_GRID = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Stiffness on the grid, over that of the line."""
-_PRETENSION_GRID = (0.1, 0.3, 1.0, 3.0, 10.0)
-"""Pretension on the grid, over the usual tension that readings show."""
-_MIN_ARM, _MIN_WRAP = 0.1, 0.1
-"""Least share of a lever's arm at 0, and wrap [rad], that are divided by."""
-_MIN_SAMPLES = 50
-"""Samples of thinned records below which nothing is estimated."""
-_REFINED_POINTS = 3
-"""Points of the grid from which fits start."""
 _MAX_EVALUATIONS = 12
 
 
@@ -118,13 +88,16 @@ def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) ->
         for record in records
         if not record.unhooked and record.load_cell is None
     ]
-    if sum(int(record.counts.sum()) for record in thin) < _MIN_SAMPLES:
+    if (
+        sum(int(record.counts.sum()) for record in thin)
+        < Limit.start_values_min_samples
+    ):
         return Start(bench, {}, {})
     known = bool(declared) or "pretension" in dataset.constants
     best = _best_values(dataset, bench, thin, known)
     scene = bench.cables[0]
-    least = {name: OFF_FACTOR for name in _FREE_PARAMETERS} | {
-        "pretension": PRETENSION_OFF_FACTOR
+    least = {name: Limit.off_factor for name in _FREE_PARAMETERS} | {
+        "pretension": Limit.pretension_off_factor
     }
     given = {
         name: getattr(scene, name)
@@ -145,7 +118,9 @@ def _with_usual_pretension(bench: Bench, declared: Sequence[float]) -> Bench:
     A pretension of the scene that is about that of some trial is kept.
     """
     scene = bench.cables[0].pretension
-    if any(_factor_between(each, scene) < PRETENSION_OFF_FACTOR for each in declared):
+    if any(
+        _factor_between(each, scene) < Limit.pretension_off_factor for each in declared
+    ):
         return bench
     return _with_parameters(bench, {"pretension": float(np.median(declared))})
 
@@ -163,10 +138,12 @@ def _factor_between(one: float, other: float) -> float:
 
 def _thin_record(record: Record) -> Record:
     """Return a record with fewer samples, of which all but the first part count."""
-    every = max(1, round(_THINNED_STEP / record.dt))
+    every = max(1, round(Limit.thinned_step / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
-    counts = (travel > _SETTLING_SHARE * travel[-1]) & (record.split != "test")
+    counts = (travel > Limit.start_values_settling_share * travel[-1]) & (
+        record.split != "test"
+    )
     return replace(
         record,
         dt=every * record.dt,
@@ -225,7 +202,7 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
         ends.append(shown[1] / bench.joint_radius)
     elif not ends:
         arm = bench.share(record.joint_angle, record.path)
-        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, _MIN_ARM)))
+        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, Limit.min_arm)))
     found: FloatArray = np.mean(ends, axis=0)
     return found
 
@@ -246,18 +223,21 @@ class _Grid:
         self._dataset, self._bench, self._records = dataset, bench, records
         self._line = line = _fit_line(dataset, bench, records)
         scene = bench.cables[0]
-        wrap = max(scene.wrap, _MIN_WRAP)
+        wrap = max(scene.wrap, Limit.min_wrap)
         stiff = line.slope * scene.length / len(bench.cables)
         if not (stiff > 0.0 and line.spread > 0.0):
             stiff = scene.axial_stiffness
         self._points = {
             "friction": [
-                min(each / wrap, MAX_FITTED_FRICTION) for each in _FRICTION_GRID
+                min(each / wrap, Limit.max_fitted_friction)
+                for each in Limit.friction_grid
             ],
             "axial_stiffness": [
-                min(each * stiff, MAX_FITTED_STIFFNESS) for each in _STIFFNESS_GRID
+                min(each * stiff, MAX_FITTED_STIFFNESS) for each in Limit.stiffness_grid
             ],
-            "pretension": [each * max(line.spread, 1e-3) for each in _PRETENSION_GRID],
+            "pretension": [
+                each * max(line.spread, 1e-3) for each in Limit.pretension_grid
+            ],
         }
         self._masks = [record.counts for record in records]
         self._size = len(dataset.instruments.rows) * sum(
@@ -291,15 +271,15 @@ class _Grid:
         scene = self._bench.cables[0]
         known = scene.pretension > 0.0
         given = {name: getattr(scene, name) for name in tried}
-        if known and min(costs) > MAX_COST_RATIO * self._cost(
+        if known and min(costs) > Limit.max_cost_ratio * self._cost(
             problem, self._place(problem, given)
         ):
             return None
-        order = np.argsort(costs)[:_REFINED_POINTS]
+        order = np.argsort(costs)[: Limit.refined_points]
         fits = [fit(problem, grid[k], self._masks, _MAX_EVALUATIONS) for k in order]
         best = min(fits, key=lambda each: each.cost).x
         cost = self._cost(problem, best)
-        if known and cost > _MAX_MEAN_SQUARE * self._size:
+        if known and cost > Limit.max_mean_square * self._size:
             return None
         return _Fitted(problem.values(best), cost)
 
@@ -343,7 +323,10 @@ def _best_values(
     if not declared and (taut := grid.fitted(_ESTIMATED_PARAMETERS, coarse=True)):
         off = _factor_between(taut.values["pretension"], bench.cables[0].pretension)
         usual = found.cost if found else grid.of_scene(_FREE_PARAMETERS)
-        if off > PRETENSION_OFF_FACTOR and taut.cost < MAX_COST_RATIO * usual:
+        if (
+            off > Limit.pretension_off_factor
+            and taut.cost < Limit.max_cost_ratio * usual
+        ):
             return taut.values
     return found.values if found else {}
 
@@ -354,10 +337,10 @@ def _rough_problem(
     """Return the problem of fitting the baseline to records, roughly."""
     known, constants = dataset.instruments, dataset.constants
     plant = SimulatedRig(
-        bench, tuple(records), _SEGMENTS, instruments=known, constants=constants
+        bench, tuple(records), 4, instruments=known, constants=constants
     )
     whole = np.concatenate([record.measured for record in records], axis=1)
-    size = _ERROR_SCALE * np.std(whole, axis=1, keepdims=True) + 1e-9
+    size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
     floor = tuple(np.broadcast_to(size, record.measured.shape) for record in records)
     free = baseline_parameters(bench, records, constants, known, guessed)
     return Problem(plant, free, (), floor, floor)

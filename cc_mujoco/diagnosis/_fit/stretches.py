@@ -20,30 +20,8 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.diagnosis._fit.fitting import Masks, Problem, fit, huber_residual
 from cc_mujoco.diagnosis._fit.folds import BOOTSTRAP_BLOCK
 from cc_mujoco.diagnosis._phrases import channel_name, format_number
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
-
-STRETCH_LIMIT = 12.0
-"""RMS error of a second over the noise that effect-free rigs stay below: 6.6 at most.
-
-Of eleven rigs of three makes with quick, slow and restful motions.
-"""
-TRIAL_LIMIT = 5.0
-"""RMS error of a trial over the noise that the same rigs stay below: 2.9 at most."""
-_FRICTION_SWING = 2.0
-"""RMS error of a motor torque known by current, over the motor's fitted friction.
-
-At rest that friction takes any value from -1 to 1, so the error is 2 at most. Ten
-effect-free recordings, with frictions of 0.15 to 0.5 N m that build up over 1 to 20
-mrad, reach 1.3 in a second and 0.9 in a trial.
-"""
-_EDGE_WINDOW = 0.1
-"""Time over which the edges of a stretch are found [s]."""
-_BRIDGED = 1.0
-"""Time of small errors within a stretch [s]."""
-_EDGE_SHARE = 0.03
-"""Error at the edges of a stretch over its largest, at least half of the limit."""
-_SILENT_SHARE = 0.1
-"""Torque of a cable that transmits nothing, over what it should be."""
 
 
 class Stretch(NamedTuple):
@@ -106,7 +84,7 @@ def worst_stretch(
     """
     worst: tuple[float, int, int, slice] | None = None
     records, instruments = problem.plant.records, problem.plant.instruments
-    swing = _FRICTION_SWING * problem.values(x).get("motor_friction", 0.0)
+    swing = Limit.friction_swing * problem.values(x).get("motor_friction", 0.0)
     masks = [record.counts.copy() for record in records]
     for place, (error, noise) in enumerate(_squares(problem, torques, masks)):
         record = records[place]
@@ -117,14 +95,21 @@ def worst_stretch(
             own = swing if channel == channels.MOTOR_TORQUE else 0.0
             free = np.where(record.counts, own / problem.floor[place][row], 0.0) ** 2
             over, middle = _largest_ratio(
-                error[row], noise[row] + free / STRETCH_LIMIT**2, record.counts, window
+                error[row],
+                noise[row] + free / Limit.stretch_limit**2,
+                record.counts,
+                window,
             )
-            whole = _ratio(error[row], noise[row] + free / TRIAL_LIMIT**2)
-            beyond = max(over / STRETCH_LIMIT, math.sqrt(whole) / TRIAL_LIMIT)
+            whole = _ratio(error[row], noise[row] + free / Limit.trial_limit**2)
+            beyond = max(
+                over / Limit.stretch_limit, math.sqrt(whole) / Limit.trial_limit
+            )
             if beyond > 1.0 and (worst is None or beyond > worst[0]):
-                least = 0.5 * math.hypot(STRETCH_LIMIT, math.sqrt(float(free.max())))
+                least = 0.5 * math.hypot(
+                    Limit.stretch_limit, math.sqrt(float(free.max()))
+                )
                 part = _edges(error[row], middle, record.dt, least)
-                if over < STRETCH_LIMIT:
+                if over < Limit.stretch_limit:
                     first, last = np.flatnonzero(record.counts)[[0, -1]]
                     part = slice(int(first), int(last) + 1)
                 worst = beyond, place, row, part
@@ -144,7 +129,7 @@ def worst_stretch(
     record, shown = records[place], there[place][:, part]
     measured, floor = record.measured[:, part], problem.floor[place][row, part]
     off = (measured - shown)[row]
-    silent = np.median(np.abs(measured), axis=1) < _SILENT_SHARE * np.median(
+    silent = np.median(np.abs(measured), axis=1) < Limit.silent_share * np.median(
         np.abs(shown), axis=1
     )
     return Stretch(
@@ -205,12 +190,12 @@ def _largest_ratio(
 
 def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
     """Return the samples around one in which the error stays large, in floors."""
-    width = max(1, round(_EDGE_WINDOW / dt))
+    width = max(1, round(Limit.edge_window / dt))
     local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
     near = slice(max(0, middle - 5 * width), middle + 5 * width)
-    least = max(_EDGE_SHARE * float(local[near].max()), smallest)
+    least = max(Limit.edge_share * float(local[near].max()), smallest)
     large = np.flatnonzero(local > min(least, float(local[near].max()) * 0.999))
-    gaps = np.flatnonzero(np.diff(large) > _BRIDGED / dt)
+    gaps = np.flatnonzero(np.diff(large) > Limit.bridged / dt)
     starts = large[np.concatenate([[0], gaps + 1])]
     ends = large[np.concatenate([gaps, [large.size - 1]])]
     own = int(np.argmin(np.maximum(starts - middle, 0) + np.maximum(middle - ends, 0)))

@@ -22,26 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 
-FALSE_ALARM_RATE = 1e-3
-"""Probability that data without any period show one, over all orders that are tried."""
-MIN_ERROR_SHARE = 0.05
-"""Least share of the squared error, on samples to which a period was not fitted."""
-MIN_PERIODS = 3.0
-"""Least periods within the range of the angle: fewer are a smooth function of it."""
-MAX_ORDER = 250.0
-"""Highest order [periods per turn]."""
-ORDER_OVERSAMPLING = 4
-"""Orders that are tried per order that the range of the angle resolves."""
-BACKGROUND_ORDERS = 10
-"""Resolved orders on either side by which the spectrum there is known."""
-MIN_BACKGROUND_ORDERS = 2
-"""Least resolved orders on a side by which it is known."""
-CLIP_SIGMAS = 3.0
-"""Deviations beyond which an error counts no more than this."""
-DECISION_SIGMAS = 3.0
-"""Standard errors by which one amplitude has to fit better than the other."""
 _CHUNK = 64
 
 
@@ -79,7 +62,7 @@ class PeriodicError(NamedTuple):
             data do not tell.
         share: of the squared error that it takes on samples it was not fitted to.
         statistic: the error that it takes, over that of the adjacent orders.
-        threshold: largest statistic that chance reaches with `FALSE_ALARM_RATE`.
+        threshold: largest statistic that chance reaches with `Limit.false_alarm_rate`.
     """
 
     angle: str
@@ -121,19 +104,19 @@ def strongest_line(samples: Samples) -> PeriodicError | None:
     tried = sum(fit.orders(angle).size for _, angle, _ in families)
     if not tried:
         return None
-    threshold = math.log(tried / FALSE_ALARM_RATE)
+    threshold = math.log(tried / Limit.false_alarm_rate)
     found = [
         candidate
         for name, angle, by_torque in families
         if (candidate := fit.peak(name, angle, by_torque, threshold)) is not None
     ]
     best = max(found, key=lambda each: each.share, default=None)
-    if best is None or best.share < MIN_ERROR_SHARE:
+    if best is None or best.share < Limit.min_error_share:
         return None
     angle = samples.angles[best.angle]
     other = fit.at(best.angle, angle, not best.by_torque, best.order)
     difference = other.left - best.left
-    sure = difference.sum() > DECISION_SIGMAS * np.std(difference) * math.sqrt(
+    sure = difference.sum() > Limit.decision_sigmas * np.std(difference) * math.sqrt(
         difference.size
     )
     order_error, amplitude = fit.details(best, angle)
@@ -156,7 +139,7 @@ class _Prepared:
         self._samples = samples
         root = np.sqrt(samples.weight)
         plain = samples.error * root
-        usual = CLIP_SIGMAS * float(np.median(np.abs(plain))) / 0.6745
+        usual = Limit.clip_sigmas * float(np.median(np.abs(plain))) / 0.6745
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
         self._root = root
@@ -180,10 +163,12 @@ class _Prepared:
         speed = np.abs(self._samples.speed)
         moving = speed[speed > 0.05 * speed.max()]
         fastest = math.tau * self._samples.band / max(float(np.median(moving)), 1e-9)
-        step = math.tau / span / ORDER_OVERSAMPLING
-        first, last = 0.5 * math.tau / span, min(MAX_ORDER, fastest)
+        step = math.tau / span / Limit.order_oversampling
+        first, last = 0.5 * math.tau / span, min(Limit.max_order, fastest)
         orders: FloatArray = np.arange(first, last, step)
-        enough = orders.size >= 2 * ORDER_OVERSAMPLING * (MIN_BACKGROUND_ORDERS + 1)
+        enough = orders.size >= 2 * Limit.order_oversampling * (
+            Limit.min_background_orders + 1
+        )
         return orders if enough else np.zeros(0)
 
     def peak(
@@ -193,13 +178,13 @@ class _Prepared:
         orders = self.orders(angle)
         taken = self._spectrum(angle, by_torque, orders)
         background = np.maximum(_background(taken), 1e-300)
-        background[orders < MIN_PERIODS * math.tau / np.ptp(angle)] = np.inf
+        background[orders < Limit.min_periods * math.tau / np.ptp(angle)] = np.inf
         place = int(np.argmax(taken / background))
         step = orders[1] - orders[0]
         finer = orders[place] + step * np.linspace(-1.0, 1.0, 41)
         near = self._spectrum(angle, by_torque, finer)
         best = int(np.argmax(near))
-        if near[best] < MIN_ERROR_SHARE * self._total or not np.isfinite(
+        if near[best] < Limit.min_error_share * self._total or not np.isfinite(
             background[place]
         ):
             return None
@@ -306,8 +291,8 @@ def _background(taken: FloatArray) -> FloatArray:
 def _lower_medians(taken: FloatArray) -> FloatArray:
     """Return the median of lower orders without the nearest (orders,), NaN if few."""
     own, width, least = (
-        count * ORDER_OVERSAMPLING
-        for count in (1, BACKGROUND_ORDERS, MIN_BACKGROUND_ORDERS)
+        count * Limit.order_oversampling
+        for count in (1, Limit.background_orders, Limit.min_background_orders)
     )
     found = np.full(taken.size, np.nan)
     for k in range(own + least, min(own + width, taken.size)):

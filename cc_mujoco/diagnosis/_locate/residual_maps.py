@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._phrases import format_number, format_share, format_signed
-from cc_mujoco.diagnosis._report_data import Map, TrialTrace
-from cc_mujoco.diagnosis._verdict import Where
+from cc_mujoco.diagnosis._verdict import Map, TrialTrace, Where
 from cc_mujoco.native import FloatArray
 
 BINS = 14
-RANDOM_SHIFTS = 30
 _CHANNEL_NAMES = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint torque"}
 
 
@@ -38,7 +36,6 @@ class ResidualAxis(NamedTuple):
 
 
 def map_axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
-    """Return the candidate axes of residual maps."""
 
     def of(name: str, unit: str, make: object) -> ResidualAxis:
         return ResidualAxis(name, unit, tuple(make(trace) for trace in traces))  # type: ignore[operator]
@@ -138,7 +135,7 @@ def _map(
     square = sum(float(e @ e) for e in before)
     own, rest = sums(before), sums(after)
     shares, means = [], []
-    for _ in range(RANDOM_SHIFTS):
+    for _ in range(30):
         moved = sums([np.roll(e, _shift(e.size, random)) for e in before])
         shares.append(_share(moved, count, square))
         means.append(_means(moved, count))
@@ -175,13 +172,7 @@ def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
 
 
 def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
-    """Return the share of the variance that bin means of one half explain in the other.
-
-    Args:
-        sums: of the errors by half and bin (2, bins).
-        count: of the samples (2, bins).
-        square: of all errors together.
-    """
+    """Return the share of variance that bin means of one half explain in the other."""
     mean = (sums / np.maximum(count, 1))[::-1]
     left = square - 2.0 * np.sum(mean * sums) + np.sum(count * mean**2)
     return 1.0 - float(left) / max(square, 1e-300)

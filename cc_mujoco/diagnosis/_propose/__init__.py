@@ -1,1 +1,1 @@
-"""Trials that would tell apart what the data cannot."""
+"""Trials that separate what the data cannot."""

@@ -1,18 +1,22 @@
-"""Choice of the next experiment, in which two rivals no longer look the same."""
+"""The question `propose`: which trial would separate two rivals?"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.diagnosis._fit.fitting import Problem, huber_residual
+from cc_mujoco.diagnosis._fit.fitting import (
+    Problem,
+    TorqueDerivatives,
+    huber_residual,
+    jacobian,
+)
 from cc_mujoco.diagnosis._fit.folds import CrossValidation
-from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives, jacobian
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._rig.motions import (
     MOTION_STEP,
@@ -22,19 +26,13 @@ from cc_mujoco.diagnosis._rig.motions import (
 )
 from cc_mujoco.diagnosis._rig.occasions import occasions_of
 from cc_mujoco.diagnosis._rig.records import Record
-from cc_mujoco.diagnosis._search.acceptance import (
-    FORM_ERROR_SHARE,
-    Thresholds,
-    tie_reason,
-)
+from cc_mujoco.diagnosis._search.acceptance import are_confusable, tie_reason
+from cc_mujoco.diagnosis._search.rounds import Search
+from cc_mujoco.diagnosis._search.search import Found
+from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.native import FloatArray
-
-DECISIVE_SIGMAS = 5.0
-"""Difference over its standard deviation, by noise and form, that settles it."""
-MIN_MOTION_CORRELATION = 0.9
-"""Correlation with a motion from which on a trial is one of it."""
 
 
 def catalogue(problem: Problem) -> list[CataloguedTrial]:
@@ -86,7 +84,43 @@ class Proposal(NamedTuple):
     motion: CataloguedTrial
 
 
-def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
+def propose(found: Found, thresholds: Thresholds) -> Proposal | None:
+    """Propose the trial that separates the first tie; None where no trial would."""
+    if not found.ties:
+        return None
+    return best_trial(_tied_refits(found.search, found.ties[0]), thresholds)
+
+
+def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
+    """Return the first two effects of a tie, as they were refitted to one model."""
+    rounds = [
+        (step.before, {c.id: c.crossed for c in step.candidates})
+        for step in found.rounds
+    ]
+    # The last round that has both; parts of the data may name what none had with it.
+    both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
+    before, models = both[-1] if both else (found.before, _first_refits(rounds))
+    one, two = tie[0], tie[1]
+    confused = EFFECTS[one].confused(EFFECTS[two]) or any(
+        are_confusable(first, second)
+        for first in found.signatures
+        for second in found.signatures
+        if (first.id, second.id) == (one, two)
+    )
+    return Rivals((one, two), before, (models[one], models[two]), confused)
+
+
+def _first_refits(
+    rounds: Sequence[tuple[CrossValidation, Mapping[str, CrossValidation]]],
+) -> dict[str, CrossValidation]:
+    """Return every effect as it was refitted first."""
+    found: dict[str, CrossValidation] = {}
+    for _, models in rounds:
+        found = {**models, **found}
+    return found
+
+
+def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
     """Return the trial that distinguishes two fitted rivals, or None.
 
     If one of them were true, the other would be fitted again, to the old data and the
@@ -133,7 +167,7 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
         left = min(lefts, key=np.linalg.norm)
         weight = min(other.weight for other, _ in fitted)
         score = weight * float(np.linalg.norm(left / np.hypot(1.0, unsure)))
-        if score < DECISIVE_SIGMAS:
+        if score < Limit.decisive_sigmas:
             continue
         # Where one is true, what is left is of the other one, fitted again.
         settles = [
@@ -201,11 +235,6 @@ def recorded(
     weights and sensors whose motor and joint move as far, and whose motor follows the
     motion, begun at any time. With the cables off it is enough that the joint moves
     half as far. Of several it is the one by which the joint lags as much.
-
-    Args:
-        every: motion of the catalogue.
-        bench: the rig.
-        records: of the data.
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
@@ -232,14 +261,7 @@ def recorded(
 def _matches_motion(
     motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
 ) -> bool:
-    """Return whether a record may be one of a motion.
-
-    Args:
-        motion: of the catalogue.
-        bench: the rig.
-        record: of the data.
-        pretension: of it, over the usual one of the data.
-    """
+    """Return whether a record may be one of a motion."""
     if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
         return False
     if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
@@ -269,7 +291,7 @@ def _matches_motion(
     product = np.fft.rfft(there, size) * np.conj(np.fft.rfft(motor, size))
     most = float(np.max(np.fft.irfft(product, size)))
     norm = float(np.linalg.norm(there) * np.linalg.norm(motor))
-    return norm == 0.0 or most > MIN_MOTION_CORRELATION * norm
+    return norm == 0.0 or most > Limit.min_motion_correlation * norm
 
 
 def separates_rivals(
@@ -301,13 +323,7 @@ def separates_rivals(
 def _with_trial(
     crossed: CrossValidation, record: Record, error: FloatArray
 ) -> CrossValidation:
-    """Return the same with one trial more, of which a model is off by this, and noise.
-
-    Args:
-        crossed: held-out errors.
-        record: the trial.
-        error: (rows, samples) over the floor.
-    """
+    """Return the same with one trial more, with this error of a model, and noise."""
     problem = crossed.problem
     base = problem.plant.records[0]
     times = max(1, round(record.dt / base.dt))

@@ -1,18 +1,17 @@
-"""Figures of the report.
+"""Figures of the report; those without data are left out.
 
-    with style():
-        for stem, drawing in draw(diagnosis, evidence, names).items():
-            save(folder / f"{stem}.png", drawing)
-
-Figures without data are left out.
+with style():
+    for stem, drawing in draw_figures(diagnosis, evidence, names).items():
+        save(folder / f"{stem}.png", drawing)
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._phrases import (
     TORQUE_UNIT,
@@ -23,15 +22,15 @@ from cc_mujoco.diagnosis._phrases import (
     format_share,
     plain_name,
 )
-from cc_mujoco.diagnosis._report.excerpt import (
-    Excerpt,
-    model_changed,
-    ordinary_excerpt,
-    worst_excerpt,
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import (
+    Diagnosis,
+    Evidence,
+    Gap,
+    Isolability,
+    Map,
+    TrialTrace,
 )
-from cc_mujoco.diagnosis._report.isolability import draw_isolability
-from cc_mujoco.diagnosis._report_data import Evidence, Map
-from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, figure
 
@@ -39,18 +38,189 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
+class Excerpt(NamedTuple):
+    """A stretch of one trial.
+
+    Attributes:
+        trace: of the trial.
+        part: its samples that are shown.
+        error: RMS error of the baseline in it, over that of all trials [1].
+    """
+
+    trace: TrialTrace
+    part: slice
+    error: float
+
+
+def worst_excerpt(evidence: Evidence) -> Excerpt | None:
+    """Return the stretch with the largest baseline error, or None."""
+    found = _windows(evidence)
+    return max(found, key=lambda excerpt: excerpt.error, default=None)
+
+
+def ordinary_excerpt(evidence: Evidence) -> Excerpt | None:
+    """Return the stretch with the median baseline error, or None."""
+    found = sorted(_windows(evidence), key=lambda excerpt: excerpt.error)
+    return found[len(found) // 2] if found else None
+
+
+def model_changed(evidence: Evidence) -> bool:
+    """Return whether the model of `after` is another one than that of `before`."""
+    return any(
+        not np.array_equal(trace.before[channel], trace.after[channel], equal_nan=True)
+        for trace in evidence.traces
+        for channel in trace.measured
+    )
+
+
+def _windows(evidence: Evidence) -> list[Excerpt]:
+    """Return the stretches of every trial that overlap by three quarters."""
+    power = _mean_square_error(evidence)
+    found: list[Excerpt] = []
+    for trace in evidence.traces:
+        time, counts = trace.time, trace.counts > 0
+        if not counts.any():
+            continue
+        error = np.zeros(len(time))
+        for channel, scale in power.items():
+            if channel in trace.measured:
+                error += _squared_error(trace, channel) / scale
+        start, end = time[counts][0], time[counts][-1]
+        length = min(Limit.max_excerpt, end - start)
+        total = np.concatenate([[0.0], np.cumsum(error)])
+        many = np.concatenate([[0], np.cumsum(counts)])
+        steps = 1 + int(np.ceil(4.0 * (end - start - length) / max(length, 1e-9)))
+        for begin in np.linspace(start, end - length, steps):
+            # Times that were read from text differ in the last digits.
+            edges = (begin - 1e-9, begin + length + 1e-9)
+            first, last = np.searchsorted(time, edges)
+            number = many[last] - many[first]
+            if number > 1:
+                mean = (total[last] - total[first]) / (number * max(1, len(power)))
+                found.append(Excerpt(trace, slice(first, last), float(np.sqrt(mean))))
+    return found
+
+
+def _mean_square_error(evidence: Evidence) -> dict[str, float]:
+    """Return the mean squared error of each channel over all trials."""
+    squares: dict[str, list[FloatArray]] = {}
+    for trace in evidence.traces:
+        for channel in trace.measured:
+            part = _squared_error(trace, channel)[trace.counts > 0]
+            squares.setdefault(channel, []).append(part)
+    means = {name: _mean(np.concatenate(parts)) for name, parts in squares.items()}
+    return {name: mean for name, mean in means.items() if mean > 0}
+
+
+def _mean(values: FloatArray) -> float:
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _squared_error(trace: TrialTrace, channel: str) -> FloatArray:
+    """Return the squared error of the baseline, 0 without valid data."""
+    error = trace.error(channel) * (trace.counts > 0)
+    return np.nan_to_num(error) ** 2
+
+
+def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
+    """Return the pairs of ids with similar signatures, by falling cosine."""
+    ids, cosines = isolability.ids, isolability.cosines
+    pairs = [
+        (ids[row], ids[column], float(cosines[row, column]))
+        for row in range(len(ids))
+        for column in range(row)
+        if cosines[row, column] > Limit.confused_cosine
+    ]
+    return sorted(pairs, key=lambda pair: -pair[2])
+
+
+def invisible_effects(isolability: Isolability) -> list[str]:
+    """Return the ids of effects that would drown in the noise."""
+    pairs = zip(isolability.ids, isolability.visible, strict=True)
+    return [
+        effect for effect, visible in pairs if not visible >= Limit.min_visible_size
+    ]
+
+
+def draw_isolability(
+    isolability: Isolability, names: Names, width: float
+) -> Figure | None:
+    """Draw a heat map of cosines and bars of visibility; None without effects.
+
+    Similar effects are adjacent.
+    """
+    from matplotlib.colors import LinearSegmentedColormap
+
+    count = len(isolability.ids)
+    if not count:
+        return None
+    order = _cluster_order(isolability.cosines)
+    cosines = isolability.cosines[np.ix_(order, order)]
+    labels = [names(isolability.ids[index]).replace("$", r"\$") for index in order]
+    drawing = figure(width, 1.5 + 0.24 * count)
+    heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
+    shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
+    picture = heat.imshow(cosines, cmap=shades, vmin=0.0, vmax=1.0, aspect="auto")
+    _write_numbers(heat, cosines)
+    places = range(count)
+    heat.set_xticks(places, [str(place + 1) for place in places])
+    heat.tick_params(axis="x", labelsize=7)
+    heat.set_yticks(places, [f"{name}  {row + 1}" for row, name in enumerate(labels)])
+    heat.grid(False)
+    heat.set(title="Likeness of two effects")
+    drawing.colorbar(
+        picture, ax=heat, label="cosine of signatures [1]", location="bottom", aspect=40
+    )
+    _draw_bars(bars, np.nan_to_num(isolability.visible[order]))
+    return drawing
+
+
+def _cluster_order(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the order in which similar effects are adjacent."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    if len(cosines) < 3:
+        return np.arange(len(cosines))
+    distance = 1.0 - np.clip(np.nan_to_num(cosines), 0.0, 1.0)
+    distance = 0.5 * (distance + distance.T)
+    np.fill_diagonal(distance, 0.0)
+    tree = linkage(squareform(distance), "average", optimal_ordering=True)
+    return np.asarray(leaves_list(tree), dtype=np.intp)
+
+
+def _write_numbers(axes: Axes, cosines: NDArray[np.float64]) -> None:
+    """Write the likeness into cells off the diagonal that matter."""
+    for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
+        if row != column:
+            axes.text(
+                column,
+                row,
+                f"{cosines[row, column]:.2f}".lstrip("0"),
+                ha="center",
+                va="center",
+                fontsize=6,
+                color="white",
+            )
+
+
+def _draw_bars(axes: Axes, visible: NDArray[np.float64]) -> None:
+    """Draw bars of the size of each effect over the noise."""
+    colors = [BLUE if value >= Limit.min_visible_size else GREY for value in visible]
+    least = 0.01
+    axes.barh(range(len(visible)), np.maximum(visible, least), color=colors, height=0.7)
+    axes.axvline(Limit.min_visible_size, color=BLACK, linewidth=0.8)
+    axes.set_xscale("log")
+    axes.set_xlim(least, max(10.0, 2.0 * float(visible.max())))
+    axes.tick_params(left=False)
+    axes.grid(False, axis="y")
+    axes.set_title("Visibility")
+    axes.set_xlabel("size over noise [1]", fontsize=8, loc="right")
+
+
 FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
 """File names of all possible figures, without `.png`."""
-
-FIGURE_WIDTH = 4.8
-"""Width of every figure [inch]: text can be read where the page is 390 px wide."""
-MATRIX_WIDTH = 7.2
-"""Width of the folded matrix of effects, which scrolls [inch]."""
-LABEL_PLACE = -0.13
-"""Place of the labels of an excerpt, in widths of a panel from its left side."""
-
-MAX_MAPS = 4
-"""Maps that are drawn; others are mentioned."""
 
 
 def draw_figures(
@@ -61,7 +231,9 @@ def draw_figures(
     found: dict[str, Figure | None] = {
         "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
-        "isolability": draw_isolability(evidence.isolability, names, MATRIX_WIDTH),
+        "isolability": draw_isolability(
+            evidence.isolability, names, Limit.matrix_width
+        ),
     }
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     if most is not None:
@@ -77,12 +249,12 @@ def shown_maps(evidence: Evidence) -> list[Map]:
     """Return the maps to draw, by share: those beyond chance, or else the best two."""
     ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
     real = [each for each in ranked if each.share > each.chance]
-    return real[:MAX_MAPS] or ranked[:2]
+    return real[: Limit.max_maps] or ranked[:2]
 
 
 def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
     """Draw bars of the noise floor and the error before and after, per channel."""
-    drawing = figure(0.88 * FIGURE_WIDTH, 0.5 + 1.25 * len(gaps))  # in the header
+    drawing = figure(0.88 * Limit.figure_width, 0.5 + 1.25 * len(gaps))  # in the header
     panels = drawing.subplots(len(gaps), squeeze=False)[:, 0]
     for axes, (name, gap) in zip(panels, gaps.items(), strict=True):
         bars = [
@@ -112,7 +284,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
         maps: maps to draw, one panel each.
         both: True if the model of `after` differs.
     """
-    drawing = figure(FIGURE_WIDTH, 0.4 + 2.2 * len(maps))
+    drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(maps))
     panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
     for axes, each in zip(panels, maps, strict=True):
         _draw_map(axes, each, both)
@@ -131,7 +303,7 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     trace, part = excerpt.trace, excerpt.part
     time = trace.time[part]
     heights = [1.6, 1.0] * len(trace.measured) + [1.1]
-    drawing = figure(FIGURE_WIDTH, 1.35 * sum(heights))
+    drawing = figure(Limit.figure_width, 1.35 * sum(heights))
     panels = drawing.subplots(
         len(heights), squeeze=False, sharex=True, height_ratios=heights
     )[:, 0]
@@ -160,7 +332,7 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     panels[-1].set(title="Motion", ylabel="angle [rad]", xlabel="time [s]")
     panels[-1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     for axes in panels:
-        axes.yaxis.set_label_coords(LABEL_PLACE, 0.5)
+        axes.yaxis.set_label_coords(Limit.label_place, 0.5)
     return drawing
 
 

@@ -25,9 +25,14 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._phrases import format_share as share_of
-from cc_mujoco.diagnosis._report.excerpt import model_changed, worst_excerpt
-from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
-from cc_mujoco.diagnosis._report_data import Evidence, Map, TrialTrace
+from cc_mujoco.diagnosis._report.drawings import (
+    confounded_pairs,
+    invisible_effects,
+    model_changed,
+    worst_excerpt,
+)
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Evidence, Map, TrialTrace
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK
@@ -37,8 +42,6 @@ from cc_mujoco.viz._rerun_file import recording
 TIMELINE = "trial_time"
 """Time since the start of a trial; trials share it."""
 
-LEGEND_SHARE = 0.12
-"""Room for it, before the curves, over the time that they take."""
 
 LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
 
@@ -176,7 +179,7 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
 def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
     def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
-        return plot(origin, name, trace.time, lines, room=LEGEND_SHARE)
+        return plot(origin, name, trace.time, lines, room=Limit.legend_share)
 
     views = []
     for name, measured in trace.measured.items():

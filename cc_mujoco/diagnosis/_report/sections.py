@@ -9,11 +9,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cc_mujoco.diagnosis._phrases import (
+    DATA_PREFIX,
+    NO_SCENE_PREFIX,
+    NOT_IN_SCENE_PREFIX,
     SIGN_NOTE,
     VERDICT_MEANINGS,
     Names,
     capitalise,
     channel_name,
+    continue_command,
     format_fitted,
     format_interval,
     format_number,
@@ -23,13 +27,22 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
     tried_sentence,
 )
-from cc_mujoco.diagnosis._report.drawings import shown_maps
-from cc_mujoco.diagnosis._report.excerpt import Excerpt
-from cc_mujoco.diagnosis._report.isolability import confounded_pairs, invisible_effects
-from cc_mujoco.diagnosis._report.steps import next_command, next_steps
-from cc_mujoco.diagnosis._report.unknown import four_answers
-from cc_mujoco.diagnosis._report_data import Evidence, Map
-from cc_mujoco.diagnosis._verdict import Diagnosis, RunnerUp
+from cc_mujoco.diagnosis._report.drawings import (
+    Excerpt,
+    confounded_pairs,
+    invisible_effects,
+    shown_maps,
+)
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import (
+    Diagnosis,
+    Evidence,
+    FoundEffect,
+    Map,
+    RunnerUp,
+    TrialError,
+    next_folder,
+)
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import (
     Html,
@@ -44,8 +57,288 @@ from cc_mujoco.report._html import (
     table,
 )
 
-SUFFICIENT_SHARE = 0.8
-"""Share of the error from which on an effect would do by itself."""
+MOTOR_ONLY = (
+    "one trial with the cables off (`unhooked = true`): what is left then is the motor "
+    "and its sensor"
+)
+JOINT_ONLY = (
+    "one trial with the cables off and the joint moved by hand (`unhooked = true`): "
+    "what is left then is the joint and its sensor"
+)
+CABLE_ALONE = (
+    'one trial with the joint held fast (`locked = "joint"`) at the same tensions: if '
+    "the error stays, it is in the cables or the motor, else at the joint"
+)
+BY_AXIS = {
+    "acceleration": "strokes of one top speed, short and sudden, long and gentle",
+    "travel": "strokes of 1, 10 and 50 % of the range around one angle",
+    "direction": "slow strokes both ways with the same load in each",
+    "speed": "the same motion at half and at twice the speed, both with little tension",
+    "torque": "the same motion with no load and with twice the load",
+    "tension": "the same motion at half and at twice the pretension",
+    "pretension": "the same motion at half and at twice the pretension",
+    "angle": "slow strokes over a tenth of the range, around two different angles",
+    "order": "the first trial again, now and after an hour",
+    "time": "one trial of several minutes at one speed, and the first trial again",
+    "temperature": "the first trial again, cold and warm, with `temperature_c`",
+    "rest": "one motion with rests of 1, 10 and 60 s before each stroke",
+}
+"""Trials that show alone what grows with a quantity, by a word of its name."""
+
+
+def four_answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return the questions on an unknown effect with their answers."""
+    return [
+        ("Which channel and end?", _which_end(diagnosis)),
+        ("Which trials?", _which_trials(diagnosis)),
+        ("Growing with what?", _growing_with(diagnosis)),
+        ("What shows it alone?", capitalise(isolating_trial(diagnosis)) + "."),
+    ]
+
+
+def _which_end(diagnosis: Diagnosis) -> str:
+    if not diagnosis.gap:
+        return "No torque could be compared."
+    after = bool(diagnosis.effects)
+    sizes = {
+        name: (gap.rmse_after if after else gap.rmse_before) / gap.noise_floor
+        for name, gap in diagnosis.gap.items()
+    }
+    each = list_words(
+        [f"{channel_name(name)} {size:.1f}" for name, size in sizes.items()]
+    )
+    most = max(sizes, key=lambda name: sizes[name])
+    others = [size for name, size in sizes.items() if name != most]
+    off = f"Errors over the noise floor: {each}."
+    if not others or max(others) > 0.5 * sizes[most]:
+        return f"{off} No single end has most of it."
+    end = "motor" if most.startswith("motor") else "joint"
+    return f"{off} It is mostly at the {end}'s end."
+
+
+def _which_trials(diagnosis: Diagnosis) -> str:
+    shares = _trial_shares(diagnosis)
+    if len(shares) < 2:
+        return "There is one trial only."
+    ranked = sorted(shares.items(), key=lambda each: -each[1])
+    worst = ranked[: min(3, len(ranked) // 2)]
+    words = list_words([f"{name} ({format_share(share)})" for name, share in worst])
+    together = sum(share for _, share in worst)
+    where = "Mostly" if together >= Limit.concentrated_share else "All of them; most"
+    return f"{where} in {words}; in brackets the share of the squared error."
+
+
+def _trial_shares(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return the share of each trial in the squared error beyond noise."""
+
+    def beyond(trial: TrialError) -> float:
+        misfit = trial.misfit_after if diagnosis.effects else trial.misfit_before
+        return max(misfit**2 - 1.0, 0.0)
+
+    whole = sum(map(beyond, diagnosis.trials))
+    if whole == 0.0:
+        return {}
+    return {trial.trial: beyond(trial) / whole for trial in diagnosis.trials}
+
+
+def _growing_with(diagnosis: Diagnosis) -> str:
+    found: dict[str, float] = {}
+    for each in diagnosis.where:
+        if each.axis != "channel":
+            found.setdefault(each.axis, each.share_of_error)
+    if not found:
+        return "With nothing that was recorded, beyond chance."
+    ranked = sorted(found.items(), key=lambda each: -each[1])[:2]
+    words = [
+        f"{plain_name(axis)} ({format_share(share)} of the squared error)"
+        for axis, share in ranked
+    ]
+    return capitalise(list_words(words)) + "."
+
+
+def isolating_trial(diagnosis: Diagnosis) -> str:
+    """Return the trial that shows an unknown effect alone, as a clause."""
+    axes = [each.axis for each in diagnosis.where if each.axis != "channel"]
+    for axis in axes[:1]:
+        for word, trial in BY_AXIS.items():
+            if word in axis:
+                return trial
+    sizes = {
+        name: gap.rmse_before / gap.noise_floor for name, gap in diagnosis.gap.items()
+    }
+    if len(sizes) < 2:
+        return CABLE_ALONE
+    most, least = max(sizes.values()), min(sizes.values())
+    if most < 2.0 * least:
+        return CABLE_ALONE
+    worst = max(sizes, key=lambda name: sizes[name])
+    return MOTOR_ONLY if worst.startswith("motor") else JOINT_ONLY
+
+
+OPEN_RECORDING = "rerun evidence.rrd"
+CONTINUE = continue_command("NEW_TRIALS", ".", "NEW_FOLDER")
+RUN_AGAIN = "run the same command again"
+NO_LOCATION = (
+    "No quantity that was recorded explains more of the error than chance does."
+)
+
+
+def next_command(diagnosis: Diagnosis) -> Html:
+    """Return the command to run next, in the folder of the report."""
+    again = str(diagnosis.provenance.get("command", ""))
+    written = not any(p.startswith(NO_SCENE_PREFIX) for p in diagnosis.problems)
+    command = {
+        "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
+        "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
+        # A diagnosis of several occasions is run again with the trial in their folders.
+        "tie": again if diagnosis.occasions is not None or not written else CONTINUE,
+        "unknown": OPEN_RECORDING,
+        "fix-data": again,
+        "fix-numerics": again,
+    }[diagnosis.verdict]
+    if not command:
+        return Html()
+    where = "" if command == again else ", in the folder of this report"
+    return element(
+        "p", element("strong", "Next"), f"{where}: ", element("code", command)
+    )
+
+
+def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
+    """Return at most three steps: the finding and its certainty, a change, a run."""
+    steps_of_verdict = {
+        "named": _steps_if_named,
+        "tie": _steps_if_tied,
+        "none": _steps_if_none,
+        "unknown": _steps_if_unknown,
+        "fix-data": _steps_to_fix,
+        "fix-numerics": _steps_to_fix,
+    }[diagnosis.verdict](diagnosis, names)
+    return bullet_list([step for step in steps_of_verdict if step][:3], ranked=True)
+
+
+def _steps_if_named(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    found = [_certainty_sentence(each, names) for each in diagnosis.missing]
+    return [
+        _step_item("What is missing", " ".join(found)),
+        _model_change_step(diagnosis),
+        _question_step(diagnosis),
+    ]
+
+
+def _steps_if_tied(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    return [
+        _experiment_step(diagnosis, names),
+        _question_step(diagnosis),
+        _model_change_step(diagnosis),
+    ]
+
+
+def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
+    return [
+        _question_step(diagnosis) or _step_item("What to check", check),
+        _model_change_step(diagnosis),
+    ]
+
+
+def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    where = next((each.statement for each in diagnosis.where), NO_LOCATION)
+    close = [each for step in diagnosis.runner_ups for each in step if each.reason]
+    best = max(close, key=lambda each: each.reduction, default=None)
+    hint = ""
+    if best is not None and best.reduction > 0.0:
+        hint = f" What comes closest: {names(best.id)}, refused: {best.reason}."
+    return [
+        _step_item("Where to look", f"{where}{hint}"),
+        _step_item(
+            "What to record",
+            f"{capitalise(isolating_trial(diagnosis))}; then {RUN_AGAIN} with it.",
+        ),
+        _step_item(
+            "What to check first",
+            diagnosis.question
+            or "Units, signs and clocks of "
+            "the columns, and whether anything was changed between trials.",
+        ),
+    ]
+
+
+def _steps_to_fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    wrong = capitalise(diagnosis.statement.removeprefix(f"{DATA_PREFIX}: "))
+    return [
+        _step_item("Put right", wrong),
+        _step_item("Then", f"{capitalise(RUN_AGAIN)}."),
+    ]
+
+
+def _certainty_sentence(found: FoundEffect, names: Names) -> str:
+    # Of several sizes those count that are not 0.
+    surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
+    sizes = [
+        f"{plain_name(name)} {format_fitted(each)} {each.unit}".removesuffix(" 1")
+        + f" (95 %: {format_interval(each)})"
+        for name, each in (surely or found.parameters).items()
+    ]
+    return f"{capitalise(names(found.id))}: {list_words(sizes)}."
+
+
+def _model_change_step(diagnosis: Diagnosis) -> Html:
+    """Describe the change of the model."""
+    if any(problem.startswith(NO_SCENE_PREFIX) for problem in diagnosis.problems):
+        return Html()
+    gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
+    lacks = [
+        each for each in diagnosis.problems if each.startswith(NOT_IN_SCENE_PREFIX)
+    ]
+    added = "the added effects and " if diagnosis.effects else ""
+    return join_pieces(
+        [
+            element("strong", "What to change: "),
+            "simulate with ",
+            element("code", "scene.xml"),
+            f" beside this report, which contains {added}the tuned values. ",
+            " ".join([*lacks, *gaps]) if diagnosis.effects else "",
+        ]
+    )
+
+
+def _question_step(diagnosis: Diagnosis) -> Html:
+    """Ask about a trial or a value that contradicts the rest; empty without one."""
+    if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
+        return _step_item("What to settle", diagnosis.question)
+    if diagnosis.strayed:
+        return _step_item("What to settle", capitalise(diagnosis.strayed[0].statement))
+    return Html()
+
+
+def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
+    planned = diagnosis.next_experiment
+    if planned is None:
+        return _step_item(
+            "What to record",
+            "No trial of the catalogue that is not among these would separate them; "
+            "the verdict says what to declare or to measure instead.",
+        )
+    either = names.list(planned.separates, "or")
+    then = f"record it as {planned.trial}, then continue this diagnosis with it"
+    if diagnosis.occasions is not None:
+        last = diagnosis.occasions.names[-1]
+        then = (
+            f"record it as {planned.trial} among the trials of {last}, replace their "
+            f"dataset.toml by that of the folder, then {RUN_AGAIN}"
+        )
+    return _step_item(
+        "What to record",
+        f"{capitalise(planned.description.rstrip('.'))}. It shows whether it is "
+        f"{either}. Folder "
+        f"{next_folder(planned)} has the motion and the lines of dataset.toml; "
+        f"{then}.",
+    )
+
+
+def _step_item(title: str, text: str) -> Html:
+    return join_pieces([element("strong", f"{title}: "), text])
 
 
 def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
@@ -354,7 +647,7 @@ def _candidate_text(
     named = any(runner.id == found.id for found in diagnosis.effects)
     tied = any(runner.id in group for group in diagnosis.ties)
     outcome = "helps" if runner.accepted else "not accepted"
-    if runner.accepted and runner.reduction > SUFFICIENT_SHARE:
+    if runner.accepted and runner.reduction > Limit.sufficient_share:
         outcome = "would do by itself"
     if runner.accepted and (named or tied):
         outcome = "tied" if tied else "added"
@@ -375,7 +668,6 @@ def _values(values: Mapping[str, Estimate]) -> Html:
 
 
 def _nested_table(value: Any) -> Html:
-    """Return a mapping as a table with nested tables."""
     if isinstance(value, Mapping):
         rows = [(str(key), _nested_table(item)) for key, item in value.items()]
         return table(("what", "value"), rows)

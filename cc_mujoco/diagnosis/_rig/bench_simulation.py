@@ -21,15 +21,16 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis._rig.library import Library, available_effects
-from cc_mujoco.diagnosis._rig.load_trials import (
+from cc_mujoco.diagnosis._rig.occasions import change_parameters, values_on
+from cc_mujoco.diagnosis._rig.records import (
+    Record,
     load_parameters,
     load_torque,
     load_values,
+    low_pass,
 )
-from cc_mujoco.diagnosis._rig.lowpass import low_pass
-from cc_mujoco.diagnosis._rig.occasions import change_parameters, values_on
-from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._rig.replays import Setting, cached_replay, shift_signal
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import (
     EFFECTS,
     JOINT_DELAY,
@@ -47,18 +48,12 @@ from cc_mujoco.native import FloatArray
 
 Values = Mapping[str, float]
 
-PRETENSION_DEVIATION = 0.1
-"""Relative standard deviation of a pretension that is not measured."""
-GUESSED_PRETENSION_DEVIATION = 1.0
-"""Relative standard deviation of a pretension that is estimated from the data."""
 MAX_FITTED_STIFFNESS = 0.9 * max(
     p.high for p in PARAMETERS if p.name == "axial_stiffness"
 )
 """Largest axial stiffness that is fitted, below the limit of a cable [N]."""
 MAX_FITTED_PRETENSION = 0.9 * max(p.high for p in PARAMETERS if p.name == "pretension")
 """Largest pretension that is fitted, below the limit of a cable [N]."""
-_WIND_UP = 1e-3
-"""Turn of a motor over which its friction builds up, where a fit starts [rad]."""
 TORQUE_OFFSETS = ("motor_torque_offset", "joint_torque_offset")
 """Parameters for the readings of the torque sensors at zero torque [N m]."""
 TORQUE_DELAYS = ("motor_torque_late", "joint_torque_late")
@@ -68,23 +63,6 @@ CLOCK_PARAMETERS = ("clock_offset", *TORQUE_DELAYS)
 Their prior deviation is half a sample and their bound one sample. A larger delay is an
 effect.
 """
-OFFSET_DEVIATION = 0.01
-"""Standard deviation of a torque sensor's offset, over the RMS of its readings.
-
-The offset is bounded by two deviations. A larger one is an effect.
-"""
-RATIO_DEVIATION = 0.003
-"""Relative standard deviation of the ratio of two pulleys of nominal size."""
-COARSENING = 8
-"""Factor by which segments and steps of a simulation are reduced for differences."""
-MIN_SEGMENTS = 8
-"""Least segments per cable of a simulation."""
-MIN_FITTED_FRICTION = 1e-3
-"""Smallest coefficient of friction from which a fit starts."""
-MAX_FITTED_FRICTION = 3.5
-"""Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
-BALANCE_DEVIATION = 0.03
-"""Standard deviation of the difference of two cables' friction, relative."""
 
 BASELINE: dict[str, Parameter] = {
     parameter.name: parameter
@@ -152,9 +130,9 @@ def baseline_parameters(
     known = unsure(
         "pretension",
         cable.pretension,
-        GUESSED_PRETENSION_DEVIATION
+        Limit.guessed_pretension_deviation
         if "pretension" in guessed
-        else PRETENSION_DEVIATION,
+        else Limit.pretension_deviation,
     )
     wide = math.log(100.0)
     stiffest = min(wide, math.log(MAX_FITTED_STIFFNESS / cable.axial_stiffness))
@@ -163,9 +141,9 @@ def baseline_parameters(
     # A load by its motion has no sensor that could be off or late.
     sensors = [k for k in instruments.rows if instruments[k] != "known load"]
     centre = _angle_offset(bench, records)
-    friction = max(cable.friction, MIN_FITTED_FRICTION)
-    most = max(0.0, math.log(MAX_FITTED_FRICTION / friction))
-    least = min(-wide, math.log(MIN_FITTED_FRICTION / friction))
+    friction = max(cable.friction, Limit.min_fitted_friction)
+    most = max(0.0, math.log(Limit.max_fitted_friction / friction))
+    least = min(-wide, math.log(Limit.min_fitted_friction / friction))
     found = [
         Tuned(BASELINE[name], value, 1.0, low, high, unsure(name, value, math.inf))
         for name, value, low, high in (
@@ -186,7 +164,7 @@ def baseline_parameters(
         *(
             Tuned(BASELINE[TORQUE_OFFSETS[k]], 0.0, size, -2.0, 2.0, 1.0)
             for k in sensors
-            for size in [max(OFFSET_DEVIATION * rms[k], 1e-6)]
+            for size in [max(Limit.offset_deviation * rms[k], 1e-6)]
         ),
         *(
             [Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3)]
@@ -202,14 +180,27 @@ def baseline_parameters(
     if len(bench.cables) == 2:
         found.append(
             Tuned(
-                BASELINE["friction_balance"], 0.0, BALANCE_DEVIATION, -10.0, 10.0, 1.0
+                BASELINE["friction_balance"],
+                0.0,
+                Limit.balance_deviation,
+                -10.0,
+                10.0,
+                1.0,
             )
         )
     # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
     # Where the path is the arm at the joint it is the motor's.
     for name, given, otherwise in (
-        ("motor_radius", bench.motor_radius, RATIO_DEVIATION if bench.tied else 0.0),
-        ("joint_radius", bench.joint_radius, 0.0 if bench.tied else RATIO_DEVIATION),
+        (
+            "motor_radius",
+            bench.motor_radius,
+            Limit.ratio_deviation if bench.tied else 0.0,
+        ),
+        (
+            "joint_radius",
+            bench.joint_radius,
+            0.0 if bench.tied else Limit.ratio_deviation,
+        ),
     ):
         relative = unsure(name, given, 0.0 if bench.ends_held else otherwise)
         if name == "joint_radius" and RATIO_KEY in constants:
@@ -234,10 +225,10 @@ def _motor_parameters(
         Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
         Tuned(
             BASELINE["motor_wind_up"],
-            _WIND_UP,
+            Limit.wind_up,
             1.0,
-            math.log(WIND_UP_BOUNDS[0] / _WIND_UP),
-            math.log(WIND_UP_BOUNDS[1] / _WIND_UP),
+            math.log(WIND_UP_BOUNDS[0] / Limit.wind_up),
+            math.log(WIND_UP_BOUNDS[1] / Limit.wind_up),
             2.0,
         ),
         Tuned(BASELINE["motor_damping"], 0.0, 0.1 * rms / speed, 0.0, 100.0),
@@ -360,13 +351,7 @@ class SimulatedRig:
         return record.conditions if by_trial else USUAL_CONDITIONS
 
     def slack_share(self, values: Values, effects: Sequence[str], index: int) -> float:
-        """Return the share of a record's samples in which a cable pulls nothing.
-
-        Args:
-            values: baseline and effect parameters by name.
-            effects: ids of the effects that are present.
-            index: of the record; without its cables it is 0.
-        """
+        """Return the share of a record's samples in which a cable pulls nothing."""
         record = self.records[index]
         if record.unhooked:
             return 0.0
@@ -500,7 +485,7 @@ class SimulatedRig:
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
             share = dry_friction(
-                record.motor_angle, values.get("motor_wind_up", _WIND_UP)
+                record.motor_angle, values.get("motor_wind_up", Limit.wind_up)
             )
             motor = (
                 motor
@@ -556,8 +541,10 @@ class SimulatedRig:
         Differences of two simulations need no more: most of the numerical error is in
         both.
         """
-        segments = max(self.segments // COARSENING, min(self.segments, MIN_SEGMENTS))
-        substeps = max(self.substeps // COARSENING, 1)
+        segments = max(
+            self.segments // Limit.coarsening, min(self.segments, Limit.min_segments)
+        )
+        substeps = max(self.substeps // Limit.coarsening, 1)
         if (segments, substeps) == (self.segments, self.substeps):
             return self
         return replace(self, segments=segments, substeps=substeps)
@@ -594,7 +581,6 @@ def _swap_sensors(values: Values) -> dict[str, float]:
 def plausible_range(
     parameter: EffectParameter, plant: SimulatedRig
 ) -> tuple[float, float]:
-    """Return the plausible range of a parameter of an effect."""
     low, high = parameter.plausible
     if not parameter.of:
         return low, high

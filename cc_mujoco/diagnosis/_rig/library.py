@@ -17,6 +17,7 @@ from typing import NamedTuple
 from cc_mujoco.datasets._coupled_route import Leading
 from cc_mujoco.datasets._instruments import Instrument, Instruments
 from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import (
     ANTAGONIST,
     EFFECTS,
@@ -39,8 +40,6 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
 """Instruments to which sensor errors of the torque apply, by side."""
 _EXCLUDING_FACTS = {"joint_gravity": "balanced", "joint_stiffness": "joint_spring"}
 """Statements of `[rig]` by which a rig does not have an effect."""
-GAIN_SIGMAS = 3.0
-"""Largest error of a gain over its declared standard deviation."""
 _SEAL_PARAMETERS = ("seal_proximal", "seal_distal")
 """Parameters that only a conduit has."""
 _TURNING_EFFECTS = (
@@ -169,7 +168,7 @@ def _bounded_parameters(
         return drifts, "zeroed = true leaves drifts"
     if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
         known = constants["gain_uncertainty"].value
-        most = GAIN_SIGMAS * known
+        most = Limit.gain_sigmas * known
         bounded = tuple(each._replace(plausible=(-most, most)) for each in parameters)
         return bounded, f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
     return parameters, ""

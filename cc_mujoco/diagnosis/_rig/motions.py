@@ -13,21 +13,14 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.diagnosis._rig.records import wind_up_angle
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 MOTION_STEP = 0.008
 """Time between the samples of a motion [s]."""
-MOTION_DURATION = 40.0
-"""Length of a motion."""
-TURN_ROUNDING_TIME = 0.03
-"""Time over which a triangle is rounded where it turns [s]."""
 QUARTER_TURN = 0.5 * np.pi
 """Angle that a rig is turned by, so that its weights pull otherwise [rad]."""
-MAX_TENSION_CHANGE = 0.8
-"""Change of the tensions over the pretension where an end is held: none goes slack."""
-WEIGHT_SHARE = 0.5
-"""Force of a known weight in place of a cable over the pretension."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +110,7 @@ def motions(
         found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
         return found
 
-    time = np.arange(0.0, MOTION_DURATION, MOTION_STEP)
+    time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
 
     def triangle(size: float, speed: float | FloatArray) -> FloatArray:
         phase = (
@@ -126,7 +119,7 @@ def motions(
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
         found: FloatArray = gaussian_filter1d(
-            wave, TURN_ROUNDING_TIME / MOTION_STEP, mode="nearest"
+            wave, Limit.turn_rounding_time / MOTION_STEP, mode="nearest"
         )
         return found
 
@@ -137,7 +130,10 @@ def motions(
     cable = bench.cables[0]
     # What loosens one cable nearly and tightens the other as much.
     stretch = (
-        MAX_TENSION_CHANGE * cable.pretension / cable.axial_stiffness * cable.length
+        Limit.max_tension_change
+        * cable.pretension
+        / cable.axial_stiffness
+        * cable.length
     )
     taut_angle = stretch / bench.motor_radius
     give = 1.0 - stretch / (ratio * swing * bench.joint_radius)
@@ -251,7 +247,7 @@ def motions(
             free(give * chirp),
         ),
     ]
-    force = WEIGHT_SHARE * cable.pretension
+    force = Limit.weight_share * cable.pretension
     weights = tuple(
         float(f"{force * radius:.2g}") if instrument in able else 0.0
         for radius, instrument, able in (

@@ -62,12 +62,7 @@ def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]:
-    """Return the values of all parameters on an occasion.
-
-    Args:
-        values: baseline of the last occasion, changes and effects, by name.
-        occasion: whose values are wanted.
-    """
+    """Return the values of all parameters on an occasion."""
     own = {
         name: values[there]
         for name in _CHANGING

@@ -8,7 +8,8 @@ movement of its end into tension, and noise would shake it loose.
 
 What the cable did before a trial is unknown: a short lead-in from rest in pretension
 goes to the first sample, and samples do not count until the motor has moved the whole
-cable.
+cable. Where no sensor measures the joint's torque, it follows from the motion of a load
+that `[rig]` declares: a spring, an inertia, a damper, a weight.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
+from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import (
     JOINT_ANGLE,
@@ -29,38 +32,180 @@ from cc_mujoco.datasets._channels import (
 from cc_mujoco.datasets._coupled_route import RecordedPath
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._quantization import reconstruct_angle
-from cc_mujoco.datasets._trials import Dataset, Trial
-from cc_mujoco.diagnosis._rig.load_trials import load_noise, load_torque, load_values
-from cc_mujoco.diagnosis._rig.lowpass import compared_band, low_pass
+from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS
+from cc_mujoco.datasets._trials import Constant, Dataset, Trial
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import (
     USUAL_CONDITIONS,
     TrialConditions,
     follow_with_play,
 )
-from cc_mujoco.native import FloatArray
+from cc_mujoco.estimation._least_squares import Tuned
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
-MAX_MOTION_BAND = 60.0
-"""Highest frequency of the angles that are played [Hz]."""
-MIN_KEPT_RATE = 250.0
-"""Least samples per second kept."""
-RAMP_SAMPLES = 20
-"""Samples of either part of a lead-in, see `replays.with_lead_in`."""
-LEAD_SAMPLES = 2 * RAMP_SAMPLES
+_EDGE_SAMPLES = 9
+"""Samples by which a signal is continued, turned over, at either end."""
+
+
+def compared_band(rate: float) -> float:
+    """Return the cut-off of torques that are recorded at a rate [Hz]."""
+    return min(Limit.max_band, 0.3 * rate)
+
+
+def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
+    """Apply a zero-phase Butterworth low-pass to signals (..., samples).
+
+    As `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that module
+    takes a second to load, and a call of it longer than the filter.
+    """
+    if band >= 0.45 * rate:
+        return signals
+    first, last = signals[..., :1], signals[..., -1:]
+    passed: FloatArray = np.concatenate(
+        [
+            2.0 * first - signals[..., _EDGE_SAMPLES:0:-1],
+            signals,
+            2.0 * last - signals[..., -2 : -_EDGE_SAMPLES - 2 : -1],
+        ],
+        axis=-1,
+        dtype=np.float64,
+    )
+    rows = passed.reshape(-1, passed.shape[-1])
+    _pass_both_ways(*_coefficients(band / rate), rows)
+    return rows.reshape(passed.shape)[..., _EDGE_SAMPLES:-_EDGE_SAMPLES]
+
+
+@lru_cache(maxsize=16)
+def _coefficients(band: float) -> tuple[float, float, float]:
+    """Compute the filter's coefficients by bilinear map.
+
+    That of z**0, over which those of z**-1 and z**-2 of the denominator.
+    The numerator is the first times 1, 2, 1.
+    """
+    k = math.tan(math.pi * band)
+    whole = 1.0 + math.sqrt(2.0) * k + k * k
+    return (
+        k * k / whole,
+        2.0 * (k * k - 1.0) / whole,
+        (1.0 - math.sqrt(2.0) * k + k * k) / whole,
+    )
+
+
+@compiled
+def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> None:
+    """Filter rows (rows, samples) in place, forwards and then backwards in time.
+
+    Each way it begins at rest in the first value.
+    """
+    count = rows.shape[1]
+    for row in range(rows.shape[0]):
+        for way in range(2):
+            at, step = (0, 1) if way == 0 else (count - 1, -1)
+            # Transposed second direct form, its state in a signal of 1 times the first.
+            one = (1.0 - gain) * rows[row, at]
+            two = (gain - a2) * rows[row, at]
+            for _ in range(count):
+                given = rows[row, at]
+                out = gain * given + one
+                one = 2.0 * gain * given - a1 * out + two
+                two = gain * given - a2 * out
+                rows[row, at] = out
+                at += step
+
+
+_PARAMETERS = {
+    parameter.name: parameter
+    for parameter in (
+        Parameter("load_stiffness", "N m/rad", "stiffness of the spring", scale="log"),
+        Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
+        Parameter("load_damping", "N m s/rad", "viscous damping", scale="log"),
+        Parameter("load_weight", "N m", "largest moment of the weight", scale="log"),
+        Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
+    )
+}
+
+
+def load_values(constants: Mapping[str, Constant]) -> dict[str, float]:
+    """Return the declared values of a load by name."""
+    return {name: constant.value for name, constant in constants.items()}
+
+
+def load_torque(
+    angle: FloatArray, step: float, values: Mapping[str, float], tilt: float = 0.0
+) -> FloatArray:
+    """Return the torque that moves a load (samples,) [N m].
+
+    Args:
+        angle: of the joint (samples,), smooth [rad].
+        step: time between samples [s].
+        values: of `RIG_CONSTANTS`, SI; what is missing is not there.
+        tilt: angle by which the rig was turned about the joint's axis [rad].
+    """
+    speed = np.gradient(angle, step)
+    stretch = angle - values.get("load_rest_angle", 0.0)
+    lift = np.sin(angle + tilt - values.get("load_hanging_angle", 0.0))
+    found: FloatArray = (
+        values.get("load_stiffness", 0.0) * stretch
+        + values.get("load_damping", 0.0) * speed
+        + values.get("load_inertia", 0.0) * np.gradient(speed, step)
+        + values.get("load_weight", 0.0) * lift
+    )
+    return found
+
+
+def load_noise(
+    constants: Mapping[str, Constant],
+    deviation: float,
+    rate: float,
+    bands: tuple[float, float],
+) -> float:
+    """Return the standard deviation of a load's torque due to angle noise [N m].
+
+    Where the angle is rounded, its error is slow and passes every filter.
+
+    Args:
+        constants: of the load.
+        deviation: of the angle [rad].
+        rate: samples per second [Hz].
+        bands: to which torques and angles are low-passed [Hz].
+    """
+    values = load_values(constants)
+    noise = deviation * np.random.default_rng(0).standard_normal(8192)
+    moving = {n: v for n, v in values.items() if n in ("load_inertia", "load_damping")}
+    shaken = load_torque(low_pass(noise, bands[1], rate), 1.0 / rate, moving)
+    passed = float(np.std(low_pass(shaken, bands[0], rate)))
+    slope = values.get("load_stiffness", 0.0) + values.get("load_weight", 0.0)
+    return math.hypot(passed, slope * deviation)
+
+
+def load_parameters(constants: Mapping[str, Constant]) -> list[Tuned]:
+    """Return the uncertain quantities of a load, as parameters of a fit."""
+    found = []
+    for name in LOAD_CONSTANTS:
+        known = constants.get(name, Constant(0.0))
+        if known.uncertainty > 0.0:
+            relative = known.uncertainty / known.value
+            found.append(
+                Tuned(
+                    _PARAMETERS[name],
+                    known.value,
+                    relative,
+                    -10.0,
+                    10.0,
+                    1.0,
+                )
+            )
+    if "load_stiffness" in constants:
+        rest = constants.get("load_rest_angle", Constant(0.0))
+        scale = rest.uncertainty or Limit.rest_angle_deviation
+        found.append(
+            Tuned(_PARAMETERS["load_rest_angle"], rest.value, scale, -10.0, 10.0, 1.0)
+        )
+    return found
+
+
+LEAD_SAMPLES = 2 * Limit.ramp_samples
 """Samples that lead from rest in the pose 0 to the first sample."""
-RUN_IN_TRAVEL = 3.0
-"""Travel of the motor before samples count, over the travel that winds up the cable."""
-STILL_SIGMAS = 3.0
-"""Movement that counts as none, in deviations of the angle's noise."""
-_MOVING_THRESHOLD = 1.5
-"""Distance of the angle followed either way, over the play, that only motion makes."""
-_TURN_LEVEL = 0.3
-"""Height over the play within which a turn has its level."""
-REST_SPEED_SHARE = 0.03
-"""Share of its usual top speed below which a motor rests."""
-_MAX_FRICTION_WRAP = 100.0
-"""Friction times wrap from which on no motion carries the whole cable along."""
-MIN_RECORD_SAMPLES = 50
-"""Least samples of a stretch that is used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,13 +301,13 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     slowest = min(trial.rate for trial in dataset.trials)
     band, motion_band = (
         compared_band(slowest),
-        min(MAX_MOTION_BAND, 0.4 * slowest),
+        min(Limit.max_motion_band, 0.4 * slowest),
     )
     first = dataset.trials[0]
     bands = (band, motion_band)
     passed = (_passed_share(first, band), _passed_share(first, motion_band))
     still = tuple(
-        STILL_SIGMAS * dataset.noise[name].deviation * passed[1] ** 0.5
+        Limit.still_sigmas * dataset.noise[name].deviation * passed[1] ** 0.5
         if name in dataset.noise
         else 0.0
         for name in _angle_channels(bench)
@@ -171,7 +316,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     conditions = _conditions(dataset.trials)
     for trial in dataset.trials:
         for part in trial.segments:
-            if part.stop - part.start >= MIN_RECORD_SAMPLES:
+            if part.stop - part.start >= Limit.min_record_samples:
                 record = _record(trial, part, bands, bench, still, dataset)
                 records.append(replace(record, conditions=conditions[trial.name]))
     shaken = 0.0
@@ -210,7 +355,7 @@ def _angle_channels(bench: Bench) -> list[str]:
 
 
 def _thinning_factor(rate: float) -> int:
-    return max(1, int(rate / MIN_KEPT_RATE + 1e-9))
+    return max(1, int(rate / Limit.min_kept_rate + 1e-9))
 
 
 def _record(
@@ -254,7 +399,7 @@ def _record(
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
     wind_up_travel = (
-        0.0 if trial.facts.unhooked else RUN_IN_TRAVEL * wind_up_angle(bench)
+        0.0 if trial.facts.unhooked else Limit.run_in_travel * wind_up_angle(bench)
     )
     counts = (travel >= wind_up_travel) & (time - time[0] > 0.1)
     # Where the filter has no samples on both sides it is not the same for both.
@@ -263,7 +408,7 @@ def _record(
         # At rest the motor's own friction holds any torque, and the filter spreads
         # that to adjacent samples.
         speed = np.abs(np.gradient(smooth[0], dt))
-        rests = speed <= REST_SPEED_SHARE * np.quantile(speed, 0.95)
+        rests = speed <= Limit.records_rest_speed_share * np.quantile(speed, 0.95)
         counts &= np.convolve(rests, np.ones(2 * edge + 1), "same") < 0.5
     counts[:edge] = False
     counts[-edge:] = False
@@ -291,7 +436,7 @@ def _record(
         group=trial.facts.repeat_of or trial.name,
         tilt=tilt,
         occasion=trial.facts.occasion,
-        path=bench.recorded_path(smooth[1], smooth[2:], RAMP_SAMPLES),
+        path=bench.recorded_path(smooth[1], smooth[2:], Limit.ramp_samples),
         columns={name: values[part][::thin] for name, values in trial.columns.items()},
     )
 
@@ -310,14 +455,14 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     backwards = follow_with_play(angle[::-1].copy(), width)[::-1]
     found: FloatArray = 0.5 * (forwards + backwards)
     gap = backwards - forwards
-    moving = np.where(np.abs(gap) > _MOVING_THRESHOLD * width, np.sign(gap), 0.0)
+    moving = np.where(np.abs(gap) > Limit.moving_threshold * width, np.sign(gap), 0.0)
     sure = np.flatnonzero(moving)
     turned, count = np.zeros(angle.size), np.zeros(angle.size)
     for turn in np.flatnonzero(np.diff(moving[sure])):
         side = moving[sure[turn]]
         part = slice(sure[turn], sure[turn + 1] + 1)
         reach = np.minimum(side * forwards[part], side * backwards[part]) + width
-        highest = reach >= reach.max() - _TURN_LEVEL * width
+        highest = reach >= reach.max() - Limit.turn_level * width
         level = np.median(side * angle[part][highest])
         turned[part] += side * np.minimum(reach, level)
         count[part] += 1.0  # two turns may have a sample in common
@@ -333,7 +478,7 @@ def _passed_share(trial: Trial, band: float) -> float:
 def wind_up_angle(bench: Bench) -> float:
     """Return the motor rotation that winds up the cable against friction [rad]."""
     cable = bench.cables[0]
-    a = min(max(cable.friction * cable.wrap, 1e-6), _MAX_FRICTION_WRAP)
+    a = min(max(cable.friction * cable.wrap, 1e-6), Limit.max_friction_wrap)
     strain = cable.pretension / cable.axial_stiffness
     slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
     return slip / bench.motor_radius

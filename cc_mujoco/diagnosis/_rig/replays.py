@@ -20,12 +20,10 @@ from numpy.polynomial import Polynomial
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets._moment_arm import Lever
-from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, RAMP_SAMPLES, Record
+from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, Record
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-
-MAX_REPLAYS = 48
-"""Replays of a record that are kept, those used last."""
 
 
 class Setting(NamedTuple):
@@ -123,12 +121,11 @@ def _agonist_less_antagonist(tension: FloatArray) -> FloatArray:
 
 
 REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
-"""Replays that are kept, of every record the last `MAX_REPLAYS`."""
+"""Replays that are kept, of every record the last `Limit.max_replays`."""
 _LOCK = Lock()
 
 
 def cached_replay(record: Record, setting: Setting) -> Played:
-    """Replay a record, or find it replayed."""
     with _LOCK:
         kept = REPLAYS.setdefault(record, OrderedDict())
         if setting in kept:
@@ -137,7 +134,7 @@ def cached_replay(record: Record, setting: Setting) -> Played:
     found = replay(record, setting)
     with _LOCK:
         kept[setting] = found
-        if len(kept) > MAX_REPLAYS:
+        if len(kept) > Limit.max_replays:
             kept.popitem(last=False)
     return found
 
@@ -261,11 +258,13 @@ def with_lead_in(
             of the joint.
         substeps: of every sample.
     """
-    there = np.linspace(0.0, 1.0, RAMP_SAMPLES + 1) * joint[0]
+    there = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * joint[0]
     along = following(there)
-    settling = np.linspace(along[-1], motor[0], RAMP_SAMPLES + 1)[:-1]
+    settling = np.linspace(along[-1], motor[0], Limit.ramp_samples + 1)[:-1]
     led_motor = np.concatenate([along[:-1], settling, motor])
-    led_joint = np.concatenate([there[:-1], np.full(RAMP_SAMPLES, joint[0]), joint])
+    led_joint = np.concatenate(
+        [there[:-1], np.full(Limit.ramp_samples, joint[0]), joint]
+    )
     if substeps == 1:
         return led_motor, led_joint
     size = led_motor.size

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.diagnosis._report_data import PREDICTED_CHANNELS
+from cc_mujoco.diagnosis._verdict import PREDICTED_CHANNELS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 

@@ -10,15 +10,388 @@ its entry; entries are applied in the order of the table, mechanics before senso
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
+import numpy as np
 
+from cc_mujoco.cable._conduit import end_stiffness
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.diagnosis._scene import mechanical, sensing
-from cc_mujoco.diagnosis._scene.mechanical import Values
+from cc_mujoco.diagnosis._scene.instruments import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+    SensorShare,
+    add_torque_part,
+    force_sensor,
+    sensor_word,
+    set_torque_parts,
+    torque_parts,
+)
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
+
+Values = Mapping[str, float]
+
+CLOCK_SENSOR, UNIT_SENSOR = "instrument_clock", "instrument_one"
+"""Sensors that show the time and the number 1; they are never late."""
+
+
+def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Shift the joint: cables rest where motor and joint plus offset agree."""
+    sign = 1.0 if bench.lever is None else bench.lever.sign
+    offset = sign * values["joint_angle_offset"]
+    # A specification keeps the unit of its file.
+    unit = math.degrees(1.0) if spec.compiler.degree else 1.0
+    spec.joint(bench.joint).ref -= offset * unit
+
+
+def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add a constant to each torque."""
+    add_constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
+    add_constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
+
+
+def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Scale the torque readings by a gain error."""
+    for channel, name in (
+        (MOTOR_TORQUE, "motor_torque_gain"),
+        (JOINT_TORQUE, "joint_torque_gain"),
+    ):
+        gain = 1.0 + values[name]
+        scaled = [
+            SensorShare(p.sensor, gain * p.weight) for p in torque_parts(spec, channel)
+        ]
+        set_torque_parts(spec, channel, scaled)
+
+
+def cross_talk(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add to each torque reading a share of the other one."""
+    both = (MOTOR_TORQUE, JOINT_TORQUE)
+    parts = {channel: torque_parts(spec, channel) for channel in both}
+    for channel, other, name in (
+        (MOTOR_TORQUE, JOINT_TORQUE, "motor_torque_cross_talk"),
+        (JOINT_TORQUE, MOTOR_TORQUE, "joint_torque_cross_talk"),
+    ):
+        for part in parts[other]:
+            add_torque_part(spec, channel, part.sensor, values[name] * part.weight)
+
+
+def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add a constant and a drift to the torque readings."""
+    for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):
+        add_constant(spec, channel, values[f"{side}_torque_bias"])
+        drift = values[f"{side}_torque_drift"]
+        if drift != 0.0:
+            _ensure_sensor(spec, CLOCK_SENSOR, mujoco.mjtSensor.mjSENS_CLOCK)
+            add_torque_part(spec, channel, CLOCK_SENSOR, drift)
+
+
+def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Delay readings; one that comes early delays everything else.
+
+    In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
+    """
+    side = values["joint_delay"]
+    angles = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
+    torques = {
+        MOTOR_TORQUE: values["motor_torque_delay"],
+        JOINT_TORQUE: side + values["joint_torque_delay"],
+    }
+    common = max(0.0, -min([*angles.values(), *torques.values()]))
+    for name, own in angles.items():
+        if own + common >= 0.5 * spec.option.timestep:
+            _delay_sensor(spec, spec.sensor(name), own + common)
+    for channel, own in torques.items():
+        if own + common < 0.5 * spec.option.timestep:
+            continue
+        delayed = []
+        for part in torque_parts(spec, channel):
+            source = spec.sensor(part.sensor)
+            if source.name in (CLOCK_SENSOR, UNIT_SENSOR):
+                delayed.append(part)
+                continue
+            copy = spec.add_sensor(
+                name=sensor_word(f"{channel}_{source.name}"),
+                type=source.type,
+                objtype=source.objtype,
+                objname=source.objname,
+            )
+            _delay_sensor(spec, copy, own + common)
+            delayed.append(SensorShare(copy.name, part.weight))
+        set_torque_parts(spec, channel, delayed)
+
+
+def add_constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+    """Add a constant to a channel [N m]."""
+    if value != 0.0:
+        add_torque_part(spec, channel, _unit_sensor(spec), value)
+
+
+def _delay_sensor(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
+    sensor.delay = delay
+    sensor.interp = 1
+    # Enough to be played at half the time step, too.
+    sensor.nsample = 2 * math.ceil(delay / spec.option.timestep) + 4
+
+
+def _unit_sensor(spec: mujoco.MjSpec) -> str:
+    """Name of a sensor whose last number is always 1: the world's own z axis."""
+    _ensure_sensor(
+        spec,
+        UNIT_SENSOR,
+        mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname="world",
+    )
+    return UNIT_SENSOR
+
+
+def _ensure_sensor(
+    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, **shown: Any
+) -> None:
+    """Add a sensor unless it is there."""
+    found = spec.sensor(name)
+    if found is None:
+        spec.add_sensor(name=name, type=kind, **shown)
+    elif found.type != kind:
+        raise CableError(f"the scene has a sensor {name!r} of its own; rename it")
+
+
+GRAVITY_ACTUATOR = "joint_gravity"
+"""Name of the actuator that exerts the torque of a weight."""
+
+
+def rim_stiffness(bench: Bench, radius: float) -> float:
+    """Return the stiffness of all cables' ends about a pulley of this radius [N m/rad].
+
+    Each cable counts with its stiffer end, where only the outermost segment moves.
+    """
+    return sum(max(end_stiffness(cable)) for cable in bench.cables) * radius**2
+
+
+def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Separate joint and pulley into two hinges, coupled by a tendon with limits."""
+    play = values["backlash"]
+    if play < 0.0:
+        raise CableError(f"backlash is {play!r} rad; it must be 0 or more")
+    name, step = f"{bench.joint}_pulley", spec.option.timestep
+    # The cables' stiffness and this inertia swing with 1 / step, half of what an
+    # explicit force allows.
+    inertia = rim_stiffness(bench, bench.joint_radius) * step**2
+    joint = spec.joint(bench.joint)
+    model = spec.compile()
+    index = model.joint(bench.joint).id
+    body = model.jnt_bodyid[index]
+    pulley = joint.parent.parent.add_body(
+        name=name,
+        pos=model.body_pos[body],
+        quat=model.body_quat[body],
+    )
+    _set_isotropic_inertia(pulley, model.jnt_pos[index], inertia)
+    # All attributes are set, because a scene may have defaults.
+    hinge = pulley.add_joint(
+        name=name,
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        pos=model.jnt_pos[index],
+        axis=model.jnt_axis[index],
+        ref=joint.ref,
+        limited=False,
+        armature=0.0,
+        frictionloss=0.0,
+    )
+    hinge.damping[:] = 0.0
+    hinge.stiffness[:] = 0.0
+    for actuator in spec.actuators:
+        if actuator.plugin.name in bench.names and actuator.target == bench.joint:
+            actuator.target = name
+    tendon = spec.add_tendon(
+        name=f"{bench.joint}_backlash",
+        limited=True,
+        range=[-play / 2.0, play / 2.0],
+        margin=0.0,
+        solref_limit=[4.0 * step, 1.0],
+        solimp_limit=[0.999, 0.9999, play / 1000.0, 0.5, 2.0],
+    )
+    tendon.frictionloss, tendon.armature = 0.0, 0.0
+    tendon.stiffness[:] = 0.0
+    tendon.damping[:] = 0.0
+    tendon.damping[0] = 2.0 * Limit.play_damping * inertia / step
+    tendon.wrap_joint(name, 1.0)
+    tendon.wrap_joint(bench.joint, -1.0)
+    _keep_keyframes(spec, model, bench.joint, name)
+
+
+def _keep_keyframes(
+    spec: mujoco.MjSpec, before: mujoco.MjModel, joint: str, pulley: str
+) -> None:
+    """Keep every keyframe, with a new pulley at the angle of its joint.
+
+    MuJoCo appends zeros, whichever joint is new.
+    """
+    after = spec.compile()
+    old, new = before.joint(joint), after.joint(pulley)
+    for key, pose, speed in zip(
+        spec.keys, before.key_qpos, before.key_qvel, strict=True
+    ):
+        key.qpos = np.insert(pose, new.qposadr[0], pose[old.qposadr[0]])
+        key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
+
+
+def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add a torque that loads the motor: cosine cos(order q) + sine sin(order q)."""
+    order = values["cogging_order"]
+    cosine, sine = values["cogging_cosine"], values["cogging_sine"]
+    if cosine == sine == 0.0:
+        return
+    _add_periodic_torque(spec, "motor_cogging", bench.motor, order, -sine, -cosine)
+    if bench.lever is None:
+        add_torque_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
+
+
+def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add a torque that opposes the joint: sine sin(q) + cosine cos(q)."""
+    cosine, sine = values["gravity_cosine"], values["gravity_sine"]
+    if bench.lever is not None:
+        cosine *= bench.lever.sign  # angle and torque are both turned round
+    _add_periodic_torque(spec, GRAVITY_ACTUATOR, bench.joint, 1.0, -sine, -cosine)
+    if bench.lever is None:
+        add_torque_part(spec, JOINT_TORQUE, force_sensor(spec, GRAVITY_ACTUATOR), 1.0)
+
+
+def tilt_rig(model: mujoco.MjModel, tilt: float) -> None:
+    """Turn a rig about its joint's axis by an angle [rad], which shifts its weight."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
+    if number >= 0:
+        model.actuator_biasprm[number, Limit.phase_index] += tilt
+
+
+def _add_periodic_torque(
+    spec: mujoco.MjSpec,
+    name: str,
+    joint: str,
+    order: float,
+    sine: float,
+    cosine: float,
+) -> None:
+    """Add the torque sine sin(order q) + cosine cos(order q) as cogging of a motor."""
+    actuator = spec.add_actuator(name=name)
+    actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
+    actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
+    wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
+    # Without an input the motor constant has no effect, but MuJoCo 3 refuses zero.
+    actuator.set_to_dcmotor(
+        motorconst=[1e-300, 0.0], resistance=1.0, cogging=wave, ctrlspec=Limit.no_input
+    )
+
+
+def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add a spring to the joint, combined with its present spring in parallel."""
+    added, moment = values["joint_stiffness"], values["joint_stiffness_moment"]
+    sign = 1.0 if bench.lever is None else bench.lever.sign
+    joint = spec.joint(bench.joint)
+    # A specification keeps the unit of its file.
+    unit = math.degrees(1.0) if spec.compiler.degree else 1.0
+    present, rest = float(joint.stiffness[0]), float(joint.springref) / unit
+    total = present + added
+    joint.stiffness[0] = total
+    if total != 0.0 and not any(joint.stiffness[1:]):
+        joint.springref = unit * (present * rest - sign * moment) / total
+    elif rest != 0.0:
+        raise CableError(
+            f"joint {bench.joint!r} has a spring about {rest:g} rad that another "
+            "one cannot be added to; take it out of the scene"
+        )
+    elif moment != 0.0:  # a spring that is not linear stays where it rests
+        _add_periodic_torque(
+            spec, "joint_stiffness_moment", bench.joint, 0.0, 0.0, -sign * moment
+        )
+    if bench.lever is not None:
+        return
+    angle = "joint_stiffness_angle"
+    spec.add_sensor(
+        name=angle,
+        type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        objname=bench.joint,
+    )
+    add_torque_part(spec, JOINT_TORQUE, angle, -added)
+    add_constant(spec, JOINT_TORQUE, -moment)
+
+
+def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add an inertia between transmission and joint sensor."""
+    inertia = values["joint_inertia"]
+    if _add_armature(spec, bench.joint, inertia) and bench.lever is None:
+        _add_inertia_torque(spec, bench.joint, inertia, JOINT_TORQUE, -1.0)
+
+
+def motor_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Add an inertia between motor sensor and pulley."""
+    inertia = values["motor_inertia"]
+    if _add_armature(spec, bench.motor, inertia) and bench.lever is None:
+        _add_inertia_torque(spec, bench.motor, inertia, MOTOR_TORQUE, 1.0)
+
+
+def _add_armature(spec: mujoco.MjSpec, name: str, inertia: float) -> bool:
+    """Add armature to a joint; return False if there is none to add."""
+    if inertia == 0.0:
+        return False
+    model = spec.compile()
+    present = model.dof_M0[model.joint(name).dofadr[0]]
+    if present + inertia <= 0.0:
+        raise CableError(
+            f"joint {name!r} has an inertia of {present:.3g} kg m^2, so {inertia:.3g} "
+            "cannot be added; give the scene's joint its whole inertia"
+        )
+    spec.joint(name).armature += inertia
+    return True
+
+
+def _add_inertia_torque(
+    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
+) -> None:
+    """Add the torque that accelerates additional armature to a channel."""
+    joint = spec.joint(name)
+    model = spec.compile()
+    joint.armature -= Limit.probe_inertia
+    # MuJoCo's sensors do not see armature; they see what turns a body that rides along.
+    index = model.joint(name).id
+    probe = joint.parent.add_body(
+        name=f"{name}_acceleration",
+        pos=model.jnt_pos[index],
+    )
+    _set_isotropic_inertia(probe, np.zeros(3), Limit.probe_inertia)
+    along = np.empty(4)
+    mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
+    site = probe.add_site(
+        name=sensor_word(f"{name}_acceleration"),
+        pos=[0.0] * 3,
+        quat=along,
+        rgba=[0.0] * 4,
+    )
+    site.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    spec.add_sensor(
+        name=site.name,
+        type=mujoco.mjtSensor.mjSENS_TORQUE,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=site.name,
+    )
+    add_torque_part(spec, channel, site.name, sign * inertia / Limit.probe_inertia)
+
+
+def _set_isotropic_inertia(
+    body: mujoco.MjsBody, centre: FloatArray, inertia: float
+) -> None:
+    """Give a body the same inertia about every axis, and a milligram of mass."""
+    body.mass, body.ipos, body.inertia = 1e-6, centre, [inertia] * 3
+    body.explicitinertial = True
 
 
 @dataclass(frozen=True)
@@ -43,7 +416,7 @@ REALISATIONS: dict[str, _Realisation] = {
     "angle_offset": _Realisation(
         ("joint_angle_offset",),
         "`ref` of the joint: where it is when the cables are at rest",
-        sensing.angle_offset,
+        angle_offset,
         pulley=False,
     ),
     "backlash": _Realisation(
@@ -51,53 +424,53 @@ REALISATIONS: dict[str, _Realisation] = {
         "the cables' pulley turns on a hinge of its own and takes the joint along "
         "through a fixed tendon with two limits; the pulley has the least inertia that "
         "the time step allows",
-        mechanical.backlash,
+        backlash,
     ),
     "motor_cogging": _Realisation(
         ("cogging_cosine", "cogging_sine", "cogging_order"),
         "the cogging torque of MuJoCo's DC motor, as an actuator without input",
-        mechanical.cogging,
+        cogging,
         pulley=False,
     ),
     "joint_gravity": _Realisation(
         ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
         "and of the mass of the scene, as the rig stands that is not turned",
-        mechanical.gravity,
+        gravity,
         pulley=False,
     ),
     "joint_stiffness": _Realisation(
         ("joint_stiffness", "joint_stiffness_moment"),
         "stiffness of the joint, about where it rests",
-        mechanical.stiffness,
+        stiffness,
         pulley=False,
     ),
     "joint_inertia": _Realisation(
         ("joint_inertia",),
         "armature of the joint; a weightless body that rides along shows it",
-        mechanical.joint_inertia,
+        joint_inertia,
         pulley=False,
     ),
     "motor_inertia": _Realisation(
         ("motor_inertia",),
         "armature of the motor; a weightless body that rides along shows it",
-        mechanical.motor_inertia,
+        motor_inertia,
         pulley=False,
     ),
     "sensor_cross_talk": _Realisation(
         ("motor_torque_cross_talk", "joint_torque_cross_talk"),
         "each torque is also a weighted sum of the sensors of the other one",
-        sensing.cross_talk,
+        cross_talk,
     ),
     "torque_sensor_gain": _Realisation(
         ("motor_torque_gain", "joint_torque_gain"),
         "weights of the sums that are the torques",
-        sensing.gain,
+        gain,
     ),
     "torque_offset": _Realisation(
         ("motor_torque_offset", "joint_torque_offset"),
         "a constant in the sums that are the torques",
-        sensing.torque_offset,
+        torque_offset,
     ),
     "torque_sensor_offset": _Realisation(
         (
@@ -107,13 +480,13 @@ REALISATIONS: dict[str, _Realisation] = {
             "joint_torque_drift",
         ),
         "a constant and a clock in the sums that are the torques",
-        sensing.bias,
+        bias,
     ),
     "sensor_delay": _Realisation(
         ("joint_delay", "motor_torque_delay", "joint_torque_delay"),
         "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
         "early, the angles and the other torque are delayed instead",
-        sensing.delay,
+        delay,
     ),
 }
 """Every effect outside the cable, and the offsets that a baseline has tuned, by id."""

@@ -16,23 +16,29 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
+import numpy as np
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.diagnosis._scene.instruments import add_instruments
-from cc_mujoco.diagnosis._scene.mechanical import Values, rim_stiffness
 from cc_mujoco.diagnosis._scene.realisation import (
     REALISATIONS,
+    Values,
     is_realisable,
     realisations,
+    rim_stiffness,
     unrealisable_reason,
 )
+from cc_mujoco.diagnosis._scene.rollout import rollout
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import step_limits, to_mjcf
+from cc_mujoco.report._html import list_words
 
 
 def repair_scene(
@@ -196,3 +202,117 @@ def _comment(
         written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
         lines.append(f"    not in this scene, {name}: {written}")
     return ";\n".join(lines).replace("--", "- -") + " "
+
+
+_REQUIRED_FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
+"""Parts of MuJoCo that cables, instruments or effects are made of."""
+_COMPILER_SETTINGS = ("settotalmass", "boundmass", "boundinertia")
+"""Settings of the compiler that change the bodies that effects add."""
+_REHEARSAL_TIME, _REHEARSAL_STEPS = 0.3, (200, 5000)
+
+
+def require_repairable(bench: Bench) -> None:
+    """Require that the scene of a bench can have any effect.
+
+    Raises:
+        CableError: it cannot; the sentence says what to change in it.
+    """
+    spec = mujoco.MjSpec.from_file(str(bench.path))
+    _check_settings(spec, bench)
+    plain = _rehearse_repair(bench, {})
+    everything = {
+        name: {
+            parameter: typical.get(
+                parameter, 0.01
+            )  # offsets have no entry in the library
+            for parameter in realisation.parameters
+        }
+        for name, realisation in realisations().items()
+        if is_realisable(bench, name)
+        for typical in [_typical_values(name)]
+    }
+    full = _rehearse_repair(bench, everything)
+    with TemporaryDirectory() as folder:
+        try:
+            write(Path(folder) / "scene.xml", full)
+        except CableError as error:
+            reason = str(error).partition("cannot be written: ")[2]
+            raise CableError(
+                f"scene {bench.path} would not load again once it is written: {reason}"
+            ) from None
+    # What a lever's cable does is looked up in its file.
+    _rehearse_motion(bench.path if bench.lever else plain, plain.option.timestep, bench)
+
+
+def _rehearse_repair(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:
+    try:
+        return repair_scene(bench, bench.cables, effects)
+    except CableError as error:
+        taken = re.search(r"repeated name '(.+)' in (\w+)", str(error))
+        if taken is None:
+            raise
+        raise CableError(
+            f"scene {bench.path} has {taken[2]} {taken[1]!r}, and a repaired scene may "
+            "need that name for its own; rename it"
+        ) from None
+
+
+def _typical_values(effect: str) -> dict[str, float]:
+    parameters = EFFECTS[effect].parameters if effect in EFFECTS else ()
+    return {parameter.name: parameter.typical for parameter in parameters}
+
+
+def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
+    """Check the options of the whole scene."""
+    off = [
+        name
+        for name in _REQUIRED_FLAGS
+        if spec.option.disableflags
+        & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}"))
+    ]
+    if off:
+        raise CableError(
+            f"scene {bench.path} disables {list_words(off)} in <flag>; cables, sensors "
+            "and the effects that are added need them enabled"
+        )
+    for name in _COMPILER_SETTINGS:
+        if getattr(spec.compiler, name) > 0.0:
+            raise CableError(
+                f"scene {bench.path} has {name} in <compiler>, which would change the "
+                "bodies that effects add; give the bodies their masses instead"
+            )
+
+
+def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> None:
+    """Play a short motion through the scene and through its cables alone."""
+    count = min(
+        max(round(_REHEARSAL_TIME / step), _REHEARSAL_STEPS[0]), _REHEARSAL_STEPS[1]
+    )
+    phase = np.linspace(0.0, 4.0 * math.pi, count)
+    low, high = bench.span
+    swing = min(Limit.rehearsal_swing, 0.45 * (high - low))
+    middle = min(max(0.0, low + swing), high - swing)
+    joint = middle + swing * np.sin(phase)
+    wind_up = 0.1 * Limit.rehearsal_swing * bench.joint_radius / bench.motor_radius
+    motor = bench.following(joint) + wind_up * np.sin(1.7 * phase)
+    shown = rollout(
+        scene,
+        step * np.arange(count),
+        motor,
+        joint,
+        cables=bench.names,
+        driven=bench.joint,
+    )
+    alone = bench.replay(step, motor, joint)
+    for side, torque, own in zip(
+        ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True
+    ):
+        difference, most = np.abs(torque - own).max(), np.abs(own).max()
+        if not difference <= Limit.torque_tolerance * most:
+            sums = "" if bench.lever else f", and other parts of the <tuple> {side}"
+            raise CableError(
+                f"scene {bench.path}: played by MuJoCo, {side}_torque_nm differs from "
+                f"what its cables do alone by {difference:.2g} N m, with torques of "
+                f"{most:.2g} N m; take out of the scene whatever changes the cables' "
+                f"forces{sums and sums + '_torque_nm'}"
+            )

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.datasets._bench import Bench, driven_joint
-from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, RAMP_SAMPLES
+from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES
 from cc_mujoco.diagnosis._rig.replays import with_lead_in
 from cc_mujoco.diagnosis._scene.instruments import (
     add_instruments,
@@ -27,17 +27,13 @@ from cc_mujoco.diagnosis._scene.instruments import (
     torque_weights,
     without_delay,
 )
-from cc_mujoco.diagnosis._scene.mechanical import tilt_rig
+from cc_mujoco.diagnosis._scene.realisation import tilt_rig
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import settle
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import read_spec
-
-DRIVE_ARMATURE = 1e8
-"""Armature that makes a joint go where it is driven [kg m^2]."""
-STEP_TOLERANCE = 1e-3
-"""Deviation of a time step from the mean that is still even, relative."""
 
 
 def rollout(
@@ -94,8 +90,8 @@ def rollout(
         path = None
         if bench is not None and held:
             angles_of_others = np.array([held[name] for name in bench.others])
-            path = bench.recorded_path(angles[1], angles_of_others, RAMP_SAMPLES)
-        ramp = np.linspace(0.0, 1.0, RAMP_SAMPLES + 1) * angles[1, 0]
+            path = bench.recorded_path(angles[1], angles_of_others, Limit.ramp_samples)
+        ramp = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * angles[1, 0]
         turned = ramp if bench is None else bench.turned(ramp)
         if bench is not None and path is not None:
             turned = bench.along_lead_in(path)
@@ -207,14 +203,14 @@ def _play(
     joints = list(view.joints)
     angles = angles * np.array([1.0, view.sign, *(1.0 for _ in joints[2:])])[:, None]
     place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-    model.dof_armature[dof] += DRIVE_ARMATURE
+    model.dof_armature[dof] += Limit.drive_armature
     # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
-    model.dof_invweight0[dof] /= 1.0 + DRIVE_ARMATURE * model.dof_invweight0[dof]
+    model.dof_invweight0[dof] /= 1.0 + Limit.drive_armature * model.dof_invweight0[dof]
     model.dof_M0[dof] += (
-        DRIVE_ARMATURE  # what counts where a joint turns a balanced body
+        Limit.drive_armature  # what counts where a joint turns a balanced body
     )
     speed = np.gradient(angles, dt, axis=1)
-    force = DRIVE_ARMATURE * np.gradient(speed, dt, axis=1)
+    force = Limit.drive_armature * np.gradient(speed, dt, axis=1)
     samples = angles.shape[1]
     count = (samples - 1 + more) * substeps + 1
     position, velocity, drive = (
@@ -401,6 +397,6 @@ def _motion(
         raise CableError("time and angles of a motion must be finite")
     steps = np.diff(clock)
     mean = float(steps.mean())
-    if not (mean > 0.0 and np.abs(steps - mean).max() <= STEP_TOLERANCE * mean):
+    if not (mean > 0.0 and np.abs(steps - mean).max() <= Limit.step_tolerance * mean):
         raise CableError("the samples of a motion must be evenly spaced in time")
     return clock, angles

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,46 +24,14 @@ from cc_mujoco.diagnosis._fit.folds import CrossValidation, block_sum_deviation,
 from cc_mujoco.diagnosis._fit.plausibility import amplitude_indices, implausibility
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._search.screening import Signature, signature_cosine
+from cc_mujoco.diagnosis._thresholds import (
+    FORM_ERROR_SHARE,
+    MAX_EXPLAINED_ERROR,
+    Limit,
+    Thresholds,
+)
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.native import FloatArray
-
-LOOKALIKE_COSINE = 0.9
-"""Cosine beyond which screening cannot distinguish two signatures."""
-FORM_ERROR_SHARE = 0.05
-"""Share of what an effect explains, in every trial, that its form may be off by: right
-names leave that much on rigs of other forms. Less does not part it from a lookalike."""
-MAX_EXPLAINED_ERROR = 2.4
-"""Error over the floor up to which a model explains the data, part by part."""
-BOOTSTRAP_DRAWS = 400
-"""Block bootstraps."""
-_MAX_Z = 6.0
-"""Largest z that odds are given for."""
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """Thresholds for naming an effect, set so that rigs without any give `none`.
-
-    How often the verdicts are right: `validation.md` of `cc_mujoco.diagnosis`.
-
-    Attributes:
-        z: least z of a comparison with the model without the effect.
-        misfit: RMS held-out error over the floor below which nothing is missing.
-        floor: the same at which a model is at the floor, as far as that is known.
-        agreement: largest spread of the amplitude between the folds over its mean.
-        rival: a rival within this many standard errors of the winner is a tie.
-    """
-
-    z: float = 2.0
-    misfit: float = 1.5
-    floor: float = 1.15
-    agreement: float = 1.0
-    rival: float = 2.0
-
-    @property
-    def reduction(self) -> float:
-        """Least relative reduction of the held-out squared error that z allows."""
-        return self.z * FORM_ERROR_SHARE
 
 
 class Candidate(NamedTuple):
@@ -109,10 +76,6 @@ class Round(NamedTuple):
 
         A rival that still helped, so that it was added, too, is none; but of two that
         were and one of which had to go again, either may be the one that stayed.
-
-        Args:
-            effects: ids that are in the model.
-            added: ids that were added at any time.
         """
         both = [name for name in added if name in (self.added, *self.parted)]
         kept = [name for name in both if name in effects]
@@ -136,13 +99,13 @@ def comparison_z(
     left = float(np.sum(better))
     form = min(FORM_ERROR_SHARE * before, left) if share is None else share * before
     z = float(np.sum(difference)) / max(math.hypot(noise, form), 1e-300)
-    return min(max(z, -_MAX_Z), _MAX_Z)
+    return min(max(z, -Limit.max_z), Limit.max_z)
 
 
 def are_confusable(one: Signature, other: Signature) -> bool:
     """Return whether an effect is easily confused with another."""
     return (
-        signature_cosine(one, other) > LOOKALIKE_COSINE
+        signature_cosine(one, other) > Limit.lookalike_cosine
         or other.id in EFFECTS[one.id].confounded_with
     )
 
@@ -154,15 +117,7 @@ def rejection_reason(
     z: float,
     thresholds: Thresholds,
 ) -> str:
-    """Return why an effect may not be named, or nothing.
-
-    Args:
-        crossed: the model with the effect.
-        name: id of the effect.
-        reduction: of the held-out squared error, relative.
-        z: of the comparison with the model without the effect.
-        thresholds: of decisions.
-    """
+    """Return why an effect may not be named, or nothing."""
     if z < thresholds.z:
         taken = round(reduction, 2) + 0.0  # no minus before a zero
         return (
@@ -242,14 +197,6 @@ def tie_reason(
 
     They do where one explains the data and the other does not, even if few moments
     show it, say those of little tension; but not of effects whose forms meet.
-
-    Args:
-        now: the model without either.
-        best: with the one that does better.
-        other: with the other one.
-        names: their ids.
-        confused: whether they are easily confused.
-        thresholds: of decisions.
     """
     one, two = (EFFECTS[name] for name in names)
     explained = best.misfit <= thresholds.misfit
@@ -286,6 +233,6 @@ def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
     random = np.random.default_rng(seed)
     table = np.array(list(sums.values()))
     place = list(sums).index(name)
-    draws = random.integers(0, table.shape[1], (BOOTSTRAP_DRAWS, table.shape[1]))
+    draws = random.integers(0, table.shape[1], (Limit.bootstrap_draws, table.shape[1]))
     totals = table[:, draws].sum(axis=2)
     return float(np.mean(np.argmin(totals, axis=0) == place))

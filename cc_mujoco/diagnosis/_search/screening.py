@@ -15,27 +15,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis._fit.fitting import Masks, Problem
-from cc_mujoco.diagnosis._fit.folds import Fold
-from cc_mujoco.diagnosis._fit.jacobian import (
+from cc_mujoco.diagnosis._fit.fitting import (
+    Masks,
+    Problem,
     jacobian,
     plain_residual_slopes,
     residual_changes,
     residual_slopes,
 )
+from cc_mujoco.diagnosis._fit.folds import Fold
 from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
 from cc_mujoco.native import FloatArray
 
 _BOUND_MARGIN = 1e-3
-_MAX_MODEL_CHANGE = 0.1
-"""Change of the torques, over them, up to which what an effect changes is the same."""
-_MAX_MODELS = 3
-"""Models of which the changes of a record are kept, those used last."""
-MIN_SQUARE_SHARE = 1e-9
-"""Part of a signature's square below which nothing of it is left."""
 _Key = tuple[str, tuple[float, ...], str]
 """Effect, its start and name of a parameter."""
 
@@ -78,8 +74,9 @@ class _KnownChanges(NamedTuple):
 class Changes:
     """Torque changes due to effects, kept by record for models that are alike.
 
-    They hold while the model's torques change by at most `_MAX_MODEL_CHANGE`. Rounds of
-    a search, its repetition on parts of the data and the final checks share them.
+    They hold while the model's torques change by at most `Limit.max_model_change`.
+    Rounds of a search, its repetition on parts of the data and the final checks share
+    them.
     """
 
     def __init__(self) -> None:
@@ -94,11 +91,11 @@ class Changes:
         kept = self._kept.setdefault(record, [])
         off = [float(np.sum((torque - known.torque) ** 2)) for known in kept]
         least = int(np.argmin(off)) if off else -1
-        if off and off[least] <= _MAX_MODEL_CHANGE**2 * float(np.sum(torque**2)):
+        if off and off[least] <= Limit.max_model_change**2 * float(np.sum(torque**2)):
             kept.append(kept.pop(least))  # the one used last goes last
         else:
             kept.append(_KnownChanges(torque, {}))
-            del kept[:-_MAX_MODELS]
+            del kept[: -Limit.max_models]
         return kept[-1].columns
 
 
@@ -222,13 +219,6 @@ def changes_by_effects(
     They are those of typical sizes, at the first start, as if the model explained the
     data: large errors take no weight from a sample. Effects that cannot be simulated
     are left out.
-
-    Args:
-        problem: the model that the effects join.
-        x: where it was fitted.
-        masks: samples that count.
-        ids: of the effects.
-        changes: kept from the search.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
@@ -330,10 +320,10 @@ def _signature(given: _Screen, name: str, place: int) -> Signature | None:
     sizes = np.array([parameter.size for parameter in parameters])
     own = float(lengths[sizes].max())
     visible = own / np.sqrt(error.size) / problem.weight
-    if own <= MIN_SQUARE_SHARE:
+    if own <= Limit.min_square_share:
         nothing = np.zeros((error.size, 0))
         return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
-    kept = lengths > MIN_SQUARE_SHARE
+    kept = lengths > Limit.min_square_share
     solved = np.zeros(len(parameters))
     wider = problem.with_effect(name, start).tuned[given.place.x.size :]
     known = [k for k in wider if k.name in {p.name for p in parameters}]

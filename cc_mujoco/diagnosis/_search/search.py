@@ -1,534 +1,412 @@
-"""Forward selection: add effects one after another, by their gain on held-out data."""
+"""The question `search`: which effects explain the error that is left?
+
+Where a model stays far from the noise whatever is added, every part of the data rewards
+what mends its own form errors, and resampling samples does not show it: the error is
+the same at every repetition. So the search is repeated on parts that differ in load,
+speed or pose, and what only some of them name is no finding.
+"""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from itertools import zip_longest
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis._fit.fitting import Problem
-from cc_mujoco.diagnosis._fit.folds import (
-    CrossValidation,
-    Fold,
-    blocks,
-    cross_validate,
-    divided_samples,
+from cc_mujoco.diagnosis._fit.baseline import BaselineFit, Held, Holdout
+from cc_mujoco.diagnosis._fit.fit import Options
+from cc_mujoco.diagnosis._fit.fitting import Masks, Problem, fit, fit_until_settled
+from cc_mujoco.diagnosis._fit.folds import Fold, cross_validate, interleaved_folds
+from cc_mujoco.diagnosis._fit.intervals import (
+    Spread,
+    estimates,
+    fit_covariance,
+    noise_covariance,
 )
-from cc_mujoco.diagnosis._fit.numerics import refine_simulation
-from cc_mujoco.diagnosis._progress import Progress, no_progress, part_of
-from cc_mujoco.diagnosis._search.acceptance import (
-    MAX_EXPLAINED_ERROR,
-    Candidate,
-    Round,
-    Thresholds,
-    are_confusable,
-    comparison_z,
-    decide,
-    rejection_reason,
+from cc_mujoco.diagnosis._fit.occasion_changes import (
+    agreement_shares,
+    compare_occasions,
 )
-from cc_mujoco.diagnosis._search.elimination import eliminate, gap_shares
-from cc_mujoco.diagnosis._search.screening import Changes, Signature, screen
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key
-from cc_mujoco.errors import CableError
+from cc_mujoco.diagnosis._fit.plausibility import doubtful_effects, is_ordinary
+from cc_mujoco.diagnosis._fit.trial_constants import (
+    random_constants,
+    trial_constants,
+    trial_ordinates,
+)
+from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
+from cc_mujoco.diagnosis._rig.occasions import occasions_of
+from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._search.rounds import (
+    Search,
+    gap_shares,
+    names_found,
+    search,
+    search_rare,
+)
+from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._verdict import FoundEffect, Occasions
+from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
+from cc_mujoco.estimation._least_squares import Estimate, Fit
 from cc_mujoco.native import FloatArray
 
-MAX_REFITTED = 6
-"""Most candidates that are refitted by simulation in one round."""
-MIN_LEADER_SHARE = 0.15
-"""Share of the leader's explained error that a candidate needs to be refitted."""
-MIN_PREDICTED_SHARE = 0.3
-"""Least predicted reduction of a candidate, relative to the acceptance threshold."""
-MAX_EFFECTS = 4
-"""Most effects that are added."""
 
-
-class Search(NamedTuple):
-    """Course of the search.
+@dataclass(frozen=True)
+class Found:
+    """Effects that explain the error, and the model that all data support.
 
     Attributes:
-        before: the baseline.
-        after: the model with all effects that were added.
-        rounds: steps.
-        signatures: of every effect, on top of the baseline.
-        shares: of the baseline's held-out squared error beyond the floor, what is left
-            of it where an effect is taken out again and all else is refitted.
-        changes: of torques by effects, kept.
-        known: models that have been fitted.
-        interrupted: True if the user stopped it, so that fewer effects were tried.
+        search: the rounds, ending with the model.
+        problem: the model.
+        x: where it was fitted to all data.
+        held: what it predicts of held-out data.
+        estimated: value and interval of every parameter.
+        effects: of the model, in the order in which they were added.
+        ties: groups of ids that the data do not distinguish, of missing effects.
+        occasions: comparison of occasions, None where there is one.
+        by_trial: what constants that differ from trial to trial explain, in words, or
+            "". Effects are not searched then.
     """
 
-    before: CrossValidation
-    after: CrossValidation
-    rounds: tuple[Round, ...]
-    signatures: tuple[Signature, ...]
+    search: Search
+    problem: Problem
+    x: FloatArray
+    held: Held
+    estimated: Mapping[str, Estimate]
+    effects: tuple[FoundEffect, ...]
+    ties: tuple[tuple[str, ...], ...]
+    occasions: Occasions | None
+    by_trial: str
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Ids of the effects that are called missing."""
+        return tuple(effect.id for effect in self.effects if effect.missing)
+
+
+def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -> Found:
+    """Search the effects that explain the error, and fit their model to all data."""
+    limits = settings.thresholds
+    records = fitted.problem.plant.records
+    several = len(occasions_of(records)) > 1
+    by_trial = "" if several else _random_by_trial(fitted)
+    found = (
+        Search.without_effects(fitted.crossed)
+        if by_trial
+        else _search(fitted, settings, progress)
+    )
+    # Occasions are better parts than halves, see `compare_occasions`.
+    agreed = Agreement({}, {})
+    if not (found.interrupted or several):
+        agreed = check_agreement(fitted, found, limits, part_of(progress, 0.7, 0.12))
+    if agreed.interrupted:
+        found = found._replace(interrupted=True)
+    progress(0.82, "fitting the result to all data")
+    model = _drop_doubtful(fitted, found, settings.seed, progress)
+    problem, x = model.problem, model.x
+    estimated = estimates(problem, x, model.spread)
+    compared = compare_occasions(problem, x, estimated)
+    shares = agreement_shares(compared) if compared else agreed.shares
+    found = final_search(found, fitted, model)
+    added = [step.added for step in found.rounds if step.added]
+    groups = {
+        rivals[0]: rivals
+        for step in found.rounds
+        for rivals in [_extend_tie(step.tied(problem.effects, added), agreed.rivals)]
+        if len(rivals) > 1
+    }
+    effects = _found_effects(found, problem, x, estimated, shares, groups)
+    missing = [effect.id for effect in effects if effect.missing]
+    ties = tuple(rivals for name, rivals in groups.items() if name in missing)
+    return Found(
+        found, problem, x, model.held, estimated, effects, ties, compared, by_trial
+    )
+
+
+def _random_by_trial(fitted: BaselineFit) -> str:
+    """Return what differs at random between trials and takes all error, or ""."""
+    misfit = fitted.crossed.misfit
+    if misfit <= MAX_EXPLAINED_ERROR:
+        return ""
+    constants = trial_constants(fitted.problem, fitted.whole.x)
+    names = constants[0].trials if constants else ()
+    along = trial_ordinates(fitted.problem, names, fitted.temperatures)
+    return random_constants(constants, along, misfit)
+
+
+def _search(fitted: BaselineFit, settings: Options, progress: Progress) -> Search:
+    able = fitted.problem.plant.library.effects
+    wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
+    names = tuple(name for name in wanted if name in able)
+    rare = () if settings.ids else tuple(name for name in able if name not in names)
+    division = interleaved_folds(fitted.problem.plant.records)
+    limits = settings.thresholds
+    usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
+    common = [name for name in rare if EFFECTS[name].common]
+    found = search(fitted.crossed, division, names, limits, usual, common)
+    return search_rare(found, division, rare, limits, of_rare)
+
+
+def _extend_tie(
+    rivals: tuple[str, ...], others: Mapping[str, tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Return the tie, with the effects that parts of the data name instead."""
+    more = others.get(rivals[0], ()) if rivals else ()
+    return (*rivals, *(name for name in more if name not in rivals))
+
+
+class CheckedModel(NamedTuple):
+    """Result of a search once it has been held against all data.
+
+    Attributes:
+        problem: the model.
+        x: where it was fitted to all data.
+        spread: of that.
+        held: what it predicts of held-out data.
+    """
+
+    problem: Problem
+    x: FloatArray
+    spread: Spread
+    held: Held
+
+
+def _drop_doubtful(
+    baseline_fit: BaselineFit, found: Search, seed: int, progress: Progress
+) -> CheckedModel:
+    """Return the model that was found, less effects that may as well not be there.
+
+    An effect may be absent if its interval contains 0. Where several can replace each
+    other, the one without which the rest explain most is dropped. All are dropped where
+    held-out data do not support them.
+    """
+    problem = found.after.problem
+    counts = [record.counts for record in problem.plant.records]
+    start = np.mean([f.x for f in found.after.fits], axis=0)
+    holding = Holdout(baseline_fit, seed)
+    while problem.effects:
+        x = fit_until_settled(problem, start, counts).x
+        idle = doubtful_effects(problem, x, *noise_covariance(problem, x, counts))
+        if not idle:
+            wide = fit_covariance(problem, x, counts)
+            idle = doubtful_effects(problem, x, *wide)
+        if not idle:
+            progress(0.86, "predicting trials that were held out")
+            held = holding.out(problem, x)
+            if held is None:
+                break
+            return CheckedModel(problem, x, wide, held)
+        slimmer = [_fit_without(found, problem, x, name, counts) for name in idle]
+        problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
+    problem = baseline_fit.problem
+    x = fit_until_settled(problem, baseline_fit.whole.x, counts).x
+    held = holding.out(problem, x)
+    assert held is not None
+    return CheckedModel(problem, x, fit_covariance(problem, x, counts), held)
+
+
+def _fit_without(
+    found: Search, problem: Problem, x: FloatArray, name: str, counts: Masks
+) -> tuple[Problem, Fit]:
+    """Return a model of a search without an effect, fitted to all data."""
+    slim = problem.without(name).sharing([c.problem for c in found.known])
+    start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
+    return slim, fit(slim, start, counts)
+
+
+def final_search(
+    found: Search, baseline_fit: BaselineFit, model: CheckedModel
+) -> Search:
+    """Return a search that ends with what is left of its model.
+
+    Three effects may each be redundant given the two others. Once one of them is
+    dropped, the shares and the error are computed again.
+    """
+    problem, x = model.problem, model.x
+    if problem.effects == found.after.problem.effects:
+        return found
+    if not problem.effects:
+        return found._replace(after=found.before, shares={})
+    division = interleaved_folds(problem.plant.records)
+    now = cross_validate(problem, division, [x] * len(division))
+    shares = gap_shares(baseline_fit.crossed, now, division, [*found.known])
+    return found._replace(after=now, shares=shares)
+
+
+def _found_effects(
+    found: Search,
+    problem: Problem,
+    x: FloatArray,
+    estimated: Mapping[str, Estimate],
+    agreed: Mapping[str, float],
+    groups: Mapping[str, tuple[str, ...]],
+) -> tuple[FoundEffect, ...]:
+    sure = {step.added: step.confidence for step in found.rounds}
+    shares = found.shares
+    beyond = max(found.before.misfit**2 - 1.0, 0.0)
+    own = {name: math.sqrt(max(shares[name], 0.0) * beyond) for name in problem.effects}
+    left = found.after.misfit_by(found.before.problem.inflation)
+    return tuple(
+        FoundEffect(
+            name,
+            {
+                parameter.name: estimated[parameter.name]
+                for parameter in problem.plant.library.effects[name].parameters
+            },
+            sure.get(name, 0.0),
+            share=shares[name],
+            refinement=only_refines(name, shares, own, left),
+            agreement=agreed.get(name, 1.0),
+            disputed=agreed.get(name, 1.0) < Limit.agreement_share,
+            ordinary=is_ordinary(problem, x, name),
+            own=own[name],
+            rivals=tuple(rival for rival in groups.get(name, ()) if rival != name),
+            form=problem.form(name),
+        )
+        for name in problem.effects
+    )
+
+
+class Agreement(NamedTuple):
+    """Support that parts of the data give to the effects the whole names.
+
+    Attributes:
+        shares: of the parts that name an effect or one it is in a tie with, by id;
+            empty where the data are explained, or too few to be parted.
+        rivals: what many parts name in its place or as well as it, by id.
+        interrupted: True if the user stopped it before all parts were searched.
+    """
+
     shares: Mapping[str, float]
-    changes: Changes
-    known: tuple[CrossValidation, ...] = ()
+    rivals: Mapping[str, tuple[str, ...]]
     interrupted: bool = False
 
-    @classmethod
-    def without_effects(cls, baseline: CrossValidation) -> Search:
-        """Return a search that tried nothing."""
-        return cls(baseline, baseline, (), (), {}, Changes(), (baseline,))
 
-
-class _Course(NamedTuple):
-    """Effects that were added, before those that became redundant are dropped.
-
-    Attributes:
-        after: the model with all of them.
-        rounds: steps.
-        signatures: of every effect, on top of the baseline.
-        known: models that have been fitted.
-        changes: of torques by effects, kept.
-        interrupted: True if the user stopped it.
-    """
-
-    after: CrossValidation
-    rounds: tuple[Round, ...]
-    signatures: tuple[Signature, ...]
-    known: list[CrossValidation]
-    changes: Changes
-    interrupted: bool
-
-    def drop_redundant(
-        self,
-        baseline: CrossValidation,
-        division: Sequence[Fold],
-        thresholds: Thresholds,
-    ) -> Search:
-        """Return the search, without the effects that later ones made redundant.
-
-        If it was or is interrupted, all effects stay.
-        """
-        now, known, interrupted = self.after, self.known, self.interrupted
-        shares: Mapping[str, float] | None = None
-        if not interrupted:
-            try:
-                left = eliminate(now, division, known)
-                shares = gap_shares(baseline, left, division, known)
-                now = left
-            except KeyboardInterrupt:
-                interrupted = True
-                _forget_derivatives(known)
-        if shares is None:
-            shares = gap_shares(baseline, now, division, known)
-        steps = _split_rivals(self.rounds)
-        return Search(
-            baseline,
-            now,
-            steps,
-            self.signatures,
-            shares,
-            self.changes,
-            tuple(known),
-            interrupted,
-        )
-
-
-def search(
-    baseline: CrossValidation,
-    division: Sequence[Fold],
-    ids: Sequence[str],
-    thresholds: Thresholds,
-    progress: Progress = no_progress,
-    common: Sequence[str] = (),
-) -> Search:
-    """Add effects while each is accepted, then drop those that became redundant.
-
-    Where the user interrupts it, it ends with what was added until then. Effects that
-    are `common` compete with those of `ids` that are confused with them alone.
-    """
-    course = _add_effects(baseline, division, ids, thresholds, progress, common=common)
-    return course.drop_redundant(baseline, division, thresholds)
-
-
-def names_found(
-    baseline: CrossValidation,
-    division: Sequence[Fold],
-    ids: Sequence[str],
-    thresholds: Thresholds,
-    whole: Search | None = None,
-) -> list[set[str]]:
-    """Return the effects that a search finds, each with those it is in a tie with.
-
-    Args:
-        baseline: the model to begin with.
-        division: of part of its data into folds.
-        ids: of the effects.
-        thresholds: of decisions.
-        whole: search in all its data; a model of it tells the same model of a part
-            floor, numerical resolution and parameters to begin with.
-    """
-    course = _add_effects(
-        baseline,
-        division,
-        ids,
-        thresholds,
-        no_progress,
-        whole=whole,
-        changes=whole.changes if whole else None,
-    )
-    if course.interrupted:
-        raise KeyboardInterrupt
-    now = eliminate(course.after, division, course.known)
-    tied = {step.added: set(step.rivals) for step in _split_rivals(course.rounds)}
-    return [{name, *tied.get(name, ())} for name in now.problem.effects]
-
-
-def _add_effects(
-    baseline: CrossValidation,
-    division: Sequence[Fold],
-    ids: Sequence[str],
-    thresholds: Thresholds,
-    progress: Progress,
-    earlier: Sequence[Round] = (),
-    whole: Search | None = None,
-    changes: Changes | None = None,
-    common: Sequence[str] = (),
-) -> _Course:
-    """Add effects while each is accepted.
-
-    Args:
-        baseline: the model to begin with.
-        division: of its data into folds.
-        ids: of the effects.
-        thresholds: of decisions.
-        progress: called with the share done and what is being done.
-        earlier: steps of a search for other effects; what was fitted in them is taken
-            over as long as both add the same effects.
-        whole: see `names_found`.
-        changes: of torques by effects that an earlier search has kept.
-        common: see `search`.
-    """
-    now, rounds = baseline, []
-    changes = changes or Changes()
-    known = [baseline]
-    first: tuple[Signature, ...] = ()
-    interrupted = False
-    try:
-        for count in range(MAX_EFFECTS):
-            left = [name for name in ids if name not in now.problem.effects]
-            # At the floor there is nothing to explain, and chance rewards anything; one
-            # torque alone does not contradict what fits it a little better.
-            both = len(now.problem.plant.instruments.rows) > 1
-            hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
-            if first and not hopeful:
-                break
-            progress(count / MAX_EFFECTS, f"screening {len(left)} effects")
-            signatures = _screen_folds(now, division, left, changes)
-            first = first or tuple(signatures)
-            place = next(
-                (k for k, step in enumerate(earlier) if step.before is now),
-                len(earlier),
-            )
-            same, following = earlier[place : place + 1], earlier[place + 1 :]
-            part = part_of(progress, count / MAX_EFFECTS, 1.0 / MAX_EFFECTS)
-            refitted = {c.id: c for past in same for c in past.candidates}
-            candidates = _refit_candidates(
-                now, division, signatures if hopeful else [], thresholds, part,
-                refitted, whole,
-            )  # fmt: skip
-            accepted = {c.id for c in candidates if not c.reason}
-            beside = [
-                name
-                for name in common
-                if name not in (*left, *now.problem.effects)
-                and accepted.intersection(EFFECTS[name].confounded_with)
-            ]
-            if beside:
-                more = _screen_folds(now, division, beside, changes)
-                candidates += _refit_candidates(
-                    now, division, more, thresholds, part, refitted, whole
-                )
-                signatures = [*signatures, *more]
-            step = decide(now, candidates, signatures, thresholds)
-            rounds.append(step)
-            for candidate in candidates:  # derivatives take more room than the data
-                if candidate.id not in step.rivals and candidate.crossed is not now:
-                    candidate.crossed.problem.slopes.forget()
-            known += [c.crossed for c in candidates if c.crossed is not now]
-            if step.added is None:
-                break
-            if following and same[0].added == step.added:
-                now = following[0].before
-            else:
-                wider = next(c.crossed for c in candidates if c.id == step.added)
-                now = _begin_round(wider, division, whole)
-            known.append(now)
-    except KeyboardInterrupt:
-        interrupted = True
-        _forget_derivatives(known)
-    return _Course(now, tuple(rounds), first, known, changes, interrupted)
-
-
-def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
-    """Drop the derivatives of models: an interruption may have left them half taken."""
-    for crossed in known:
-        crossed.problem.slopes.forget()
-
-
-def _refit_candidates(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signatures: Sequence[Signature],
-    thresholds: Thresholds,
-    progress: Progress,
-    refitted: Mapping[str, Candidate],
-    whole: Search | None,
-) -> list[Candidate]:
-    """Return the effects that screening recommends, refitted, with their lookalikes.
-
-    Those in `refitted` are not fitted again; `whole` see `names_found`.
-    """
-    chosen = _choose_candidates(signatures, MIN_PREDICTED_SHARE * thresholds.reduction)
-    candidates: list[Candidate] = []
-    while chosen:
-        for place, signature in enumerate(chosen):
-            if _is_redundant(signature.id, candidates, thresholds):
-                continue
-            progress(place / len(chosen), f"refitting {signature.id}")
-            candidates.append(
-                refitted.get(signature.id)
-                or _refit_like(now, division, signature.id, thresholds, whole)
-                or _refit_forms(now, division, signature, thresholds)
-            )
-        chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
-    return candidates
-
-
-def search_rare(
-    found: Search,
-    division: Sequence[Fold],
-    rare: Sequence[str],
-    thresholds: Thresholds,
-    progress: Progress = no_progress,
-) -> Search:
-    """Return the search repeated with rare effects, where they explain more.
-
-    They compete with the effects that were refitted before. They are searched only
-    where the error is not explained without them.
-
-    Args:
-        found: search for the other effects.
-        division: of its data into folds.
-        rare: ids of the rare effects.
-        thresholds: of decisions.
-        progress: called with the share done and what is being done.
-    """
-    if not rare or found.interrupted or found.after.misfit <= MAX_EXPLAINED_ERROR:
-        return found
-    tried = {c.id for step in found.rounds for c in step.candidates}
-    ids = list(dict.fromkeys([*sorted(tried), *rare]))
-    course = _add_effects(
-        found.before,
-        division,
-        ids,
-        thresholds,
-        progress,
-        found.rounds,
-        changes=found.changes,
-    )
-    if not set(rare) & {step.added for step in course.rounds}:
-        return found._replace(interrupted=course.interrupted)
-    wider = course.drop_redundant(found.before, division, thresholds)
-    used = set(rare) & set(wider.after.problem.effects)
-    if not used or wider.after.misfit >= found.after.misfit:
-        return found._replace(interrupted=wider.interrupted)
-    again = {signature.id for signature in wider.signatures}
-    others = tuple(sign for sign in found.signatures if sign.id not in again)
-    return wider._replace(signatures=(*wider.signatures, *others))
-
-
-def with_own_noise_floor(
-    crossed: CrossValidation, division: Sequence[Fold]
-) -> CrossValidation:
-    """Return the same by its own floor and weight, simulated finely enough for it."""
-    masks = divided_samples(division)
-    place = np.mean([fit.x for fit in crossed.fits], axis=0)
-    problem = crossed.problem.with_updated_floor(place, masks)
-    # Trials that are reserved are predicted by the same simulation.
-    reserved = [record.reserved for record in problem.plant.records]
-    counts = [a | b for a, b in zip(masks, reserved, strict=True)]
-    while True:
-        # A refit at every step between would cost as much as all that follows.
-        while finer := refine_simulation(problem, place, counts):
-            problem = finer
-        starts = [fit.x for fit in crossed.fits]
-        crossed = cross_validate(problem, division, starts)
-        place = np.mean([fit.x for fit in crossed.fits], axis=0)
-        finer = refine_simulation(problem, place, counts)
-        if finer is None:
-            return crossed
-        problem = finer
-
-
-def _begin_round(
-    crossed: CrossValidation, division: Sequence[Fold], whole: Search | None
-) -> CrossValidation:
-    """Return `with_own_noise_floor`, or by the floor of the same model of all data."""
-    models = [whole.after, *(step.before for step in whole.rounds)] if whole else []
-    for model in models:
-        if model.problem.tuned == crossed.problem.tuned:
-            problem = model.problem.sharing([model.problem])
-            return cross_validate(problem, division, [fit.x for fit in crossed.fits])
-    return with_own_noise_floor(crossed, division)
-
-
-def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
-    """Return the rounds without the rivals that still help once the leader is added.
-
-    They explain something else; only what the leader made useless is tied with it.
-    """
-    found = []
-    for step, after in zip_longest(rounds, rounds[1:]):
-        helpful = {c.id for c in after.candidates if not c.reason} if after else set()
-        rivals = tuple(name for name in step.rivals if name not in helpful)
-        parted = tuple(name for name in step.rivals if name in helpful)
-        found.append(step._replace(rivals=rivals, parted=parted))
-    return tuple(found)
-
-
-def _screen_folds(
-    now: CrossValidation, division: Sequence[Fold], ids: Sequence[str], changes: Changes
-) -> list[Signature]:
-    """Return the signatures on the divided data, at the mean of the folds' fits."""
-    masks = divided_samples(division)
-    x = np.mean([fit.x for fit in now.fits], axis=0)
-    return screen(now.problem, x, masks, ids, division, changes)
-
-
-def _choose_candidates(
-    signatures: Sequence[Signature], hopeful: float
-) -> list[Signature]:
-    """Return the candidates for a refit; `hopeful` is their least predicted share."""
-    if not signatures:
-        return []
-    least = max(MIN_LEADER_SHARE * signatures[0].explained, hopeful)
-    return [
-        s
-        for s in signatures
-        if s.explained > 0.0 and max(s.explained, s.foreseen) >= least
-    ][:MAX_REFITTED]
-
-
-def _is_redundant(
-    name: str, candidates: Sequence[Candidate], thresholds: Thresholds
+def only_refines(
+    name: str, shares: Mapping[str, float], own: Mapping[str, float], left: float
 ) -> bool:
-    """Return whether a special case of an effect has left nothing to explain."""
-    return any(
-        c.id in EFFECTS[name].generalises
-        and not c.reason
-        and c.crossed.misfit <= thresholds.misfit
-        for c in candidates
+    """Return whether an effect of a model only refines the others.
+
+    One that takes little of the gap is a finding nevertheless where it takes half of
+    the squared error that the model would have without it, and that is clearly more
+    than noise; unless a larger effect is easily confused with it, whose form it may
+    mend.
+    """
+    if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
+        return False
+    mends = any(
+        shares[other] > shares[name] and EFFECTS[name].confused(EFFECTS[other])
+        for other in shares
     )
+    return mends or own[name] < max(Limit.finding_error, left)
 
 
-def _unrefitted_lookalikes(
-    signatures: Sequence[Signature],
-    candidates: Sequence[Candidate],
-    thresholds: Thresholds,
-) -> list[Signature]:
-    """Return the effects that resemble the best candidate and were not refitted.
+def check_agreement(
+    baseline_fit: BaselineFit,
+    found: Search,
+    limits: Thresholds,
+    progress: Progress = no_progress,
+) -> Agreement:
+    """Repeat the search on parts of the data, with the candidates of the whole.
 
-    Signatures are of first order, and screening by them may rank lookalikes wrongly.
+    Fits begin where those of the whole end, with their floor and numerical resolution.
     """
-    leader = max(candidates, key=lambda candidate: candidate.reduction)
-    if leader.reduction < thresholds.reduction:
-        return []
-    sign = next(s for s in signatures if s.id == leader.id)
-    done = {candidate.id for candidate in candidates}
-    return [
-        s
-        for s in signatures
-        if s.id not in done
-        and max(s.explained, s.foreseen) >= MIN_LEADER_SHARE * leader.reduction
-        and s.explained > 0.0
-        and not _is_redundant(s.id, candidates, thresholds)
-        and are_confusable(sign, s)
-    ]
-
-
-def _refit_forms(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signature: Signature,
-    thresholds: Thresholds,
-) -> Candidate:
-    """Return the effect refitted in the form that does best on held-out data.
-
-    Forms other than the one that screens best are tried where that one is accepted.
-    """
-    best = _refit_signature(now, division, signature, thresholds)
-    key = form_key(signature.id)
-    forms = range(len(now.problem.plant.library.effects[signature.id].forms))
-    for form in forms:
-        if best.reason or form == signature.start.get(key, 0.0):
-            continue
-        other = signature._replace(start={**signature.start, key: float(form)})
-        candidate = _refit_signature(now, division, other, thresholds)
-        if not candidate.reason and candidate.reduction > best.reduction:
-            best = candidate
-    return best
-
-
-def _refit_signature(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signature: Signature,
-    thresholds: Thresholds,
-) -> Candidate:
-    wider = now.problem.with_effect(signature.id, signature.start)
-    starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
-    return _refit(now, division, wider, starts, thresholds)
-
-
-def _refit_like(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    name: str,
-    thresholds: Thresholds,
-    whole: Search | None,
-) -> Candidate | None:
-    """Return the effect refitted from where it is in a model of all data, if any."""
-    for model in whole.known if whole else ():
-        known = model.problem
-        if known.effects != (*now.problem.effects, name):
-            continue
-        if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
-            wider = replace(
-                now.problem,
-                tuned=known.tuned,
-                effects=known.effects,
-                forms=known.forms,
-            ).sharing([known])
-            start = np.mean([fit.x for fit in model.fits], axis=0)
-            starts = [start] * len(division)
-            return _refit(now, division, wider, starts, thresholds)
-    return None
-
-
-def _refit(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    wider: Problem,
-    starts: Sequence[FloatArray],
-    thresholds: Thresholds,
-) -> Candidate:
-    """Return the effect that a wider model has last, refitted."""
-    name = wider.effects[-1]
+    effects = found.after.problem.effects
+    if not effects or found.after.misfit <= MAX_EXPLAINED_ERROR:
+        return Agreement({}, {})
+    records = baseline_fit.problem.plant.records
+    parts = split_trials(records)
+    tried = {c.id for step in found.rounds for c in step.candidates if not c.reason}
+    named: list[list[set[str]]] = []
     try:
-        crossed = cross_validate(wider, division, starts)
-    except EffectError:
-        raise
-    except CableError as error:
-        return Candidate(name, now, 0.0, 0.0, str(error))
-    old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
-    whole = float(old.sum())
-    reduction = 1.0 - float(better.sum()) / whole
-    z = comparison_z(better, old, whole)
-    reason = rejection_reason(crossed, name, reduction, z, thresholds)
-    return Candidate(name, crossed, reduction, z, reason)
+        for place, part in enumerate(parts):
+            progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
+            named.append(
+                _named_effects(baseline_fit, part, sorted(tried), limits, found)
+            )
+    except KeyboardInterrupt:
+        baseline_fit.problem.slopes.forget()  # they may be half taken
+    own = {step.added: set(step.rivals) for step in found.rounds if step.added}
+    votes = count_votes(effects, own, named)
+    return votes._replace(interrupted=len(named) < len(parts))
+
+
+def count_votes(
+    effects: Sequence[str],
+    own: Mapping[str, set[str]],
+    named: Sequence[Sequence[set[str]]],
+) -> Agreement:
+    """Return the agreement of the parts.
+
+    Args:
+        effects: that the whole names.
+        own: what each was in a tie with there, by id.
+        named: groups that a part cannot distinguish, for each effect that it names.
+    """
+    shares, rivals = {}, {}
+    for name in effects:
+        votes: Counter[str] = Counter()
+        instead: set[str] = set()
+        confused = set(EFFECTS[name].confounded_with)
+        for groups in named:
+            with_it = [group for group in groups if name in group]
+            # Two that are easily confused, and of which the whole needs one only.
+            matching = [group for group in groups if group & confused]
+            votes.update(set().union(*(with_it or groups), *matching) - set(effects))
+            if not with_it:  # even where the whole has both, this part has that one
+                instead |= confused & set().union(*matching)
+        often = {
+            r for r, count in votes.items() if count >= Limit.tie_share * len(named)
+        }
+        rivals[name] = tuple(sorted(often | instead))
+        either = {name, *own.get(name, ()), *rivals[name]}
+        agreed = [groups for groups in named if either & set().union(*groups)]
+        if named:
+            shares[name] = len(agreed) / len(named)
+    return Agreement(shares, rivals)
+
+
+def _named_effects(
+    baseline_fit: BaselineFit,
+    part: Masks,
+    ids: Sequence[str],
+    limits: Thresholds,
+    whole: Search,
+) -> list[set[str]]:
+    """Return the effects a part of the data names, each with its ties."""
+    problem = baseline_fit.problem
+    division = tuple(
+        Fold(_intersect_masks(fold.train, part), _intersect_masks(fold.test, part))
+        for fold in interleaved_folds(problem.plant.records)
+    )
+    start = [baseline_fit.whole.x] * len(division)
+    crossed = cross_validate(problem, division, start)
+    return names_found(crossed, division, ids, limits, whole)
+
+
+def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:
+    return tuple(a & b for a, b in zip(one, other, strict=True))
+
+
+def split_trials(records: Sequence[Record]) -> list[Masks]:
+    """Return halves of the trials that are not reserved: first and last, every other.
+
+    Trials in the order of their names, which tell load and speed as a rule; repetitions
+    stay together. How the rig stood tells a weight from a spring and nothing else does,
+    so a half without any trial of a tilt has them all.
+    """
+    tilts = {r.group: r.tilt for r in records if r.free.any()}
+    groups = sorted(tilts)
+    if len(groups) < Limit.min_split_trials:
+        return []
+    middle = len(groups) // 2
+    halves = (groups[:middle], groups[middle:], groups[::2], groups[1::2])
+    parts: list[Masks] = []
+    for half in halves:
+        there = {tilts[group] for group in half}
+        wanted = {*half, *(g for g, tilt in tilts.items() if tilt not in there)}
+        parts.append(tuple(r.free & (r.group in wanted) for r in records))
+    return parts

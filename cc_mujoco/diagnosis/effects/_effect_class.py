@@ -241,7 +241,6 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
 
 
 def _parameters(made: Any) -> tuple[tuple[EffectParameter, ...], tuple[Values, ...]]:
-    """Return the parameters of an effect, and the values from which it is fitted."""
     listed = made.parameters()
     if not isinstance(listed, list | tuple) or not listed:
         raise CableError(

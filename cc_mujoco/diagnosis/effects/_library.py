@@ -12,13 +12,11 @@ from contextlib import contextmanager
 from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects._cable_effects import CABLE_EFFECTS
-from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS
+from cc_mujoco.diagnosis.effects._conduit_effects import CABLE_EFFECTS, FRICTION_EFFECTS
+from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS, SENSOR_EFFECTS
 from cc_mujoco.diagnosis.effects._effect import Effect
 from cc_mujoco.diagnosis.effects._effect_class import effect_of_class
-from cc_mujoco.diagnosis.effects._friction_effects import FRICTION_EFFECTS
 from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
-from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {

@@ -39,7 +39,6 @@ class ClampCreep:
     confused_with = ("pretension_loss", "cable_stiffening", "end_compliance")
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         sizes: list[Size | Shape] = [
             Size(f"{name}{one}", "m/(N s)", 1e-5, f"{meaning}{of}", 0.0, 1e-2)
             for name, meaning in (
@@ -55,7 +54,6 @@ class ClampCreep:
     def cables(
         self, cables: tuple[Cable, ...], values: Values, rig: RigGeometry
     ) -> tuple[Cable, ...]:
-        """See `_effect_class`."""
         return tuple(
             cable.replace(
                 clamp_creep_distal=values.get(f"clamp_creep_distal{one}", 0.0),
@@ -76,12 +74,10 @@ class DrumWinding:
     confused_with = ("pulley_eccentricity", "joint_stiffness", "joint_gravity")
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         meaning = "relative growth of the drum's radius per wound angle"
         return [Size("drum_growth", "1/rad", 0.005, meaning, -0.2, 0.2, (0.0, 0.1))]
 
     def motor_arm(self, values: Values) -> tuple[float, ...]:
-        """See `_effect_class`."""
         return (values["drum_growth"],)
 
 
@@ -97,7 +93,6 @@ class _JointStop:
     name = ""
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         starts = self.side * np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7])
         return [
             Size(f"{self.name}_stiffness", "N m/rad", 5.0, "stiffness", 0.0, 1e4),
@@ -112,7 +107,6 @@ class _JointStop:
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        """See `_effect_class`."""
         beyond = self.side * (signals.joint_angle - values[f"{self.name}_angle"])
         torque = values[f"{self.name}_stiffness"] * np.maximum(beyond, 0.0)
         return signals.added(joint=-self.side * torque)
@@ -143,7 +137,6 @@ class CurrentRipple:
     confused_with = ("motor_cogging", "torque_sensor_gain")
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         orders = [*range(4, 28, 2), 30, 36, 42, 48]
         return [
             Size("ripple_cosine", "1", 0.02, "relative ripple, cosine", -1.0, 1.0),
@@ -152,7 +145,6 @@ class CurrentRipple:
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        """See `_effect_class`."""
         phase = values["ripple_order"] * signals.motor_angle
         cosine, sine = values["ripple_cosine"], values["ripple_sine"]
         wave = cosine * np.cos(phase) + sine * np.sin(phase)
@@ -160,7 +152,6 @@ class CurrentRipple:
 
 
 def _with_friction(cables: tuple[Cable, ...], change: float) -> tuple[Cable, ...]:
-    """Return the cables with their friction changed by a share."""
     factor = min(max(1.0 + change, 0.0), _MAX_FRICTION_FACTOR)
     return tuple(
         cable.replace(friction=clamp_to_bounds("friction", factor * cable.friction))
@@ -177,14 +168,12 @@ class FrictionByOrder:
     confused_with = ("friction_drift",)
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         meaning = "relative change of friction per trial"
         return [Size("friction_per_trial", "1", 0.02, meaning, -1.0, 1.0)]
 
     def cables(
         self, cables: tuple[Cable, ...], values: Values, rig: RigGeometry
     ) -> tuple[Cable, ...]:
-        """See `_effect_class`."""
         change = values["friction_per_trial"] * rig.conditions.order
         return _with_friction(cables, change) if change else cables
 
@@ -199,14 +188,12 @@ class FrictionByTemperature:
     confused_with = ("friction_drift", "friction_by_order")
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         meaning = "relative change of friction per degree"
         return [Size("friction_per_kelvin", "1/K", 0.01, meaning, -1.0, 1.0)]
 
     def cables(
         self, cables: tuple[Cable, ...], values: Values, rig: RigGeometry
     ) -> tuple[Cable, ...]:
-        """See `_effect_class`."""
         share = values["friction_per_kelvin"]
         change = share * rig.conditions.temperature
         if change:
@@ -233,7 +220,6 @@ class SensorCrossTalk:
     confused_with = ("torque_sensor_gain",)
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         bounds = (-1.0, 1.0, (-0.2, 0.2))
         return [
             Size("motor_torque_cross_talk", "1", 0.02, "share of the joint's", *bounds),
@@ -241,7 +227,6 @@ class SensorCrossTalk:
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        """See `_effect_class`."""
         return signals.added(
             motor=values.get("motor_torque_cross_talk", 0.0) * signals.joint,
             joint=values.get("joint_torque_cross_talk", 0.0) * signals.motor,
@@ -262,7 +247,6 @@ class JointFriction:
     )
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         meaning = "dry friction of the joint"
         turn = "turn of the joint over which its friction builds up"
         return [
@@ -271,7 +255,6 @@ class JointFriction:
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        """See `_effect_class`."""
         if round(values.get(form_key("joint_friction"), 0.0)) == 0:
             share = dry_friction(signals.joint_angle, values["joint_wind_up"])
         else:  # nothing at rest; full from a hundredth of the top speed on
@@ -298,14 +281,12 @@ class CoupledNeighbour:
         self.columns = (column,)
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         return [
             Size("neighbour_at_joint", "1", 0.05, "share that acts on the joint"),
             Size("neighbour_at_motor", "1", 0.05, "share that acts on the motor"),
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        """See `_effect_class`."""
         (column,) = self.columns
         other = signals.columns[column]
         return signals.added(
@@ -324,14 +305,12 @@ class LeverGeometry:
     confused_with = ("joint_stiffness", "joint_gravity", "pulley_eccentricity")
 
     def parameters(self) -> list[Size | Shape]:
-        """See `_effect_class`."""
         return [
             Size("arm_slope", "1/rad", 0.02, "slope of the arm over it", -1.0, 1.0),
             Size("arm_bend", "1/rad^2", 0.02, "bend of the arm over it", -1.0, 1.0),
         ]
 
     def joint_arm(self, values: Values) -> tuple[float, ...]:
-        """See `_effect_class`."""
         return values["arm_slope"], values["arm_bend"]
 
 

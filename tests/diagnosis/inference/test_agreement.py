@@ -8,7 +8,7 @@ import numpy as np
 
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import Options, prepare, run_inference
-from cc_mujoco.diagnosis._search.agreement import count_votes, split_trials
+from cc_mujoco.diagnosis._search.search import count_votes, split_trials
 from diagnosis.recorded import BENCH, dataset
 
 IDS = ("viscous_friction", "joint_gravity")

@@ -11,21 +11,14 @@ import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
+from cc_mujoco.diagnosis._judge.judge import RELIABILITY, _rate, _worded, probabilities
 from cc_mujoco.diagnosis._phrases import format_odds
-from cc_mujoco.diagnosis._search.acceptance import (
+from cc_mujoco.diagnosis._search.acceptance import comparison_z
+from cc_mujoco.diagnosis._thresholds import (
     FORM_ERROR_SHARE,
     MAX_EXPLAINED_ERROR,
+    Limit,
     Thresholds,
-    comparison_z,
-)
-from cc_mujoco.diagnosis._search.belief import (
-    FAR_OFF_NAMES,
-    FAR_OFF_RIGHT,
-    MEETING_FORM_SHARE,
-    RELIABILITY,
-    _rate,
-    _worded,
-    probabilities,
 )
 from cc_mujoco.diagnosis._verdict import Alternative, Verdict
 
@@ -63,7 +56,7 @@ def test_a_model_that_leaves_little_has_little_discrepancy() -> None:
 
 def test_effects_whose_forms_meet_stay_undecided() -> None:
     before, better, worse = 900.0 * BLOCKS, errors(2.0), errors(32.0)
-    assert comparison_z(better, worse, before, MEETING_FORM_SHARE) < 0.2
+    assert comparison_z(better, worse, before, Limit.meeting_form_share) < 0.2
 
 
 def test_probabilities_add_up_and_agree_with_pairwise_odds() -> None:
@@ -82,7 +75,7 @@ def test_rates_are_those_of_the_page() -> None:
     assert {name: int(rate) / 100 for name, rate in rates} == RELIABILITY
     far = re.search(r"above (\d+) of (\d+)", odds)
     assert far is not None
-    assert (int(far[1]), int(far[2])) == (FAR_OFF_RIGHT, FAR_OFF_NAMES)
+    assert (int(far[1]), int(far[2])) == (Limit.far_off_right, Limit.far_off_names)
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ from cc_mujoco.diagnosis._fit.intervals import (
     noise_covariance,
     parts_of,
 )
+from cc_mujoco.diagnosis._judge.identifiability import deviating_parameters
 from cc_mujoco.diagnosis._phrases import format_interval
-from cc_mujoco.diagnosis._propose.identifiability import deviating_parameters
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.estimation._least_squares import Tuned, covariance
 from cc_mujoco.native import FloatArray

@@ -9,14 +9,11 @@ from typing import Any
 import pytest
 
 from cc_mujoco.diagnosis._fit.stretches import Stretch
-from cc_mujoco.diagnosis._search import verdict_rules
-from cc_mujoco.diagnosis._search.acceptance import Round, Thresholds
-from cc_mujoco.diagnosis._search.verdict_rules import (
-    FINDING_ERROR,
-    Judgement,
-    judge,
-    only_refines,
-)
+from cc_mujoco.diagnosis._judge import judge as verdict_rules
+from cc_mujoco.diagnosis._judge.judge import Judgement, verdict_of
+from cc_mujoco.diagnosis._search.acceptance import Round
+from cc_mujoco.diagnosis._search.search import only_refines
+from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
 from cc_mujoco.estimation import Estimate
 
@@ -73,7 +70,7 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
 ) -> None:
     ties = (rivals,) if len(rivals) > 1 else ()
     found = outcome(rivals[:1], GAP, ties)
-    said, statement = judge(search(3.0, left), found, Thresholds())
+    said, statement = verdict_of(search(3.0, left), found, Thresholds())
     assert said == verdict
     if verdict == "unknown":
         assert "takes 20 % of the RMS error above the noise" in statement
@@ -98,7 +95,7 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
     ties = (names,) if len(names) > 1 else ()
     for misfit, hint in ((1.6, True), (1.9, False)):
         found = outcome(names[:1], CLOSED, ties)
-        said = judge(search(misfit, 1.0), found, Thresholds())[1]
+        said = verdict_of(search(misfit, 1.0), found, Thresholds())[1]
         assert ("this is a hint only" in said) is hint
 
 
@@ -107,7 +104,7 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
     for misfit, hint in ((1.6, True), (1.9, False)):
-        said, told = judge(search(misfit, misfit), outcome((), GAP), Thresholds())
+        said, told = verdict_of(search(misfit, misfit), outcome((), GAP), Thresholds())
         assert said == "unknown"
         assert ("this is a hint only" in told) is hint
 
@@ -115,23 +112,23 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:
     found = outcome(ALIKE[:1], GAP)
     far = search(20.0, 8.0)  # 63 % of the error
-    assert judge(far, found, Thresholds())[0] == "unknown"
-    assert judge(far, outcome(ALIKE[:1], CLOSED), Thresholds())[0] == "named"
+    assert verdict_of(far, found, Thresholds())[0] == "unknown"
+    assert verdict_of(far, outcome(ALIKE[:1], CLOSED), Thresholds())[0] == "named"
 
 
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
     found = outcome(ALIKE[:1], CLOSED)
-    assert judge(search(3.0, 2.6), found, Thresholds())[0] == "named"
+    assert verdict_of(search(3.0, 2.6), found, Thresholds())[0] == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
     found = outcome(ALIKE[:1], GAP)
-    assert judge(search(1.6, 1.45), found, Thresholds())[0] == "named"
+    assert verdict_of(search(1.6, 1.45), found, Thresholds())[0] == "named"
 
 
 def test_a_refinement_is_told_but_not_called_missing() -> None:
     found = outcome(ALIKE[:1], CLOSED, refining=("sensor_delay",))
-    said, statement = judge(search(3.0, 1.0), found, Thresholds())
+    said, statement = verdict_of(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
     missing, refines = statement.split(". ", 1)
     assert "Stribeck" in missing
@@ -144,7 +141,7 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
     far = search(12.0, 4.5)
     for channels in (["motor_torque_nm"], ["motor_torque_nm", "joint_torque_nm"]):
         found = outcome(ALIKE[:1], dict.fromkeys(channels, half))
-        said, statement = judge(far, found, Thresholds())
+        said, statement = verdict_of(far, found, Thresholds())
         assert said == "unknown"
         assert "is 7.5 times the noise floor" in statement
         assert "that of the tuned scene 15.0 times" in statement
@@ -153,7 +150,7 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
 @pytest.mark.parametrize("verdict", ["named", "tie"])
 def test_how_far_the_repaired_model_is_off_is_told_with_the_name(verdict: str) -> None:
     ties = (ALIKE,) if verdict == "tie" else ()
-    said, statement = judge(
+    said, statement = verdict_of(
         search(3.0, 1.0), outcome(ALIKE[:1], CLOSED, ties), Thresholds()
     )
     assert said == verdict
@@ -166,7 +163,7 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
         ("viscous_friction", "friction_drift"),
         ("joint_gravity", "joint_stiffness"),
     )
-    said, statement = judge(
+    said, statement = verdict_of(
         search(5.0, 1.0), outcome(names, CLOSED, ties), Thresholds()
     )
     assert said == "tie"
@@ -180,7 +177,7 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
     ("other", "own", "left", "refinement"),
     [
         ("joint_gravity", 14.9, 1.0, False),
-        ("joint_gravity", FINDING_ERROR - 0.1, 1.0, True),
+        ("joint_gravity", Limit.finding_error - 0.1, 1.0, True),
         ("joint_gravity", 14.9, 16.0, True),  # what is left is more than it takes
         ("sensor_delay", 14.9, 1.0, True),  # easily confused with viscous friction
     ],
@@ -204,7 +201,7 @@ def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
         rivals=("joint_stiffness",),
     )
     found = Judgement((FoundEffect("backlash", {}, 1.0), little), (), CLOSED, ())
-    said, statement = judge(search(3.0, 1.0), found, Thresholds())
+    said, statement = verdict_of(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
     assert "ravity on the joint or a spring on the joint refines" in statement
 
@@ -212,22 +209,22 @@ def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
 def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
     usual = FoundEffect("end_compliance", {}, 1.0, ordinary=True)
     alone = Judgement((usual,), (), CLOSED, ())
-    said, statement = judge(search(1.4, 1.1), alone, Thresholds())
+    said, statement = verdict_of(search(1.4, 1.1), alone, Thresholds())
     assert said == "none" and "Nothing is missing" in statement
     assert "the error of the model is 1.10 times the noise floor" in statement
     assert "no larger than uneven bends and loose ends" in statement
     beside = Judgement((FoundEffect("backlash", {}, 1.0), usual), (), CLOSED, ())
-    said, statement = judge(search(3.0, 1.0), beside, Thresholds())
+    said, statement = verdict_of(search(3.0, 1.0), beside, Thresholds())
     assert said == "named"
     assert "end fitting" not in statement.partition(". ")[0]
 
 
 def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() -> None:
     found = outcome(ALIKE[:1], GAP)
-    said, statement = judge(search(3.0, 2.6, REASON), found, Thresholds())
+    said, statement = verdict_of(search(3.0, 2.6, REASON), found, Thresholds())
     assert said == "unknown"
     assert f"gain of a torque sensor {REASON}" in statement
-    _, plain = judge(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
+    _, plain = verdict_of(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
     assert "gain of a torque sensor" not in plain
 
 
@@ -236,7 +233,9 @@ def test_unknown_gives_the_refused_effect_its_share_what_remains_and_why(
     reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
-    said, statement = judge(search(9.0, 9.0, reason), outcome((), GAP), Thresholds())
+    said, statement = verdict_of(
+        search(9.0, 9.0, reason), outcome((), GAP), Thresholds()
+    )
     assert said == "unknown"
     assert "What comes closest is gain of a torque sensor" in statement
     assert "25 % of the RMS error above the noise and leaves 7.00" in statement
@@ -250,32 +249,32 @@ def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: 0.0)
     found, limits = search(misfit, misfit), Thresholds()
-    assert judge(found, outcome((), GAP), limits)[0] == "none"
+    assert verdict_of(found, outcome((), GAP), limits)[0] == "none"
     stretch = Stretch("trial_06", 4.0, 8.0, "joint_torque_nm", 80.0, 1.2, True, 1.1)
     off = outcome((), GAP)._replace(stretch=stretch)
-    said, statement = judge(found, off, limits)
+    said, statement = verdict_of(found, off, limits)
     assert said == "unknown"
     assert "trial_06 transmits nothing from 4.0 s to 8.0 s" in statement
     assert "80.0 times the noise floor" in statement
     beside = off._replace(stretch=stretch._replace(rest=3.0))
-    said, statement = judge(found, beside, limits)
+    said, statement = verdict_of(found, beside, limits)
     assert said == "unknown" and "rial_06 transmits nothing from" in statement
 
 
 def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
     for name, verdict in ((ALIKE[0], "unknown"), ("joint_inertia", "named")):
         found = outcome((name,), CLOSED)._replace(unhooked=11.8)
-        said, statement = judge(search(20.0, 1.2), found, Thresholds())
+        said, statement = verdict_of(search(20.0, 1.2), found, Thresholds())
         assert said == verdict
         assert ("no cable causes" in statement) is (verdict == "unknown")
     near = outcome(ALIKE[:1], CLOSED)._replace(unhooked=1.5)
-    assert judge(search(20.0, 1.2), near, Thresholds())[0] == "named"
+    assert verdict_of(search(20.0, 1.2), near, Thresholds())[0] == "named"
 
 
 def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
     told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
     away = Strayed("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
     found = outcome((), GAP, strayed=(away,))
-    said, statement = judge(search(1.0, 1.0), found, Thresholds())
+    said, statement = verdict_of(search(1.0, 1.0), found, Thresholds())
     assert said == "none"
     assert "Pretension had to be tuned to 59 N" in statement

@@ -9,7 +9,7 @@ import pytest
 
 from cc_mujoco.diagnosis import Diagnosis, Options, run_inference
 from cc_mujoco.diagnosis._phrases import VERDICT_MEANINGS, Names, tried_sentence
-from cc_mujoco.diagnosis._report.steps import next_steps
+from cc_mujoco.diagnosis._report.sections import next_steps
 from diagnosis.inference.test_trial_trends import day
 from diagnosis.recorded import BENCH, dataset
 

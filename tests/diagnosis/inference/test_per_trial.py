@@ -19,9 +19,9 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.jacobian import TorqueDerivatives
+from cc_mujoco.diagnosis._fit.fitting import TorqueDerivatives
 from cc_mujoco.diagnosis._fit.stretches import worst_stretch
-from cc_mujoco.diagnosis._locate.outlier_trials import (
+from cc_mujoco.diagnosis._fit.trials import (
     find_outlier_trial,
     misfits,
     trial_errors,

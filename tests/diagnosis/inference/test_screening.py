@@ -9,7 +9,7 @@ import pytest
 
 from cc_mujoco.diagnosis import BaselineFit, fit_baseline, plant_of, prepare
 from cc_mujoco.diagnosis._fit.folds import Fold, divided_samples, interleaved_folds
-from cc_mujoco.diagnosis._search import search
+from cc_mujoco.diagnosis._search import rounds
 from cc_mujoco.diagnosis._search.screening import Changes, screen
 from diagnosis.recorded import BENCH, dataset
 
@@ -34,7 +34,7 @@ def test_a_part_of_the_trials_is_screened_without_the_others(base: BaselineFit) 
     kept, none = divided_samples(part)
     assert np.array_equal(kept, first.free) and not none.any()
     priors = sum(np.isfinite(parameter.prior) for parameter in base.problem.tuned)
-    (sign,) = search._screen_folds(base.crossed, part, list(DRAG), Changes())
+    (sign,) = rounds._screen_folds(base.crossed, part, list(DRAG), Changes())
     assert len(sign.changes) == 2 * kept.sum() + priors
     assert sign.explained > 0.5
 

@@ -12,14 +12,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._search import acceptance, search
-from cc_mujoco.diagnosis._search.acceptance import (
-    FORM_ERROR_SHARE,
-    Thresholds,
-    parted_by_form,
-    tie_reason,
-)
+from cc_mujoco.diagnosis._search import acceptance, rounds
+from cc_mujoco.diagnosis._search.acceptance import parted_by_form, tie_reason
 from cc_mujoco.diagnosis._search.screening import Changes, bounded_least_squares
+from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Thresholds
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
@@ -169,9 +165,9 @@ def test_an_interruption_while_effects_are_dropped_keeps_all(
     forgotten: list[str] = []
     slopes = SimpleNamespace(forget=lambda: forgotten.append("slopes"))
     model: Any = SimpleNamespace(problem=SimpleNamespace(slopes=slopes))
-    monkeypatch.setattr(search, "eliminate", interrupt)
-    monkeypatch.setattr(search, "gap_shares", lambda *_: {})
-    course = search._Course(model, (), (), [model], Changes(), False)
-    found = course.drop_redundant(model, (), Thresholds())
+    monkeypatch.setattr(rounds, "eliminate", interrupt)
+    monkeypatch.setattr(rounds, "gap_shares", lambda *_: {})
+    course = rounds.Search(model, model, (), (), {}, Changes(), (model,))
+    found = rounds.drop_redundant(course, ())
     assert found.interrupted and found.after is model
     assert forgotten == ["slopes"]

@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis import (
     run_inference,
 )
 from cc_mujoco.diagnosis._fit.intervals import Spread, estimates
-from cc_mujoco.diagnosis._propose.identifiability import (
+from cc_mujoco.diagnosis._judge.identifiability import (
     REMEDIES,
     _suspected_unit,
     confounded_effects,

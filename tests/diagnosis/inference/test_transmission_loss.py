@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cc_mujoco.datasets._smoothing import velocity_noise
-from cc_mujoco.diagnosis._partial.transmission_loss import (
+from cc_mujoco.diagnosis._partial.loss import (
     LossFit,
     SceneLaw,
     fit_loss,
     strokes_of,
 )
-from cc_mujoco.diagnosis._rig.lowpass import compared_band, low_pass
+from cc_mujoco.diagnosis._rig.records import compared_band, low_pass
 from diagnosis.dynamometer import (
     CURRENT_NOISE,
     CURRENT_STEP,

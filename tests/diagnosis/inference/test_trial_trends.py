@@ -10,12 +10,12 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._locate.trial_trends import (
-    TREND_FALSE_ALARM_RATE,
+from cc_mujoco.diagnosis._fit.trial_constants import (
     TrialConstants,
     trial_constants,
     trial_trends,
 )
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.estimation._least_squares import Tuned
 from diagnosis.recorded import BENCH, NOISE, dataset
 
@@ -51,13 +51,13 @@ def test_friction_that_falls_over_the_trials_is_measured_trial_by_trial() -> Non
     np.testing.assert_allclose(found.change, logs - logs.mean(), atol=0.02)
     (trend,) = trial_trends(found, {"order": np.arange(6.0), "flat": np.zeros(6)})
     assert trend.slope == pytest.approx(-0.081, abs=0.005)
-    assert trend.freedom == 4 and trend.chance < TREND_FALSE_ALARM_RATE
+    assert trend.freedom == 4 and trend.chance < Limit.trend_false_alarm_rate
 
 
 def test_friction_that_is_the_same_in_all_trials_has_no_trend() -> None:
     for found in constants_of(day([1.1] * 5)):
         (trend,) = trial_trends(found, {"order": np.arange(5.0)})
-        assert trend.chance > TREND_FALSE_ALARM_RATE
+        assert trend.chance > Limit.trend_false_alarm_rate
         assert found.share < 0.3
 
 
@@ -74,5 +74,5 @@ def test_a_trend_is_claimed_as_often_as_its_statistic_says(scatter: float) -> No
         found = TrialConstants(FRICTION, tuple("abcdefgh"), change, error, 1.0)
         claimed.append(trial_trends(found, order)[0].chance < 0.05)
         drifting = found._replace(change=change - 6.0 * spread * (order["order"] - 3.5))
-        assert trial_trends(drifting, order)[0].chance < TREND_FALSE_ALARM_RATE
+        assert trial_trends(drifting, order)[0].chance < Limit.trend_false_alarm_rate
     assert 0.01 < np.mean(claimed) < 0.1

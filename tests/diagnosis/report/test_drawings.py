@@ -15,22 +15,18 @@ from matplotlib.figure import Figure
 from cc_mujoco.diagnosis._phrases import Names
 from cc_mujoco.diagnosis._report.drawings import (
     FIGURE_STEMS,
+    confounded_pairs,
     draw_excerpt,
     draw_figures,
-    shown_maps,
-)
-from cc_mujoco.diagnosis._report.excerpt import (
-    MAX_EXCERPT,
-    model_changed,
-    ordinary_excerpt,
-    worst_excerpt,
-)
-from cc_mujoco.diagnosis._report.isolability import (
-    confounded_pairs,
     draw_isolability,
     invisible_effects,
+    model_changed,
+    ordinary_excerpt,
+    shown_maps,
+    worst_excerpt,
 )
-from cc_mujoco.diagnosis._report_data import Evidence, Isolability, TrialTrace
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Evidence, Isolability, TrialTrace
 from cc_mujoco.report import style
 from diagnosis.report_examples import (
     DIAGNOSES,
@@ -128,7 +124,7 @@ def test_worst_excerpt_holds_the_burst_of_error(
     assert found is not None and found.trace is traces[index]
     time = found.trace.time[found.part]
     assert time[0] <= start + 0.15 <= time[-1] + 1e-9
-    assert time[-1] - time[0] <= MAX_EXCERPT + 1e-6
+    assert time[-1] - time[0] <= Limit.max_excerpt + 1e-6
 
 
 def test_run_in_is_never_shown_however_wrong() -> None:

@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._phrases import NOT_IN_SCENE_PREFIX, Names
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
-from cc_mujoco.diagnosis._report.steps import next_steps
+from cc_mujoco.diagnosis._report.sections import next_steps
 from cc_mujoco.diagnosis._scene.realisation import unrealisable_reason
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis._verdict import FoundEffect

@@ -20,7 +20,7 @@ from cc_mujoco.diagnosis._report.recording import (
     recording_id,
     write_recording,
 )
-from cc_mujoco.diagnosis._report_data import Evidence
+from cc_mujoco.diagnosis._verdict import Evidence
 from cc_mujoco.errors import CableError
 from diagnosis.report_examples import NOTHING, TITLES, evidence, trace
 

@@ -13,14 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import cc_mujoco.diagnosis._report.report as report_module
+import cc_mujoco.diagnosis._report.output as report_module
 from cc_mujoco.diagnosis import Diagnosis
 from cc_mujoco.diagnosis._phrases import MINUS, Names, headline
 from cc_mujoco.diagnosis._report.drawings import FIGURE_STEMS
-from cc_mujoco.diagnosis._report.report import write_report
-from cc_mujoco.diagnosis._report.steps import next_command
-from cc_mujoco.diagnosis._report_data import Evidence
-from cc_mujoco.diagnosis._verdict import Gap, NotTestable, Occasions
+from cc_mujoco.diagnosis._report.output import write_report
+from cc_mujoco.diagnosis._report.sections import next_command
+from cc_mujoco.diagnosis._verdict import Evidence, Gap, NotTestable, Occasions
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import Html, element
 from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cc_mujoco.datasets._dataset_file import read_dataset_file
-from cc_mujoco.diagnosis._report.unknown import (
+from cc_mujoco.diagnosis._report.sections import (
     CABLE_ALONE,
     JOINT_ONLY,
     MOTOR_ONLY,

@@ -11,7 +11,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import repair_scene, rollout, write
-from cc_mujoco.diagnosis._scene.requirements import require_repairable
+from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.errors import CableError
 
 ARM = """<mujoco><option timestep="0.0005"/><compiler angle="radian"/>

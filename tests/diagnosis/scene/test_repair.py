@@ -12,7 +12,7 @@ import pytest
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import read_channels, repair_scene, write
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
-from cc_mujoco.diagnosis._scene.requirements import require_repairable
+from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from diagnosis.rigs import BENCH, EFFECTS, MECHANICAL

@@ -12,7 +12,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import repair_scene, rollout, write
-from cc_mujoco.diagnosis._scene.requirements import require_repairable
+from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH, EFFECTS, JOINT, MOTOR, TIME, Torques
 

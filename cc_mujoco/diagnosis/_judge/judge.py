@@ -1,46 +1,55 @@
-"""Rules for the verdict, from a search, the closed gap and the tuned parameters."""
+r"""The question `judge`: is the finding right, and how likely?
+
+Each comparison of two models has odds Phi(z) to Phi(-z), see `acceptance`; effects
+whose forms meet have the discrepancy f = m E. The odds of a verdict follow from those
+against each alternative and from how often such verdicts are right on sealed rigs
+(`RELIABILITY`, `validation.md`), which counts what no comparison shows: effects that
+the library does not have.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
-from cc_mujoco.diagnosis._fit.folds import CrossValidation, excess
-from cc_mujoco.diagnosis._fit.heldout_error import floor_ratios, overall_share
+from cc_mujoco.diagnosis._fit.baseline import floor_ratios, overall_share
+from cc_mujoco.diagnosis._fit.folds import CrossValidation, blocks, excess
 from cc_mujoco.diagnosis._fit.plausibility import IMPLAUSIBLE_PREFIX
-from cc_mujoco.diagnosis._fit.stretches import STRETCH_LIMIT, TRIAL_LIMIT, Stretch
+from cc_mujoco.diagnosis._fit.stretches import Stretch, worst_stretch
+from cc_mujoco.diagnosis._fit.trials import misfits
+from cc_mujoco.diagnosis._judge.identifiability import (
+    confounded_effects,
+    detectability,
+    deviating_parameters,
+    untestable_effects,
+)
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
     format_number,
+    format_odds,
     format_share,
 )
-from cc_mujoco.diagnosis._search.acceptance import MAX_EXPLAINED_ERROR, Thresholds
-from cc_mujoco.diagnosis._search.search import Search
-from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed, Verdict
+from cc_mujoco.diagnosis._search.acceptance import Round, comparison_z
+from cc_mujoco.diagnosis._search.rounds import Search
+from cc_mujoco.diagnosis._search.search import Found
+from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._verdict import (
+    Alternative,
+    Confounded,
+    FoundEffect,
+    Gap,
+    NotTestable,
+    Strayed,
+    Verdict,
+    VerdictOdds,
+)
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.report._html import list_words
 
-MIN_EXPLAINED_SHARE = 0.5
-"""Share of the RMS error beyond the floor that named effects have to take, or else the
-gap.
-
-In the search large errors count less, since few moments must not decide what is named;
-an effect that shows in few moments only closes the gap without taking that share.
-"""
-
-MIN_GAP_CLOSED = 2.0 / 3.0
-"""Share of the gap between RMS errors that an effect has to close which takes less than
-`MIN_EXPLAINED_SHARE`, or stays far off."""
-
-MAX_REFINEMENT_SHARE = 0.1
-"""Share of the squared gap below which an effect may only mend the form of another."""
-FINDING_ERROR = 5.0
-"""RMS error of its own over the floor from which on it is a finding even so."""
-
-HINT_ERROR = 1.8
-"""Error over the floor below which a name is a hint: rigs whose bends and friction are
-laid out otherwise than the scene's reach that without any effect."""
 _HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint only."
 
 
@@ -76,34 +85,74 @@ class Judgement(NamedTuple):
     unhooked: float = 0.0
 
 
-def only_refines(
-    name: str, shares: Mapping[str, float], own: Mapping[str, float], left: float
-) -> bool:
-    """Return whether an effect of a model only refines the others.
+@dataclass(frozen=True)
+class Judged:
+    """Verdict with its reasons.
 
-    One that takes little of the gap is a finding nevertheless where it takes half of
-    the squared error that the model would have without it, and that is clearly more
-    than noise; unless a larger effect is easily confused with it, whose form it may
-    mend.
-
-    Args:
-        name: of the effect.
-        shares: of the squared gap that opens without each effect.
-        own: RMS error over the floor that opens without each effect.
-        left: RMS error of the model over the floor.
+    Attributes:
+        verdict: in one word.
+        statement: in a few sentences.
+        belief: probability that it is right; None where the search was interrupted.
+        stretch: stretch of a trial beyond its own limit, or None.
+        deviating: parameters tuned far beyond their priors.
+        confounded: effects that tuning would hide.
+        not_testable: effects that these data cannot show.
     """
-    if shares[name] >= min(MAX_REFINEMENT_SHARE, max(shares.values())):
-        return False
-    mends = any(
-        shares[other] > shares[name] and EFFECTS[name].confused(EFFECTS[other])
-        for other in shares
+
+    verdict: Verdict
+    statement: str
+    belief: VerdictOdds | None
+    stretch: Stretch | None
+    deviating: tuple[Strayed, ...]
+    confounded: tuple[Confounded, ...]
+    not_testable: tuple[NotTestable, ...]
+
+
+def judge(found: Found, limits: Thresholds) -> Judged:
+    """Judge what was found, and what these data could not have shown."""
+    problem, x, search = found.problem, found.x, found.search
+    tied = {rival for effect in found.effects for rival in effect.rivals}
+    beside = {*problem.effects, *tied}
+    others = [sign.id for sign in search.signatures if sign.id not in beside]
+    shown_by = detectability(problem, x, others, search.changes)
+    hidden = confounded_effects(shown_by)
+    beyond = deviating_parameters(problem, x, found.estimated, hidden)
+    stretch = worst_stretch(problem, x, found.held.after)
+    off = misfits(problem, x)
+    unhooked = {r.trial for r in problem.plant.records if r.unhooked} & set(off)
+    outcome = Judgement(
+        found.effects,
+        found.ties,
+        found.held.gap,
+        beyond,
+        stretch,
+        found.by_trial,
+        max((off[name] for name in unhooked), default=0.0),
     )
-    return mends or own[name] < max(FINDING_ERROR, left)
+    kind, statement = verdict_of(search, outcome, limits)
+    statement += declared_sentence(problem.plant.library.declared)
+    belief = None
+    if search.interrupted:
+        if not found.effects:
+            kind = "unknown"
+            statement = (
+                "the error of the tuned scene is "
+                f"{format_number(search.before.misfit)} times the noise floor, and no "
+                "effect had been added."
+            )
+        statement = f"Stopped before all effects were tried: {statement}"
+    else:
+        left = floor_ratios(found.held.gap)[1]
+        belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
+    untestable = untestable_effects(shown_by, hidden)
+    return Judged(kind, statement, belief, stretch, beyond, hidden, untestable)
 
 
-def judge(found: Search, outcome: Judgement, limits: Thresholds) -> tuple[Verdict, str]:
+def verdict_of(
+    found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences."""
-    kind, statement = _judge(found, outcome, limits)
+    kind, statement = _verdict(found, outcome, limits)
     also = " ".join(capitalise(each.statement) for each in outcome.strayed)
     return kind, f"{statement} {also}".strip()
 
@@ -126,7 +175,7 @@ def undecidable_sentence(tie: Sequence[str]) -> str:
     )
 
 
-def _judge(
+def _verdict(
     found: Search, outcome: Judgement, limits: Thresholds
 ) -> tuple[Verdict, str]:
     misfit, left = found.before.misfit, found.after.misfit
@@ -145,7 +194,7 @@ def _judge(
         f"error of {_describe_gap(outcome.gap)}."
     )
     stretch = outcome.stretch
-    if stretch is not None and stretch.size > STRETCH_LIMIT:
+    if stretch is not None and stretch.size > Limit.stretch_limit:
         statement += f" One stretch is left: {stretch.statement}"
     if refining:
         either = list_words(list_words(_tied_titles(each), "or") for each in refining)
@@ -177,8 +226,8 @@ def _judge(
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form; large errors are what that is about.
-    little = explained < MIN_EXPLAINED_SHARE or left > MAX_EXPLAINED_ERROR
-    little = little and overall_share(outcome.gap) < MIN_GAP_CLOSED
+    little = explained < Limit.min_explained_share or left > MAX_EXPLAINED_ERROR
+    little = little and overall_share(outcome.gap) < Limit.min_gap_closed
     if left > limits.misfit and little:
         return "unknown", (
             f"Something is missing{_describe_implausible(found)}. What comes closest "
@@ -186,7 +235,7 @@ def _judge(
             f"error above the noise and leaves {format_number(left)} noise floors, so "
             f"it does not reach the noise. {statement}"
         )
-    if outcome.unhooked > TRIAL_LIMIT and all(
+    if outcome.unhooked > Limit.trial_limit and all(
         EFFECTS[name].where == "conduit" for name in missing
     ):
         return "unknown", (
@@ -195,7 +244,7 @@ def _judge(
             f"no cable causes. {capitalise(_titles(missing))} takes "
             f"{format_share(explained)} of the RMS error above the noise. {statement}"
         )
-    if misfit < HINT_ERROR:
+    if misfit < Limit.hint_error:
         statement += (
             f" The error of the tuned scene is only {format_number(misfit)} times the "
             f"noise floor.{_HINT_CAVEAT}"
@@ -217,7 +266,6 @@ def _judge(
 def _no_effect_verdict(
     model: CrossValidation, found: Search, outcome: Judgement, limits: Thresholds
 ) -> tuple[Verdict, str]:
-    """Return the verdict where no effect is missing from this model."""
     misfit = model.misfit
     if outcome.stretch is not None and outcome.stretch.rest <= limits.misfit:
         return "unknown", (
@@ -243,7 +291,7 @@ def _no_effect_verdict(
     return "unknown", (
         f"Something is missing (error {format_number(misfit)} times the noise floor). "
         f"{closest_sentence(found)} See where the error lies."
-        f"{_HINT_CAVEAT if misfit < HINT_ERROR else ''}" + most
+        f"{_HINT_CAVEAT if misfit < Limit.hint_error else ''}" + most
     )
 
 
@@ -300,3 +348,139 @@ def _describe_gap(found: Mapping[str, Gap]) -> str:
             for name, g in found.items()
         ]
     )
+
+
+RELIABILITY: Mapping[Verdict, float] = {
+    "named": 0.95,
+    "tie": 0.89,
+    "none": 0.94,
+    "unknown": 0.91,
+}
+"""Share of right verdicts on the 247 rigs of the fourteenth sealed set.
+
+`scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. On new rigs with
+the standard trials verdicts were right at least as often (`validation.md`).
+"""
+
+
+def probabilities(z: Mapping[str, float]) -> dict[str, float]:
+    """Return the probability of a model, "", and of each alternative to it by id."""
+    normal = NormalDist()
+    weights = {name: normal.cdf(-each) / normal.cdf(each) for name, each in z.items()}
+    weights[""] = 1.0
+    total = sum(weights.values())
+    return {name: weight / total for name, weight in weights.items()}
+
+
+def belief_in_verdict(
+    found: Search,
+    kind: Verdict,
+    missing: Sequence[str],
+    ties: Sequence[Sequence[str]],
+    left: float,
+) -> VerdictOdds:
+    """Return the probability that a verdict is right, with what else may be true.
+
+    A name is right if its effect is the one that acts, a tie if one of its effects is.
+
+    Args:
+        found: the search.
+        kind: the verdict.
+        missing: ids of the effects that are called missing.
+        ties: groups of ids that are tied, the one in the model first.
+        left: error of the model over the noise.
+    """
+    reliable = RELIABILITY[kind]
+    if kind == "none":
+        return _rate(kind, reliable, [Alternative("small", 1.0 - reliable)])
+    if kind == "unknown":
+        rest = 1.0 - reliable
+        others = [Alternative(name, rest / len(missing)) for name in missing]
+        return _rate(kind, reliable, others)
+    if left > MAX_EXPLAINED_ERROR:
+        reliable = (Limit.far_off_right + 1) / (Limit.far_off_names + 2)
+    groups = {group[0]: set(group) for group in ties}
+    whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
+    for step in found.rounds:
+        leader = next((n for n in missing if n in (step.added, *step.parted)), None)
+        if leader is None or (leader != step.added and step.added in missing):
+            continue
+        group = groups.get(leader, set()) | {leader}
+        shares = probabilities(_alternatives(found, step, leader, group))
+        whole *= shares.pop("")
+        others += [Alternative(name, reliable * each) for name, each in shares.items()]
+    return _worded(kind, whole, others, left)
+
+
+def _alternatives(
+    found: Search, step: Round, leader: str, group: set[str]
+) -> dict[str, float]:
+    """Return z of an effect against all that may stand in its place, by id."""
+    beside = {*found.after.problem.effects, *group}
+    models: dict[str, CrossValidation] = {
+        c.id: c.crossed for c in step.candidates if c.crossed is not step.before
+    }
+    best = blocks(models[leader]).sum(axis=1)
+    start = blocks(step.before).sum(axis=1)
+    before = float(start.sum())
+    found_z = {"nothing": comparison_z(best, start, before)}
+    for c in step.candidates:
+        if c.id in beside or c.id not in models:
+            continue
+        if c.reason.startswith(IMPLAUSIBLE_PREFIX):
+            continue
+        meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
+        errors = blocks(models[c.id]).sum(axis=1)
+        share = Limit.meeting_form_share if meet else None
+        found_z[c.id] = comparison_z(best, errors, before, share)
+    return found_z
+
+
+def _rate(
+    kind: Verdict, probability: float, others: Sequence[Alternative]
+) -> VerdictOdds:
+    """Return the belief in a verdict that compares no models: a rate."""
+    meaning = {
+        "none": "nothing was missing",
+        "unknown": "something acted that the library does not have",
+    }[kind]
+    statement = (
+        f"On study rigs {format_share(probability)} of such verdicts were right: "
+        f"{meaning}."
+    )
+    return VerdictOdds(probability, statement, tuple(others))
+
+
+def _worded(
+    kind: Verdict, probability: float, others: Sequence[Alternative], left: float
+) -> VerdictOdds:
+    """Return the belief in a name or a tie with its sentence."""
+    shown = sorted(
+        (each for each in others if each.probability >= Limit.min_shown),
+        key=lambda each: -each.probability,
+    )[:3]
+    words = {"nothing": "nothing is missing", "outside": "something else acts"}
+
+    def name(other: Alternative) -> str:
+        return words.get(other.id) or EFFECTS[other.id].title
+
+    rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
+    complete = not left > MAX_EXPLAINED_ERROR
+    subject = {
+        "named": f"this {'and nothing else ' * complete}is missing",
+        "tie": "one of the tied effects acts",
+    }[kind]
+    statement = f"The odds are {format_odds(probability)} that {subject}"
+    if len(shown) == 1 and math.isclose(
+        shown[0].probability, 1.0 - probability, abs_tol=Limit.min_shown
+    ):
+        rest = [name(shown[0])]
+    if rest:
+        statement += f"; otherwise {list_words(rest, 'or')}"
+    if not complete:
+        statement += (
+            f". They are lower as {format_number(left)} noise floors are left: on "
+            f"study rigs only {Limit.far_off_names} names left more than "
+            f"{MAX_EXPLAINED_ERROR:g}, of which {Limit.far_off_right} were right"
+        )
+    return VerdictOdds(probability, f"{statement}.", tuple(shown))

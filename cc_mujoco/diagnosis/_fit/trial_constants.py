@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +23,21 @@ from cc_mujoco.diagnosis._fit.fitting import (
     Problem,
     huber_residual,
     independence_weight,
+    residual_changes,
+    residual_slopes,
 )
-from cc_mujoco.diagnosis._fit.jacobian import residual_changes, residual_slopes
+from cc_mujoco.diagnosis._phrases import (
+    capitalise,
+    format_number,
+    format_share,
+    plain_name,
+)
 from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Where
 from cc_mujoco.estimation._least_squares import Tuned
 from cc_mujoco.native import FloatArray
+from cc_mujoco.report._html import list_words
 
 VARIED_PARAMETERS = (
     "friction",
@@ -38,20 +49,8 @@ VARIED_PARAMETERS = (
     "joint_angle_offset",
 )
 """Parameters that a rig may change between trials."""
-TREND_FALSE_ALARM_RATE = 1e-2
-"""Probability that trials without a trend show one, over all that is tested."""
-MIN_TREND_TRIALS = 4
-"""Trials from which on a trend can be tested."""
-MIN_TREND_SHARE = 0.3
-"""Share of the squared error beyond the floor that constants by trial have to take."""
-_MAX_FITTED = 2
-"""Parameters that are fitted by simulation, the best to first order."""
-_MAX_STEPS = 4
-_MISSED_SIGMAS = 2.0
-"""First-order change, in standard errors, that no step reaches where a fit fails."""
-_DAMPINGS = (0.0, 1e-3, 0.03, 1.0)
-"""Damping of a step that is tried, relative to the diagonal (Marquardt 1963)."""
 _MAX_LOG_STEP = math.log(2.0)
+SEQUENCE_ORDINATES = ("order of the trials", "time of the trials")
 
 
 class TrialConstants(NamedTuple):
@@ -99,14 +98,14 @@ class Trend(NamedTuple):
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
     """Return parameters whose values by trial take most of the error, best first."""
     fit = _ByTrial(problem, x, unhooked=False)
-    if len(fit.trials) < MIN_TREND_TRIALS:
+    if len(fit.trials) < Limit.min_trend_trials:
         return ()
     able = [
         index
         for index, parameter in enumerate(problem.tuned)
         if parameter.name in VARIED_PARAMETERS and fit.affects_every_trial(index)
     ]
-    first = sorted(able, key=lambda index: -fit.foreseen(index))[:_MAX_FITTED]
+    first = sorted(able, key=lambda index: -fit.foreseen(index))[: Limit.max_fitted]
     found = [fit.fitted(index) for index in first]
     return tuple(sorted(found, key=lambda each: -each.share))
 
@@ -138,7 +137,7 @@ def trial_trends(
     tried = []
     for name, values in ordinates.items():
         good = np.isfinite(values) & np.isfinite(found.change)
-        if good.sum() < MIN_TREND_TRIALS or np.ptp(values[good]) == 0.0:
+        if good.sum() < Limit.min_trend_trials or np.ptp(values[good]) == 0.0:
             continue
         tried.append(_trend(name, values[good], found.change[good], found.error[good]))
     return tuple(sorted(tried, key=lambda each: each.chance))
@@ -237,9 +236,9 @@ class _ByTrial:
         best = self._cost(error, place, index)
         slopes = self._jacobian
         proposed = self._solve(self._design(slopes, index), error, place, index)
-        for _ in range(_MAX_STEPS):
+        for _ in range(4):
             design = self._design(slopes, index)
-            for damping in _DAMPINGS:
+            for damping in Limit.dampings:
                 step = self._solve(design, error, place, index, damping)
                 step = self._limited(step, index)
                 there = self._simulated(place + step, index)
@@ -256,7 +255,7 @@ class _ByTrial:
                 break
         found = self._constants(index, place, torques, error, slopes)
         own = np.abs(proposed[shared:]) * self._problem.tuned[index].scale
-        if not place.any() and np.any(own > _MISSED_SIGMAS * found.value_error):
+        if not place.any() and np.any(own > Limit.missed_sigmas * found.value_error):
             found = found._replace(value=np.full(own.size, np.nan))
         return found
 
@@ -377,3 +376,150 @@ class _ByTrial:
             ]
             found += list(zip(chosen, self._problem.torques(at, chosen), strict=True))
         return [torque for _, torque in sorted(found, key=lambda each: each[0])]
+
+
+def random_constants(
+    constants: Sequence[TrialConstants],
+    ordinates: Mapping[str, FloatArray],
+    misfit: float,
+) -> str:
+    """Return the constant that differs at random between trials, in words, or "".
+
+    Args:
+        constants: by trial, of the tuned scene, best first.
+        ordinates: (trials,) along which these may drift, by name.
+        misfit: of the tuned scene.
+    """
+    found = describe_trial_constants(constants, ordinates, "")
+    if found is None:
+        return ""
+    _, where = found
+    if where.axis != "trial" or where.share_of_error <= Limit.random_share:
+        return ""
+    return (
+        "The trials contradict each other: the error of the tuned scene is "
+        f"{format_number(misfit)} times the noise floor. {where.statement} Effects "
+        "were not searched, as they hold for all trials: find out what was changed "
+        "between them, or declare it."
+    )
+
+
+def trial_ordinates(
+    problem: Problem, names: Sequence[str], warmth: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return the ordinates that trial constants may follow, (trials,) each by name.
+
+    Args:
+        problem: with the records.
+        names: of the trials, in the order of the data.
+        warmth: mean temperature of trials by name, where it is known [degC].
+    """
+    own = {
+        name: [r for r in problem.plant.records if r.trial == name] for name in names
+    }
+
+    def speed(name: str) -> float:
+        square = [np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in own[name]]
+        return math.sqrt(float(np.mean(square)))
+
+    spans = [(own[n][0].time[0], own[n][-1].time[-1]) for n in names]
+    ordered = all(last < first for (_, last), (first, _) in pairwise(spans))
+    when = {SEQUENCE_ORDINATES[0]: np.arange(float(len(names)))}
+    if ordered:  # one clock for all of them
+        when = {SEQUENCE_ORDINATES[1]: np.array([first for first, _ in spans])}
+    pulled = [own[name][0].pretension for name in names]
+    return {
+        **when,
+        "temperature": np.array([warmth.get(name, math.nan) for name in names]),
+        "speed of the trial": np.array([speed(name) for name in names]),
+        "declared pretension": np.array(
+            [math.nan if each is None else each for each in pulled], dtype=float
+        ),
+    }
+
+
+def describe_trial_constants(
+    constants: Sequence[TrialConstants],
+    ordinates: Mapping[str, FloatArray],
+    worst: str,
+) -> tuple[str, Where] | None:
+    """Return constants that differ from trial to trial in words, short and in full."""
+    able = [each for each in constants if each.share >= Limit.min_trend_share]
+    if not able:
+        return None
+    best = able[0]
+    name = plain_name(best.parameter.name)
+    values = [
+        _relative_value(best, change, error)
+        for change, error in zip(best.change, best.error, strict=True)
+    ]
+    table = [
+        f"{trial} {value}" for trial, value in zip(best.trials, values, strict=True)
+    ]
+    if len(table) > 12:
+        table = [*table[:3], "...", *table[-3:]]
+    unit = f"{best.parameter.unit} from the mean"
+    unit = "times the mean" if best.parameter.factor else unit
+    rivals = [
+        f"{plain_name(each.parameter.name)} by trial would take "
+        f"{format_share(each.share)}"
+        for each in able[1:]
+        if each.share > best.share - Limit.rival_margin
+    ]
+    takes = (
+        f"A {name} of its own for every trial takes {format_share(best.share)} of the "
+        f"squared error beyond the noise ({', '.join(table)}; "
+        f"{unit}){'; ' * bool(rivals)}{list_words(rivals)}."
+    )
+    tried = trial_trends(best, ordinates)
+    level = Limit.trend_false_alarm_rate / max(len(constants) * len(tried), 1)
+    clear = [each for each in tried if each.chance < level]
+    if not clear:
+        if best.share < Limit.unordered_share:
+            return None
+        test = f" It follows no trend ({_trend_statistics(tried[0])})." if tried else ""
+        return (
+            f"{name} differs from trial to trial without a trend",
+            Where(
+                worst,
+                "trial",
+                best.share,
+                f"{capitalise(name)} differs from trial to trial. {takes}{test}",
+            ),
+        )
+    trend = clear[0]
+    along = f"with the {trend.ordinate}"
+    if trend.ordinate in SEQUENCE_ORDINATES:
+        along = "from trial to trial"
+    first, last = (
+        pick(ordinates[trend.ordinate]) for pick in (np.nanargmin, np.nanargmax)
+    )
+    moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
+    sizes = f"from {values[first]} in {best.trials[first]} to {values[last]} in "
+    return (
+        f"{name} {moves}, {sizes}{best.trials[last]} ({unit})",
+        Where(
+            worst,
+            trend.ordinate,
+            best.share,
+            f"{capitalise(name)} {moves}. {takes} Test of the trend: "
+            f"{'; '.join(map(_trend_statistics, clear))}.",
+        ),
+    )
+
+
+def _trend_statistics(trend: Trend) -> str:
+    return (
+        f"along the {trend.ordinate} t = {format_number(trend.t)} with {trend.freedom} "
+        f"degrees of freedom, p = {format_number(trend.chance)}"
+    )
+
+
+def _relative_value(found: TrialConstants, change: float, error: float) -> str:
+    """Return a trial's value relative to the mean of all, with its standard error."""
+    if found.parameter.factor:
+        change = math.exp(change)
+        error = change * error
+    return (
+        f"{format_number(change, 10.0 * error)} ± {format_number(error, 10.0 * error)}"
+    )

@@ -16,45 +16,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.diagnosis._fit.fitting import Problem
-from cc_mujoco.diagnosis._fit.jacobian import jacobian
+from cc_mujoco.diagnosis._fit.fitting import Problem, jacobian
 from cc_mujoco.diagnosis._fit.plausibility import plausible_size
 from cc_mujoco.diagnosis._phrases import format_number, plain_name
-from cc_mujoco.diagnosis._rig.bench_simulation import (
-    CLOCK_PARAMETERS,
-    PRETENSION_DEVIATION,
-    TORQUE_OFFSETS,
-)
+from cc_mujoco.diagnosis._rig.bench_simulation import CLOCK_PARAMETERS, TORQUE_OFFSETS
 from cc_mujoco.diagnosis._rig.occasions import base_name, is_change
 from cc_mujoco.diagnosis._search.screening import (
     Changes,
     changes_by_effects,
     effect_amplitudes,
 )
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Confounded, NotTestable, Strayed
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
-MIN_CLARITY = 3.0
-"""Smallest ratio of size to uncertainty at which a planned trial shows an effect."""
-MIN_VISIBLE_CHANGE = 0.1
-"""Threshold of visibility: squared RMS change by a plausible effect, in noise floors.
-At the floor, such an effect explains as much of the error as acceptance requires."""
-MAX_PRIOR_SIGMAS = 3.0
-"""Prior standard deviations beyond which a tuned parameter contradicts its prior."""
 GUESSED_DEVIATIONS = {"friction": 0.4, "axial_stiffness": 0.4}
 """Standard deviation of the logarithm of a value of the scene that is not declared."""
-ZERO_ANGLE_DEVIATION = 0.03
-"""Standard deviation of the joint's zero where the cable's arm depends on it [rad].
-On a pulley the arm is the same for every zero."""
-_UNIT_TOLERANCE = 0.25
-"""Largest difference of logarithms at which a stiffness matches a wrong unit."""
-HIDDEN_CLARITY = 5.0
-"""Smallest untuned RMS change of a hidden effect, over the threshold of visibility."""
-MAX_SIZE_RATIO = 30.0
-"""Largest size of an effect that is reported, over its plausible size."""
 
 REMEDIES = {
     "pretension": "declare a measured pretension ([rig] pretension with its "
@@ -145,14 +125,7 @@ class Testability(NamedTuple):
 def detectability(
     problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
 ) -> Testability:
-    """Compute what the data show of effects, by the accepted model and the noise.
-
-    Args:
-        problem: accepted model.
-        x: fitted parameters.
-        ids: ids of effects that are not in the model.
-        known: changes cached by the search.
-    """
+    """Compute what the data show of effects, by the accepted model and the noise."""
     records = problem.plant.records
     masks = [record.free for record in records]
     # Torques are compared up to a band: so many of the samples are independent.
@@ -194,10 +167,10 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
             continue
         mix = _best_hidden_mix(each.made, shown.tangent)
         change = each.made @ mix
-        least = math.sqrt(MIN_VISIBLE_CHANGE)
+        least = math.sqrt(Limit.min_visible_change)
         if float(np.linalg.norm(shown.left(change))) > least:
             continue
-        if float(np.linalg.norm(change)) < HIDDEN_CLARITY * least:
+        if float(np.linalg.norm(change)) < Limit.hidden_clarity * least:
             continue
         shifts = np.linalg.lstsq(scaled, change)[0]
         most = int(np.argmax(np.abs(shifts)))
@@ -234,12 +207,12 @@ def _confounded_effect(
     )
     share = place / shift if shift else math.inf
     possible = (
-        (0.0 if first.parameter.low == 0.0 else -MAX_SIZE_RATIO)
+        (0.0 if first.parameter.low == 0.0 else -Limit.max_size_ratio)
         < share
-        < MAX_SIZE_RATIO
+        < Limit.max_size_ratio
     )
     explains = ""
-    if possible and abs(place) > MAX_PRIOR_SIGMAS * parameter.prior:
+    if possible and abs(place) > Limit.max_prior_sigmas * parameter.prior:
         explains = f"about {_size_text(first.name, share * size, first.unit)}"
     remedy = _remedy(parameter.name, change.effect)
     return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
@@ -257,14 +230,7 @@ def deviating_parameters(
     estimated: Mapping[str, Estimate],
     hidden: Sequence[Confounded],
 ) -> tuple[Strayed, ...]:
-    """Return the parameters that were tuned further from the scene than is known of it.
-
-    Args:
-        problem: accepted model.
-        x: fitted parameters.
-        estimated: estimates of the parameters by name.
-        hidden: effects that tuning would hide.
-    """
+    """Return the parameters tuned further from the scene than is known of it."""
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name = parameter.name
@@ -273,7 +239,7 @@ def deviating_parameters(
             known = GUESSED_DEVIATIONS[name] / parameter.scale
         home = 0.0  # place of what is given
         if name == "joint_angle_offset" and problem.plant.bench.lever is not None:
-            known = ZERO_ANGLE_DEVIATION / parameter.scale
+            known = Limit.zero_angle_deviation / parameter.scale
             home = -parameter.start / parameter.scale
         if name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS) or not math.isfinite(known):
             continue
@@ -283,9 +249,9 @@ def deviating_parameters(
         given = parameter.value(home)
         if (scene := problem.plant.given.get(name)) is not None:
             if name == "pretension":  # a fit that replaces it believes in nothing
-                known = PRETENSION_DEVIATION / parameter.scale
+                known = Limit.pretension_deviation / parameter.scale
             given, deviation = scene, _prior_distance(parameter, place, scene) / known
-        if deviation < MAX_PRIOR_SIGMAS or estimated[name].holds(given):
+        if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
             continue
         others = [
             f"{EFFECTS[each.id].title} ({each.explains})"
@@ -332,7 +298,7 @@ def untestable_effects(
     for each in shown.changes:
         left = np.linalg.norm(shown.left(each.made), axis=0)
         most = int(np.argmax(left))
-        if float(left[most]) ** 2 >= MIN_VISIBLE_CHANGE:
+        if float(left[most]) ** 2 >= Limit.min_visible_change:
             continue
         size = effect_amplitudes(each.effect)[most]
         plausible = _size_text(size.name, each.sizes[size.name], size.unit)
@@ -357,7 +323,7 @@ def _suspected_unit(ratio: float) -> str:
         ("degrees or radians", math.degrees(1.0)),
         ("turns", math.tau),
     ):
-        if abs(size - math.log(factor)) < _UNIT_TOLERANCE:
+        if abs(size - math.log(factor)) < Limit.unit_tolerance:
             return unit
     return ""
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis._fit.fitting import Problem
 from cc_mujoco.diagnosis._fit.plausibility import amplitude_indices
-from cc_mujoco.diagnosis._locate.trial_trends import (
+from cc_mujoco.diagnosis._fit.trial_constants import (
     TrialConstants,
     constants_by_occasion,
 )
@@ -27,19 +27,12 @@ from cc_mujoco.diagnosis._rig.occasions import (
     is_change,
     occasions_of,
 )
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import OccasionChange, Occasions, OccasionSize
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
-_VISIBLE_RATIO = 3.0
-"""Least shared size over the standard error on an occasion that could show it."""
-_ABSENT = 1e-6
-"""Place of a fit below which a size is 0."""
-_MAX_RELATIVE_WIDTH = 2.0
-"""Widest interval of a relative change that says something."""
-_SIGMAS = 1.96
-"""Half width of a 95 % interval of a normal distribution, in deviations."""
 _REPORTED = ("friction", "pretension", "axial_stiffness", "friction_balance")
 """Parameters whose changes say something about the rig, in the order of reports."""
 
@@ -47,13 +40,7 @@ _REPORTED = ("friction", "pretension", "axial_stiffness", "friction_balance")
 def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
-    """Return the comparison of the occasions; None where there is one.
-
-    Args:
-        problem: accepted model.
-        x: where it was fitted to all data.
-        estimated: value and interval of every parameter.
-    """
+    """Return the comparison of the occasions; None where there is one."""
     names = occasions_of(problem.plant.records)
     if len(names) < 2:
         return None
@@ -110,7 +97,7 @@ def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
 
 def _percent(change: Estimate) -> str:
     low, high = change.ci95
-    if high - low > _MAX_RELATIVE_WIDTH:
+    if high - low > Limit.max_relative_width:
         return "not determined"
     scaled = Estimate(100.0 * change.value, "%", (100.0 * low, 100.0 * high))
     return _difference(scaled)
@@ -146,7 +133,9 @@ def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
     found = []
     for effect in problem.effects:
         sizes = amplitude_indices(problem, [effect])
-        indices = [k for k in sizes if abs(x[k]) > _ABSENT]  # others are at a bound
+        indices = [
+            k for k in sizes if abs(x[k]) > Limit.absent
+        ]  # others are at a bound
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             found.append(compare_size(effect, each, shared))
@@ -154,14 +143,15 @@ def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
 
 
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
-    """Return the comparison of one size with the shared one."""
     unit = found.parameter.unit
     name = plain_name(found.parameter.name)
     if not np.all(np.isfinite(found.value)):
         text = f"{name}: the fit to each occasion fails, so agreement is not known."
         return OccasionSize(effect, found.parameter.name, {}, True, text)
     sizes = {
-        name: Estimate(value, unit, (value - _SIGMAS * error, value + _SIGMAS * error))
+        name: Estimate(
+            value, unit, (value - Limit.sigmas * error, value + Limit.sigmas * error)
+        )
         for name, value, error in zip(
             found.trials, found.value.tolist(), found.value_error.tolist(), strict=True
         )
@@ -169,7 +159,7 @@ def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionS
     able = [
         name
         for name, error in zip(found.trials, found.value_error.tolist(), strict=True)
-        if _VISIBLE_RATIO * error < abs(shared)
+        if Limit.visible_ratio * error < abs(shared)
     ]
     missing = [n for n in able if sizes[n].holds(0.0) or sizes[n].value * shared < 0.0]
     words = [f"{format_fitted(size)} on {name}" for name, size in sizes.items()]

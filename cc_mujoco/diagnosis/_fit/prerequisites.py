@@ -1,4 +1,4 @@
-"""Torques that the scene, as it is given, does not predict by far: units and signs.
+"""Checks before anything is fitted: requested effects, units and signs of torques.
 
 A rig whose readings are in another unit can still be fitted, with another pretension,
 friction and stiffness, and what is named then is worth nothing.
@@ -7,25 +7,122 @@ friction and stiffness, and what is named then is worth nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.diagnosis._phrases import capitalise, channel_name, format_number
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
-MIN_CORRELATION = 0.8
-"""Correlation from which on measured and simulated torque differ in size only."""
-MAX_TORQUE_FACTOR = 1.3
-"""Factor up to which a scene may be off in torque, and a unit or a sign still shows."""
-ALTERNATIVE_ERROR_RATIO = 0.25
-"""Squared error over that of the scene in another unit, from which on other values of
-the scene are the explanation."""
-PUSH_SHARE = 0.95
-"""Share of the samples in which a cable pushes from which on it is a sign."""
+
+def check_effects(
+    plant: SimulatedRig, values: Mapping[str, float], ids: Sequence[str]
+) -> tuple[str, ...]:
+    """Check effects on the data, and return a sentence for each that they cannot show.
+
+    Raises:
+        EffectError: an effect is not off where its sizes are 0, its torques are not
+            finite, or have no derivative with respect to a size at 0.
+    """
+    notes = []
+    effects = plant.library.effects
+    few = plant.limited(plant.records[: Limit.max_checked_records])
+    plain = few.simulate(values) if ids else []
+    for name in ids:
+        if name not in effects:
+            library = plant.library
+            why = library.hidden.get(name) or library.declared.get(name, "")
+            notes.append(f"Effect {name!r} is not looked for: {why}.")
+        elif not _check(effects[name], few, values, plain) and not _check(
+            effects[name], plant, values, plant.simulate(values)
+        ):
+            notes.append(
+                f"Effect {name!r} changes nothing in these data; it takes "
+                f"{EFFECTS[name].required_excitation}."
+            )
+    return tuple(notes)
+
+
+def _check(
+    effect: Effect,
+    plant: SimulatedRig,
+    values: Mapping[str, float],
+    plain: Sequence[FloatArray],
+) -> bool:
+    """Check one effect; return whether a typical size changes a torque."""
+    shows = False
+    least = Limit.rounding * float(
+        np.linalg.norm(np.concatenate([p.ravel() for p in plain]))
+    )
+    for start in effect.starts:
+        sizes = [p for p in effect.parameters if p.linear]
+        off = {**values, **start, **{p.name: 0.0 for p in sizes}}
+        for record, before, after in zip(
+            plant.records, plain, plant.simulate(off, (effect.id,)), strict=True
+        ):
+            if not np.array_equal(before, after):
+                most = np.abs(after - before).max()
+                raise EffectError(
+                    f"effect {effect.id!r} is not off where its sizes are 0: it "
+                    f"changes trial {record.trial} by {most:.3g} N m; "
+                    "return the signals or cables unchanged there"
+                )
+        for parameter in sizes:
+            full = start[parameter.name]
+            # At 0 itself the kernel may change from one way of solving to another.
+            first, second, whole = (
+                _change(effect, plant, plain, {**off, parameter.name: share * full})
+                for share in (Limit.small_share, 2.0 * Limit.small_share, 1.0)
+            )
+            small = float(np.linalg.norm(second - first)) / Limit.small_share
+            large = float(np.linalg.norm(whole - first))
+            shows |= large > least and parameter.size
+            if parameter.size and large > least:
+                _require_slope(effect, parameter.name, small / large)
+    return shows
+
+
+def _change(
+    effect: Effect,
+    plant: SimulatedRig,
+    plain: Sequence[FloatArray],
+    values: Mapping[str, float],
+) -> FloatArray:
+    """Return the change of all torques by an effect [N m].
+
+    Raises:
+        EffectError: it is not finite.
+    """
+    changes = []
+    for record, before, after in zip(
+        plant.records, plain, plant.simulate(values, (effect.id,)), strict=True
+    ):
+        if not np.isfinite(after).all():
+            raise EffectError(
+                f"effect {effect.id!r} makes a torque that is not finite in trial "
+                f"{record.trial}"
+            )
+        changes.append((after - before).ravel())
+    return np.concatenate(changes)
+
+
+def _require_slope(effect: Effect, name: str, ratio: float) -> None:
+    """Refuse a size whose derivative at 0 is infinite or 0."""
+    if 0.01 <= ratio <= Limit.max_slope_ratio:
+        return
+    what = "infinite" if ratio > 1.0 else "0"
+    advice = "its root" if ratio < 1.0 else "a power of it"
+    raise EffectError(
+        f"effect {effect.id!r}: the derivative of the torques with respect to "
+        f"{name!r} is {what} where that is 0, so no fit finds it; use {advice} as the "
+        "size, so that the change begins in proportion to it"
+    )
+
 
 _NO_VALUES: Values = {}
 
@@ -91,7 +188,7 @@ def _other_values_explain(
     scaled = [(times or 0.0) * torque for torque in simulated]
     return _residual_square(
         measured, better
-    ) < ALTERNATIVE_ERROR_RATIO * _residual_square(measured, scaled)
+    ) < Limit.alternative_error_ratio * _residual_square(measured, scaled)
 
 
 def _residual_square(
@@ -127,7 +224,10 @@ def _torque_factor(
     one = np.concatenate([torque - torque.mean() for torque in measured])
     other = np.concatenate([torque - torque.mean() for torque in simulated])
     scale = math.sqrt(float(one @ one) * float(other @ other))
-    if not scale > 0.0 or abs(float(one @ other)) < MIN_CORRELATION * scale:
+    if (
+        not scale > 0.0
+        or abs(float(one @ other)) < Limit.prerequisites_min_correlation * scale
+    ):
         return None
     return math.copysign(
         math.sqrt(float(one @ one) / float(other @ other)), float(one @ other)
@@ -141,8 +241,8 @@ def _would_push(
     if not measured:
         return False
     side = float(np.sign(np.concatenate(simulated).sum()))
-    return bool(np.mean(side * np.concatenate(measured) < 0.0) > PUSH_SHARE)
+    return bool(np.mean(side * np.concatenate(measured) < 0.0) > Limit.push_share)
 
 
 def _is_near_one(times: float) -> bool:
-    return 1.0 / MAX_TORQUE_FACTOR < times < MAX_TORQUE_FACTOR
+    return 1.0 / Limit.max_torque_factor < times < Limit.max_torque_factor

@@ -17,28 +17,11 @@ from numpy.typing import NDArray
 from cc_mujoco.diagnosis._fit.fitting import Problem, fit, huber_residual
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import TrialError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
-MIN_OUTLIER_TRIALS = 3
-"""Trials from which one can stand out."""
-OUTLIER_RATIO = 2.0
-"""Error of a trial that stands out, over that of the rest fitted without it."""
-OUTLIER_FLOOR_RATIO = 3.0
-"""Error of a trial that stands out, over the noise floor."""
-MAX_SUSPECTS = 2
-"""Trials that are left out in turn, the worst first."""
-MAX_REMAINING_RATIO = 1.25
-"""Error that such a trial may keep with a constant of its own, over that of the rest:
-what a constant does not mend is in the model, and shows most where most moves."""
-MAX_EXCHANGED_SHARE = 0.2
-"""Share of its error that a trial keeps at most whose torques were exchanged."""
-TILT_GRID_POINTS = 8
-"""Angles around the joint's axis that are tried before the best is refined."""
-MIN_REMAINING_SHARE = 0.3
-"""Share of its error by the tuned scene that a trial keeps which contradicts the rest;
-of a large effect every model leaves something, most where it shows most."""
 TRIAL_CONSTANTS = ("pretension", "friction", "tilt")
 """Those that one trial may have of its own."""
 MAX_LOG_CHANGE = math.log(8.0)
@@ -139,10 +122,6 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     """Return which trials have their torque columns exchanged, as a sentence or "".
 
     That is, trials that the others predict once their torques are exchanged.
-
-    Args:
-        problem: the baseline, with both torques.
-        x: its parameters, fitted to all.
     """
     records = problem.plant.records
     places = {
@@ -171,12 +150,12 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
             if off > least and exchanged < share * off
         )
 
-    names = suspicious(x, OUTLIER_FLOOR_RATIO, 0.5)
+    names = suspicious(x, Limit.outlier_floor_ratio, 0.5)
     if not names or 2 * len(names) > len(places):
         return ""
     suspect, there = _leave_out(problem, x, names, _record_indices(problem))
-    least = max(OUTLIER_FLOOR_RATIO, OUTLIER_RATIO * suspect.rest)
-    names = suspicious(there, least, MAX_EXCHANGED_SHARE)
+    least = max(Limit.outlier_floor_ratio, Limit.outlier_ratio * suspect.rest)
+    names = suspicious(there, least, Limit.max_exchanged_share)
     if not names:
         return ""
     several = len(names) > 1
@@ -204,13 +183,13 @@ def find_outlier_trial(
             None if that is the model.
     """
     places = _record_indices(problem)
-    if len(places) < MIN_OUTLIER_TRIALS:
+    if len(places) < Limit.min_outlier_trials:
         return None
     off = misfits(problem, x)
     before = tuned or off
-    worst = sorted(off, key=lambda name: -off[name])[:MAX_SUSPECTS]
+    worst = sorted(off, key=lambda name: -off[name])[: Limit.max_suspects]
     suspects: list[tuple[str, ...]] = [
-        (name,) for name in worst if off[name] > OUTLIER_FLOOR_RATIO / 2.0
+        (name,) for name in worst if off[name] > Limit.outlier_floor_ratio / 2.0
     ]
     tilts = {name: problem.plant.records[own[0]].tilt for name, own in places.items()}
     suspects += [
@@ -218,16 +197,16 @@ def find_outlier_trial(
         for tilt in sorted(set(tilts.values()) - {0.0})
         for names in [tuple(name for name, own in tilts.items() if own == tilt)]
         if 2 * len(names) <= len(places)
-        and max(off[n] for n in names) > OUTLIER_FLOOR_RATIO / 2.0
+        and max(off[n] for n in names) > Limit.outlier_floor_ratio / 2.0
     ]
     found = [_leave_out(problem, x, names, places) for names in dict.fromkeys(suspects)]
     odd = min(found, key=lambda each: each[0].rest, default=None)
     if odd is None or odd[0].misfit < max(
-        OUTLIER_FLOOR_RATIO, OUTLIER_RATIO * odd[0].rest
+        Limit.outlier_floor_ratio, Limit.outlier_ratio * odd[0].rest
     ):
         return None
     suspect, there = odd
-    if suspect.misfit < MIN_REMAINING_SHARE * max(
+    if suspect.misfit < Limit.min_remaining_share * max(
         before[name] for name in suspect.trials
     ):
         return None
@@ -239,7 +218,7 @@ def find_outlier_trial(
     left, words = _best_own_constant(
         problem, there, own, ("tilt",) if turned else TRIAL_CONSTANTS
     )
-    if left > MAX_REMAINING_RATIO * max(suspect.rest, 1.0):
+    if left > Limit.max_remaining_ratio * max(suspect.rest, 1.0):
         return None
     return suspect._replace(
         tilt=tilt if turned else 0.0,
@@ -303,12 +282,6 @@ def _best_own_constant(
 ) -> tuple[float, str]:
     """Find the constant that explains trials best if it is their own.
 
-    Args:
-        problem: the model.
-        x: its parameters, fitted to the other trials.
-        places: indices of the trials' records.
-        names: of the constants to try.
-
     Returns:
         Their RMS error over the floor with that, and what it would be, in words.
     """
@@ -365,11 +338,11 @@ def _minimise_misfit(
 
     low, high = -MAX_LOG_CHANGE, MAX_LOG_CHANGE
     if name == "tilt":
-        turns = np.linspace(-math.pi, math.pi, TILT_GRID_POINTS, endpoint=False)
+        turns = np.linspace(-math.pi, math.pi, Limit.tilt_grid_points, endpoint=False)
         about = float(min(turns, key=lambda turn: misfit(name, float(turn))))
         low, high = (
-            about - math.tau / TILT_GRID_POINTS,
-            about + math.tau / TILT_GRID_POINTS,
+            about - math.tau / Limit.tilt_grid_points,
+            about + math.tau / Limit.tilt_grid_points,
         )
     best = minimize_scalar(
         lambda change: misfit(name, float(change)),

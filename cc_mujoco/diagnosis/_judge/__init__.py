@@ -1,0 +1,1 @@
+"""Verdict on what was found, and what the data could not have shown."""

@@ -226,7 +226,7 @@ def run_inference(
         runner_ups=tuple(_runner_ups(step) for step in search.rounds),
         trials=located.trials,
         question=located.question,
-        strayed=judged.deviating,
+        deviating=judged.deviating,
         confounded=judged.confounded,
         remaining=floor_ratios(found.held.gap)[1],
         instruments=describe_mode(

@@ -114,8 +114,8 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
         return "Something is missing, or one trial was recorded differently"
     if diagnosis.verdict == "unknown" and diagnosis.effects:
         return "Something is missing that the known effects explain only in part"
-    if diagnosis.verdict == "none" and diagnosis.strayed:
-        off = list_words([plain_name(each.parameter) for each in diagnosis.strayed])
+    if diagnosis.verdict == "none" and diagnosis.deviating:
+        off = list_words([plain_name(each.parameter) for each in diagnosis.deviating])
         return f"Nothing else is missing, but {off} is not what the scene says"
     return {
         "none": "Nothing is missing that these data could show",

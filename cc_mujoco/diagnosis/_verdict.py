@@ -105,7 +105,7 @@ class Evidence:
     )
 
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
@@ -178,7 +178,7 @@ class Confounded:
 
 
 @dataclass(frozen=True)
-class Strayed:
+class Deviating:
     """A parameter that was tuned further from the scene than is known of it.
 
     Attributes:
@@ -437,7 +437,7 @@ class Diagnosis:
     """Errors of every trial."""
     question: str = ""
     """Question about a trial that contradicts the others, or empty."""
-    strayed: tuple[Strayed, ...] = ()
+    deviating: tuple[Deviating, ...] = ()
     """Parameters that had to be tuned beyond what is known of them."""
     confounded: tuple[Confounded, ...] = ()
     """Effects that tuning would hide."""

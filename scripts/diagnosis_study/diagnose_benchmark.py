@@ -185,7 +185,7 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "named": [effect.id for effect in diagnosis.missing],
         "shares": {effect.id: effect.share for effect in diagnosis.effects},
-        "strayed": {each.parameter: each.deviations for each in diagnosis.strayed},
+        "deviating": {each.parameter: each.deviations for each in diagnosis.deviating},
         "ties": [list(tie) for tie in diagnosis.ties],
     }
 

@@ -51,7 +51,7 @@ def test_loss_by_direction_and_load_is_in_all_results(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, Dynamometer(exponent=0.5, breakaway=0.4))
     assert found.verdict == "tie"
     assert ("load_independent_friction", "drive_friction") in found.ties
-    assert found.strayed == ()
+    assert found.deviating == ()
     assert ("stribeck_friction", "dwell_dependent_stiction") in found.ties
     values = found.baseline.parameters
     assert values["friction_exponent"].value == pytest.approx(0.5, rel=0.01)
@@ -71,7 +71,7 @@ def test_loss_by_direction_and_load_is_in_all_results(tmp_path: Path) -> None:
 def test_friction_of_the_scene_is_nothing_missing(tmp_path: Path) -> None:
     scene = 0.12 * math.pi
     found = diagnosed(tmp_path, Dynamometer(exponent=scene, loss=0.0))
-    assert (found.verdict, found.strayed) == ("none", ())
+    assert (found.verdict, found.deviating) == ("none", ())
 
 
 def test_one_load_leaves_the_kind_of_loss_open(tmp_path: Path) -> None:

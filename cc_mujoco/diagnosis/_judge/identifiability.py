@@ -27,7 +27,7 @@ from cc_mujoco.diagnosis._search.screening import (
     effect_amplitudes,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Confounded, NotTestable, Strayed
+from cc_mujoco.diagnosis._verdict import Confounded, Deviating, NotTestable
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
@@ -229,7 +229,7 @@ def deviating_parameters(
     x: FloatArray,
     estimated: Mapping[str, Estimate],
     hidden: Sequence[Confounded],
-) -> tuple[Strayed, ...]:
+) -> tuple[Deviating, ...]:
     """Return the parameters tuned further from the scene than is known of it."""
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
@@ -272,7 +272,9 @@ def deviating_parameters(
             statement += ", or something that is not in the model looks like it"
         remedy = ZERO_REMEDY if name == "joint_angle_offset" else REMEDIES[name]
         found.append(
-            Strayed(name, given, estimated[name], deviation, f"{statement}; {remedy}.")
+            Deviating(
+                name, given, estimated[name], deviation, f"{statement}; {remedy}."
+            )
         )
     return tuple(found)
 

@@ -40,10 +40,10 @@ from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Threshol
 from cc_mujoco.diagnosis._verdict import (
     Alternative,
     Confounded,
+    Deviating,
     FoundEffect,
     Gap,
     NotTestable,
-    Strayed,
     Verdict,
     VerdictOdds,
 )
@@ -69,7 +69,7 @@ class Judgement(NamedTuple):
         effects: in the model.
         ties: groups of ids that the data do not distinguish.
         gap: by channel.
-        strayed: parameters tuned far beyond their priors.
+        deviating: parameters tuned far beyond their priors.
         stretch: stretch of a trial beyond its own limit, or None.
         unhooked: error of the worst trial with the cables off, over the noise.
         by_trial: what constants that differ from trial to trial explain, in words, or
@@ -79,7 +79,7 @@ class Judgement(NamedTuple):
     effects: tuple[FoundEffect, ...]
     ties: tuple[tuple[str, ...], ...]
     gap: Mapping[str, Gap]
-    strayed: tuple[Strayed, ...]
+    deviating: tuple[Deviating, ...]
     stretch: Stretch | None = None
     by_trial: str = ""
     unhooked: float = 0.0
@@ -103,7 +103,7 @@ class Judged:
     statement: str
     belief: VerdictOdds | None
     stretch: Stretch | None
-    deviating: tuple[Strayed, ...]
+    deviating: tuple[Deviating, ...]
     confounded: tuple[Confounded, ...]
     not_testable: tuple[NotTestable, ...]
 
@@ -153,7 +153,7 @@ def verdict_of(
 ) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences."""
     kind, statement = _verdict(found, outcome, limits)
-    also = " ".join(capitalise(each.statement) for each in outcome.strayed)
+    also = " ".join(capitalise(each.statement) for each in outcome.deviating)
     return kind, f"{statement} {also}".strip()
 
 

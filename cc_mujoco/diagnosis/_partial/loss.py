@@ -45,7 +45,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass
 from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
-from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Strayed, Verdict
+from cc_mujoco.diagnosis._verdict import Baseline, Deviating, Diagnosis, Verdict
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray
@@ -701,7 +701,7 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
         baseline=Baseline(
             found.values, tuple(f"{capitalise(each)}." for each in found.undetermined)
         ),
-        strayed=friction if kind == "none" else (),
+        deviating=friction if kind == "none" else (),
         remaining=after,
         instruments=mode,
         problems=(no_scene,),
@@ -774,7 +774,7 @@ def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
     return tuple(ties)
 
 
-def _friction(found: LossFit, bench: Bench) -> tuple[Strayed, ...]:
+def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
     """Return the friction of a single cable, if it is not that of the scene."""
     exponent = found.values.get("friction_exponent")
     cable = bench.cables[0]
@@ -794,7 +794,7 @@ def _friction(found: LossFit, bench: Bench) -> tuple[Strayed, ...]:
         "one of them."
     )
     deviations = abs(off) / max(0.5 * (high - low) / 1.96, 1e-12)
-    return (Strayed("friction", cable.friction, tuned, deviations, statement),)
+    return (Deviating("friction", cable.friction, tuned, deviations, statement),)
 
 
 def _statement(

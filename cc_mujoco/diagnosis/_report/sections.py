@@ -307,8 +307,10 @@ def _question_step(diagnosis: Diagnosis) -> Html:
     """Ask about a trial or a value that contradicts the rest; empty without one."""
     if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
         return _step_item("What to settle", diagnosis.question)
-    if diagnosis.strayed:
-        return _step_item("What to settle", capitalise(diagnosis.strayed[0].statement))
+    if diagnosis.deviating:
+        return _step_item(
+            "What to settle", capitalise(diagnosis.deviating[0].statement)
+        )
     return Html()
 
 

@@ -144,7 +144,7 @@ def test_friction_of_the_motor_may_wind_up() -> None:
     told = found.baseline.parameters
     assert told["motor_friction"].value == pytest.approx(FRICTION, rel=0.05)
     assert told["motor_wind_up"].value == pytest.approx(0.02, rel=0.1)
-    assert found.remaining < 1.2 and not found.strayed
+    assert found.remaining < 1.2 and not found.deviating
 
 
 @pytest.mark.parametrize(
@@ -307,12 +307,12 @@ def test_a_zero_of_the_joint_by_which_a_lever_has_another_arm_is_told() -> None:
     )
     (away,) = run_inference(
         turned, ANKLE, Options(("viscous_friction",))
-    ).diagnosis.strayed
+    ).diagnosis.deviating
     assert away.parameter == "joint_angle_offset" and away.given == 0.0
     assert away.tuned.value == pytest.approx(0.15, abs=0.02)
     assert "the arm of the cable hangs on that angle" in away.statement
     assert (
-        run_inference(data, ANKLE, Options(("viscous_friction",))).diagnosis.strayed
+        run_inference(data, ANKLE, Options(("viscous_friction",))).diagnosis.deviating
         == ()
     )
 

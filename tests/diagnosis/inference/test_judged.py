@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis._judge.judge import Judgement, verdict_of
 from cc_mujoco.diagnosis._search.acceptance import Round
 from cc_mujoco.diagnosis._search.search import only_refines
 from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
-from cc_mujoco.diagnosis._verdict import FoundEffect, Gap, Strayed
+from cc_mujoco.diagnosis._verdict import Deviating, FoundEffect, Gap
 from cc_mujoco.estimation import Estimate
 
 GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
@@ -43,7 +43,7 @@ def outcome(
     names: tuple[str, ...],
     gap: dict[str, Gap],
     ties: tuple[tuple[str, ...], ...] = (),
-    strayed: tuple[Strayed, ...] = (),
+    deviating: tuple[Deviating, ...] = (),
     refining: tuple[str, ...] = (),
 ) -> Judgement:
     """Effects that were found."""
@@ -51,7 +51,7 @@ def outcome(
     found += [
         FoundEffect(name, {}, 1.0, share=0.02, refinement=True) for name in refining
     ]
-    return Judgement(tuple(found), ties, gap, strayed)
+    return Judgement(tuple(found), ties, gap, deviating)
 
 
 @pytest.mark.parametrize(
@@ -273,8 +273,8 @@ def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
 
 def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
     told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
-    away = Strayed("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
-    found = outcome((), GAP, strayed=(away,))
+    away = Deviating("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
+    found = outcome((), GAP, deviating=(away,))
     said, statement = verdict_of(search(1.0, 1.0), found, Thresholds())
     assert said == "none"
     assert "Pretension had to be tuned to 59 N" in statement

@@ -50,7 +50,7 @@ def test_angles_and_a_declared_spring_do_not_show_where_a_cable_stretches() -> N
     data = angles_only(loaded({**CABLE, "end_compliance": 2e-5}, duration=4.0))
     found = run_inference(data, BENCH, SUSPECTS).diagnosis
     assert (found.verdict, found.missing) == ("none", ())
-    off = {each.parameter for each in found.strayed}
+    off = {each.parameter for each in found.deviating}
     assert off & {"pretension", "axial_stiffness"}
 
 

@@ -120,7 +120,7 @@ def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) ->
     ).diagnosis
     assert found.verdict == "none", found.statement
     (name,) = values
-    (told,) = [each for each in found.strayed if each.parameter == name]
+    (told,) = [each for each in found.deviating if each.parameter == name]
     assert told.given == values[name]
     assert f"{name} had to be tuned to" in told.statement
 

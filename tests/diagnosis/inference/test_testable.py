@@ -43,7 +43,7 @@ def test_what_the_baseline_swallows_is_told_with_its_size(
 ) -> None:
     found = swallowed.diagnosis
     assert found.verdict == "none"
-    (away,) = found.strayed
+    (away,) = found.deviating
     assert away.parameter == "pretension"
     assert away.given == pytest.approx(80.0)
     assert away.tuned.value > 105.0
@@ -60,7 +60,7 @@ def test_cables_of_different_friction_are_told() -> None:
     data = dataset(duration=2.5, seed=3, chosen=(0, 2), balance=0.125)
     found = run_inference(data, BENCH, Options(IDS[1:])).diagnosis
     assert found.verdict == "none"
-    (away,) = found.strayed
+    (away,) = found.deviating
     assert away.parameter == "friction_balance"
     assert away.tuned.value == pytest.approx(0.125, rel=0.1)
     assert "pull each cable by itself" in found.statement
@@ -68,12 +68,12 @@ def test_cables_of_different_friction_are_told() -> None:
 
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
     data = dataset(duration=1.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
-    assert run_inference(data, BENCH, Options(IDS[:1])).diagnosis.strayed == ()
+    assert run_inference(data, BENCH, Options(IDS[:1])).diagnosis.deviating == ()
 
 
 def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> None:
     data = dataset(duration=1.5, seed=3, changes={"axial_stiffness": 3e5})
-    (away,) = run_inference(data, BENCH, Options(IDS[1:])).diagnosis.strayed
+    (away,) = run_inference(data, BENCH, Options(IDS[1:])).diagnosis.deviating
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
 

@@ -10,7 +10,7 @@ import pytest
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.diagnosis import Problem, prepare
 from cc_mujoco.diagnosis._fit.fitting import jacobian
-from cc_mujoco.diagnosis._locate.residual_maps import describe_map, error_maps
+from cc_mujoco.diagnosis._locate.location import describe_map, error_maps
 from cc_mujoco.diagnosis._phrases import SIGN_NOTE
 from cc_mujoco.diagnosis._report import sections
 from cc_mujoco.diagnosis._rig.bench_simulation import (

@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.prerequisites import check_effects
+from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._scene.repair import existing_effects

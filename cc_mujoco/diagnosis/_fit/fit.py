@@ -1,20 +1,19 @@
 """The question `fit`: how well does the tuned scene explain the data?
 
-It refuses data from which nothing can be concluded.
+It refuses data from which nothing can be concluded. A rig whose readings are in another
+unit can still be fitted, with another pretension, friction and stiffness, and what is
+named then is worth nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-
 import numpy as np
-
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._fit.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis._fit.fitting import Problem
-from cc_mujoco.diagnosis._fit.prerequisites import check_effects, unit_or_sign_error
 from cc_mujoco.diagnosis._fit.start_values import prepare_start
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
 from cc_mujoco.diagnosis._phrases import Progress, capitalise, format_number
@@ -24,6 +23,15 @@ from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
+import math
+from collections.abc import Mapping, Sequence
+from cc_mujoco.datasets._channels import TORQUE
+from cc_mujoco.diagnosis._phrases import capitalise, channel_name, format_number
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
+
+
 
 
 @dataclass(frozen=True)
@@ -135,3 +143,232 @@ def _excitation_problem(records: Sequence[Record]) -> str:
             "that move, or none."
         )
     return ""
+
+
+
+def check_effects(
+    plant: SimulatedRig, values: Mapping[str, float], ids: Sequence[str]
+) -> tuple[str, ...]:
+    """Check effects on the data, and return a sentence for each that they cannot show.
+
+    Raises:
+        EffectError: an effect is not off where its sizes are 0, its torques are not
+            finite, or have no derivative with respect to a size at 0.
+    """
+    notes = []
+    effects = plant.library.effects
+    few = plant.limited(plant.records[: Limit.max_checked_records])
+    plain = few.simulate(values) if ids else []
+    for name in ids:
+        if name not in effects:
+            library = plant.library
+            why = library.hidden.get(name) or library.declared.get(name, "")
+            notes.append(f"Effect {name!r} is not looked for: {why}.")
+        elif not _check(effects[name], few, values, plain) and not _check(
+            effects[name], plant, values, plant.simulate(values)
+        ):
+            notes.append(
+                f"Effect {name!r} changes nothing in these data; it takes "
+                f"{EFFECTS[name].required_excitation}."
+            )
+    return tuple(notes)
+
+
+def _check(
+    effect: Effect,
+    plant: SimulatedRig,
+    values: Mapping[str, float],
+    plain: Sequence[FloatArray],
+) -> bool:
+    """Check one effect; return whether a typical size changes a torque."""
+    shows = False
+    least = Limit.rounding * float(
+        np.linalg.norm(np.concatenate([p.ravel() for p in plain]))
+    )
+    for start in effect.starts:
+        sizes = [p for p in effect.parameters if p.linear]
+        off = {**values, **start, **{p.name: 0.0 for p in sizes}}
+        for record, before, after in zip(
+            plant.records, plain, plant.simulate(off, (effect.id,)), strict=True
+        ):
+            if not np.array_equal(before, after):
+                most = np.abs(after - before).max()
+                raise EffectError(
+                    f"effect {effect.id!r} is not off where its sizes are 0: it "
+                    f"changes trial {record.trial} by {most:.3g} N m; "
+                    "return the signals or cables unchanged there"
+                )
+        for parameter in sizes:
+            full = start[parameter.name]
+            # At 0 itself the kernel may change from one way of solving to another.
+            first, second, whole = (
+                _change(effect, plant, plain, {**off, parameter.name: share * full})
+                for share in (Limit.small_share, 2.0 * Limit.small_share, 1.0)
+            )
+            small = float(np.linalg.norm(second - first)) / Limit.small_share
+            large = float(np.linalg.norm(whole - first))
+            shows |= large > least and parameter.size
+            if parameter.size and large > least:
+                _require_slope(effect, parameter.name, small / large)
+    return shows
+
+
+def _change(
+    effect: Effect,
+    plant: SimulatedRig,
+    plain: Sequence[FloatArray],
+    values: Mapping[str, float],
+) -> FloatArray:
+    """Return the change of all torques by an effect [N m].
+
+    Raises:
+        EffectError: it is not finite.
+    """
+    changes = []
+    for record, before, after in zip(
+        plant.records, plain, plant.simulate(values, (effect.id,)), strict=True
+    ):
+        if not np.isfinite(after).all():
+            raise EffectError(
+                f"effect {effect.id!r} makes a torque that is not finite in trial "
+                f"{record.trial}"
+            )
+        changes.append((after - before).ravel())
+    return np.concatenate(changes)
+
+
+def _require_slope(effect: Effect, name: str, ratio: float) -> None:
+    """Refuse a size whose derivative at 0 is infinite or 0."""
+    if 0.01 <= ratio <= Limit.max_slope_ratio:
+        return
+    what = "infinite" if ratio > 1.0 else "0"
+    advice = "its root" if ratio < 1.0 else "a power of it"
+    raise EffectError(
+        f"effect {effect.id!r}: the derivative of the torques with respect to "
+        f"{name!r} is {what} where that is 0, so no fit finds it; use {advice} as the "
+        "size, so that the change begins in proportion to it"
+    )
+
+
+_NO_VALUES: Values = {}
+
+
+def unit_or_sign_error(
+    plant: SimulatedRig, start: SimulatedRig | None = None, values: Values = _NO_VALUES
+) -> str:
+    """Return why the torques contradict this scene by unit or sign, or "".
+
+    A generic scene may be off by any factor. Only the factor of a unit is reported, and
+    only if no other friction, stiffness or pretension explains the readings.
+
+    Args:
+        plant: of the scene as it is given, with what is known of the rig.
+        start: the plant with estimates in place of what the data contradict.
+        values: that the estimates come with; empty where there are none.
+    """
+    contradictions: list[str] = []
+    units: set[str] = set()
+    played = plant.simulate({})
+    better = start.simulate(values) if start and values else None
+    for row, name in enumerate(plant.instruments.channels):
+        if plant.instruments[plant.instruments.rows[row]] != "torque sensor":
+            continue
+        measured, simulated = _torque_pairs(plant, played, row)
+        times = _torque_factor(measured, simulated)
+        if better is not None and _other_values_explain(
+            measured, simulated, times, _torque_pairs(plant, better, row)[1]
+        ):
+            continue
+        alone = len(plant.bench.cables) == 1
+        if (alone and _would_push(measured, simulated)) or (
+            times is not None and _is_near_one(-times)
+        ):
+            contradictions.append(f"the {channel_name(name)} is the negative of")
+        elif times is None:
+            continue
+        elif other := [
+            u for u, si in TORQUE.factors.items() if _is_near_one(times * si)
+        ]:
+            if "Nm" not in other:
+                contradictions.append(
+                    f"the {channel_name(name)} is {format_number(times)} times"
+                )
+                units.update(other)
+    if not contradictions:
+        return ""
+    guess = f"; readings in {list_words(sorted(units), 'or')} would be" if units else ""
+    return capitalise(
+        f"{list_words(contradictions)} what the scene predicts before anything is "
+        f"tuned{guess}. Declare unit or sign of the columns in dataset.toml, or put "
+        "pretension, friction and pulleys of the scene right."
+    )
+
+
+def _other_values_explain(
+    measured: Sequence[FloatArray],
+    simulated: Sequence[FloatArray],
+    times: float | None,
+    better: Sequence[FloatArray],
+) -> bool:
+    """Return whether other values explain a torque better than the scene in a unit."""
+    scaled = [(times or 0.0) * torque for torque in simulated]
+    return _residual_square(
+        measured, better
+    ) < Limit.alternative_error_ratio * _residual_square(measured, scaled)
+
+
+def _residual_square(
+    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
+) -> float:
+    """Return the sum of squares between two torques, their means aside."""
+    return sum(
+        float(np.sum((one - other - np.mean(one - other)) ** 2))
+        for one, other in zip(measured, simulated, strict=True)
+    )
+
+
+def _torque_pairs(
+    plant: SimulatedRig, played: Sequence[FloatArray], row: int
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return measured and simulated torque of every record with valid samples."""
+    kept = [
+        (record.measured[row, record.free], torque[row, record.free])
+        for record, torque in zip(plant.records, played, strict=True)
+        if np.count_nonzero(record.free) > 1
+        and not record.unhooked
+        and record.load_cell is None
+    ]
+    return [measured for measured, _ in kept], [simulated for _, simulated in kept]
+
+
+def _torque_factor(
+    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
+) -> float | None:
+    """Return measured over simulated torque during sliding, None if dissimilar."""
+    if not measured:
+        return None
+    one = np.concatenate([torque - torque.mean() for torque in measured])
+    other = np.concatenate([torque - torque.mean() for torque in simulated])
+    scale = math.sqrt(float(one @ one) * float(other @ other))
+    if (
+        not scale > 0.0
+        or abs(float(one @ other)) < Limit.prerequisites_min_correlation * scale
+    ):
+        return None
+    return math.copysign(
+        math.sqrt(float(one @ one) / float(other @ other)), float(one @ other)
+    )
+
+
+def _would_push(
+    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
+) -> bool:
+    """Return whether a lone cable would have to push nearly all the time."""
+    if not measured:
+        return False
+    side = float(np.sign(np.concatenate(simulated).sum()))
+    return bool(np.mean(side * np.concatenate(measured) < 0.0) > Limit.push_share)
+
+
+def _is_near_one(times: float) -> bool:
+    return 1.0 / Limit.max_torque_factor < times < Limit.max_torque_factor

@@ -18,8 +18,8 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.folds import interleaved_folds
 from cc_mujoco.diagnosis._fit.fit import check_effects
+from cc_mujoco.diagnosis._fit.folds import interleaved_folds
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.rounds import search, search_rare
 from cc_mujoco.diagnosis._thresholds import Thresholds

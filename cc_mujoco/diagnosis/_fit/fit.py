@@ -7,31 +7,33 @@ named then is worth nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+
 import numpy as np
+
 from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._fit.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis._fit.fitting import Problem
 from cc_mujoco.diagnosis._fit.start_values import prepare_start
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
-from cc_mujoco.diagnosis._phrases import Progress, capitalise, format_number
+from cc_mujoco.diagnosis._phrases import (
+    Progress,
+    capitalise,
+    channel_name,
+    format_number,
+)
+from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._rig.motions import CataloguedTrial
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
-import math
-from collections.abc import Mapping, Sequence
-from cc_mujoco.datasets._channels import TORQUE
-from cc_mujoco.diagnosis._phrases import capitalise, channel_name, format_number
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
-from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
-
-
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,6 @@ def _excitation_problem(records: Sequence[Record]) -> str:
             "that move, or none."
         )
     return ""
-
 
 
 def check_effects(

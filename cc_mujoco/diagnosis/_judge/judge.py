@@ -18,7 +18,6 @@ from typing import NamedTuple
 from cc_mujoco.diagnosis._fit.baseline import floor_ratios, overall_share
 from cc_mujoco.diagnosis._fit.folds import CrossValidation, blocks, excess
 from cc_mujoco.diagnosis._fit.plausibility import IMPLAUSIBLE_PREFIX
-from cc_mujoco.diagnosis._fit.stretches import Stretch, worst_stretch
 from cc_mujoco.diagnosis._fit.trials import misfits
 from cc_mujoco.diagnosis._judge.identifiability import (
     confounded_effects,
@@ -26,6 +25,7 @@ from cc_mujoco.diagnosis._judge.identifiability import (
     deviating_parameters,
     untestable_effects,
 )
+from cc_mujoco.diagnosis._judge.stretches import Stretch, worst_stretch
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,

@@ -12,17 +12,15 @@ the memory of both (never a permutation of samples).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
-import numpy as np
-from numpy.typing import NDArray
-from cc_mujoco.diagnosis._phrases import format_number, format_share, format_signed
-from cc_mujoco.diagnosis._verdict import Map, TrialTrace, Where
-from cc_mujoco.native import FloatArray
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from cc_mujoco.diagnosis._fit.baseline import BaselineFit, traces
 from cc_mujoco.diagnosis._fit.fitting import Problem
 from cc_mujoco.diagnosis._fit.folds import BOOTSTRAP_BLOCK
@@ -57,9 +55,8 @@ from cc_mujoco.diagnosis._verdict import (
     TrialTrace,
     Where,
 )
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
-
-
 
 BINS = 14
 _CHANNEL_NAMES = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint torque"}
@@ -250,7 +247,6 @@ def describe_map(drawn: Map) -> str:
         f"error lies along {drawn.axis} (chance gives {format_share(drawn.chance)}): "
         f"measured minus simulated is {first} and {last}{sense}."
     )
-
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,10 @@ from cc_mujoco.diagnosis._fit.intervals import (
     fit_covariance,
     noise_covariance,
 )
-from cc_mujoco.diagnosis._fit.occasion_changes import (
-    agreement_shares,
-    compare_occasions,
-)
 from cc_mujoco.diagnosis._fit.plausibility import doubtful_effects, is_ordinary
 from cc_mujoco.diagnosis._fit.trial_constants import (
+    agreement_shares,
+    compare_occasions,
     random_constants,
     trial_constants,
     trial_ordinates,

@@ -9,10 +9,17 @@ at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
+from cc_mujoco._utils.user_code import named_object
+from cc_mujoco.diagnosis.effects._conduit_effects import CABLE_EFFECTS, FRICTION_EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import (
     BACKLASH_BOUNDS as BACKLASH_BOUNDS,
 )
+from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS, SENSOR_EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS as EXIT_FORMS
 from cc_mujoco.diagnosis.effects._drive_effects import GAIN_BOUNDS as GAIN_BOUNDS
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY as JOINT_DELAY
@@ -34,19 +41,10 @@ from cc_mujoco.diagnosis.effects._effect import form_key as form_key
 from cc_mujoco.diagnosis.effects._effect_class import Shape as Shape
 from cc_mujoco.diagnosis.effects._effect_class import Size as Size
 from cc_mujoco.diagnosis.effects._effect_class import effect_of_class as effect_of_class
+from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
 from cc_mujoco.diagnosis.effects._rare_effects import (
     CoupledNeighbour as CoupledNeighbour,
 )
-import inspect
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from typing import Any
-from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects._conduit_effects import CABLE_EFFECTS, FRICTION_EFFECTS
-from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS, SENSOR_EFFECTS
-from cc_mujoco.diagnosis.effects._effect import Effect
-from cc_mujoco.diagnosis.effects._effect_class import effect_of_class
-from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {

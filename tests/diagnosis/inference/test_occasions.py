@@ -15,11 +15,12 @@ from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._fit.baseline import fit_baseline, plant_of
 from cc_mujoco.diagnosis._fit.fitting import fit
-from cc_mujoco.diagnosis._fit.occasion_changes import compare_size, describe_change
 from cc_mujoco.diagnosis._fit.start_values import prepare_start
 from cc_mujoco.diagnosis._fit.trial_constants import (
     TrialConstants,
+    compare_size,
     constants_by_occasion,
+    describe_change,
 )
 from cc_mujoco.diagnosis._phrases import MINUS, plain_name
 from cc_mujoco.diagnosis._propose.experiment import as_record, next_trial_name

@@ -20,12 +20,12 @@ from cc_mujoco.diagnosis import (
     run_inference,
 )
 from cc_mujoco.diagnosis._fit.fitting import TorqueDerivatives
-from cc_mujoco.diagnosis._fit.stretches import worst_stretch
 from cc_mujoco.diagnosis._fit.trials import (
     find_outlier_trial,
     misfits,
     trial_errors,
 )
+from cc_mujoco.diagnosis._judge.stretches import worst_stretch
 from diagnosis.instrumented import told_by
 from diagnosis.recorded import BENCH, dataset
 

@@ -251,7 +251,7 @@ def describe_map(drawn: Map) -> str:
 
 @dataclass(frozen=True)
 class Located:
-    """Where and when the error lies.
+    """Places and trials in which the error lies.
 
     Attributes:
         evidence: signals and maps that the report draws.

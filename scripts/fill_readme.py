@@ -46,7 +46,7 @@ from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device import _materials as of_materials
 from cc_mujoco.diagnosis import EFFECTS
-from cc_mujoco.diagnosis.effects import _library as of_effects
+from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table

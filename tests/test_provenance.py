@@ -18,6 +18,7 @@ from cc_mujoco._utils.provenance import (
     earlier_results_message,
     provenance_differences,
     read_provenance,
+    source_files,
     with_provenance,
 )
 from cc_mujoco.control import controller
@@ -153,6 +154,17 @@ def test_a_recorded_trajectory_counts(project: Path) -> None:
     assert provenance_differences(then, code_provenance("pi", "walk.csv")) == [
         "walk.csv"
     ]
+
+
+def test_sources_are_all_that_numbers_follow_from_and_no_results() -> None:
+    names = set(source_files())
+    assert names >= {
+        "cc_mujoco/plugin/native_plugin.c",
+        "cc_mujoco/native/native.h",
+        "cc_mujoco/cable/parameters.csv",
+        "cc_mujoco/assets/wrist_handle.xml",
+    }
+    assert not [name for name in names if name.startswith("cc_mujoco/benchmark/v")]
 
 
 def test_other_sources_and_versions_are_named() -> None:

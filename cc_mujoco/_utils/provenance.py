@@ -53,18 +53,31 @@ def versions() -> dict[str, str]:
     return {n: importlib.import_module(n).__version__ for n in VERSIONED_PACKAGES}
 
 
-@cache
-def sources() -> str:
-    """Return a digest of the library's sources, scenes and tables."""
-    found: dict[str, bytes] = {}
+SOURCE_SUFFIXES = ".py", ".c", ".h", ".xml", ".csv", ".toml"
+
+
+def source_files() -> dict[str, Path]:
+    """Return the files that the library's numbers follow from, by their place in it.
+
+    Tables of the benchmark are results.
+    """
+    found: dict[str, Path] = {}
     for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
         root = Path(str(importlib.import_module(package).__file__)).parent
         for path in root.rglob("*"):
-            if path.suffix in (".py", ".xml", ".csv", ".toml"):
-                place = Path(*package.split("."), path.relative_to(root))
-                found[place.as_posix()] = path.read_bytes()
+            place = Path(*package.split("."), path.relative_to(root))
+            result = path.suffix == ".csv" and "benchmark" in place.parts
+            if path.suffix in SOURCE_SUFFIXES and not result:
+                found[place.as_posix()] = path
+    return found
+
+
+@cache
+def sources() -> str:
+    """Return a digest of the library's sources, scenes and tables."""
     digest = hashlib.sha256()
-    for name, content in sorted(found.items()):
+    for name, path in sorted(source_files().items()):
+        content = path.read_bytes()
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()[:24]
 

@@ -27,7 +27,7 @@ from cc_mujoco.cable._mesh import lay_segments, segment_wraps
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import PARAMETERS, Cable, Section
 from cc_mujoco.errors import CableError, shown
-from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled, interrupted
 
 MAX_TRAVEL = 1e6
 """Largest displacement of an end of a cable that is accepted [m]."""
@@ -417,6 +417,8 @@ def _play(
 ) -> None:
     t = kernel.STATE_HEADER
     for row in range(proximal.size):
+        if interrupted(row):
+            return
         # A prescribed position has nothing to say at the first sample; a tension does.
         kernel.step(
             prm,

@@ -28,7 +28,13 @@ from cc_mujoco.cable._pack import set_path
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._pulleys import Driven
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from cc_mujoco.native import (
+    FloatArray,
+    FloatMatrix,
+    compiled,
+    internal,
+    interrupted,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,6 +287,8 @@ def _play(
     u_proximal, _ = stepper.proximal_displacement(cables, 0, motor[0])
     kernel.initialize(prm, n, u_proximal, u_distal, state)
     for k in range(motor.size):
+        if interrupted(k):
+            return
         u_proximal, lever = stepper.proximal_displacement(cables, 0, motor[k])
         if k == 0 or joint[k] != joint[k - 1]:
             row, share = _table_position(tables, joint[k])

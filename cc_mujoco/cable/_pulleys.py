@@ -28,7 +28,7 @@ from cc_mujoco.cable._layout import tensions
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError, shown
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, interrupted
 
 ANGLE, TORQUE = 0, 1
 """Quantity prescribed on a side of the transmission."""
@@ -270,6 +270,8 @@ def _drive(
             new[k, i] = state[k, i]
     free = np.inf
     for row in range(proximal.size):
+        if interrupted(row):
+            return
         if proximal_kind == ANGLE:
             motor = proximal[row]
         if distal_kind == ANGLE:

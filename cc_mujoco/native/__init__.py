@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.native._functions import compiled as compiled
 from cc_mujoco.native._functions import internal as internal
+from cc_mujoco.native._functions import interrupted as interrupted
 from cc_mujoco.native._kinds import ByteMatrix as ByteMatrix
 from cc_mujoco.native._kinds import FloatCube as FloatCube
 from cc_mujoco.native._kinds import FloatMatrix as FloatMatrix

@@ -14,16 +14,18 @@ from __future__ import annotations
 import ast
 import math
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.native._fold import Known, is_number
 from cc_mujoco.native._front import Writer, name_of, read, refusal
+from cc_mujoco.native._functions import interrupted
 from cc_mujoco.native._kinds import (
     BOOL,
     BYTE,
@@ -65,7 +67,12 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">",
     ast.GtE: ">=",
 }  # fmt: skip
-_CALLS: dict[Any, tuple[str, tuple[Kind, ...], Kind]] = {
+KnownCall = tuple[str, tuple[Kind, ...], Kind]
+"""A function that is not compiled: its name in C, or the template of a call, whose
+fields have the rank of operands without parentheses; types of arguments and result."""
+_CALLS: dict[Any, KnownCall] = {
+    interrupted: ("cc_interrupted", (INT,), BOOL),
+} | {
     getattr(module, name): (name, (REAL, REAL), REAL)
     for module in (math, np)
     for name in (
@@ -95,12 +102,6 @@ _RESERVED = frozenset(
     "j0 j1 jn y0 y1 yn index remainder significand scalb drem round trunc".split()
 )
 
-Intrinsic = Callable[[Any, ast.Call, list[Any]], Any]
-"""A function that is written in C by hand: from the writer, the node of a call and its
-arguments it returns the value of the call."""
-Intrinsics = dict[int, Intrinsic]
-"""These functions by their `id`."""
-
 
 @dataclass(frozen=True)
 class Value:
@@ -111,7 +112,7 @@ class Value:
         kind: its type.
         rank: how tightly its outermost operator binds.
         number: the number that it spells, None of another.
-        name: that of a constant, for a comment.
+        name: that of a constant.
         table: name of the constant array that it is a view of.
     """
 
@@ -125,6 +126,10 @@ class Value:
     def at(self, rank: int) -> str:
         """Return the text as an operand of an operator of this rank."""
         return self.text if self.rank >= rank else f"({self.text})"
+
+    def __format__(self, rank: str) -> str:
+        """Return the text as an operand, in a template."""
+        return self.at(int(rank or 0))
 
 
 @dataclass
@@ -155,12 +160,13 @@ class CLibrary:
         root: folder of the sources, for the places in comments.
     """
 
-    def __init__(self, intrinsics: Intrinsics, root: Path) -> None:
-        """Begin with functions that are written otherwise, by their objects."""
-        self.intrinsics, self.root = intrinsics, root
+    def __init__(self, known: Mapping[Any, KnownCall], root: Path) -> None:
+        """Begin with functions that are not compiled, beside those of Python."""
+        self.known, self.root = {**_CALLS, **known}, root
         self._functions: dict[types.FunctionType, Function] = {}
         self._records: dict[str, str] = {}
         self._tables: dict[tuple[bytes, str], tuple[str, str]] = {}
+        self._constants: dict[str, str] = {}
         self._waiting: list[types.FunctionType] = []
         self._exports: list[str] = []
 
@@ -251,17 +257,21 @@ class CLibrary:
             return head.replace("(", "(\n    ", 1).replace(", ", ",\n    ")
         return head
 
+    def constant(self, text: str, name: str) -> str:
+        """Return a name for a number: that of the constant, or it and a number."""
+        text = f"({text})" if text[0] == "-" else text
+        free = next(n for n in _names(name) if self._constants.get(n, text) == text)
+        self._constants[free] = text
+        return free
+
     def table(self, found: np.ndarray[Any, Any], label: str) -> Value:
         """Return a constant array."""
         element = NUMBERS[found.dtype.type]
         key = found.tobytes(), f"{element.c}{found.shape}"
         if key not in self._tables:
             taken = {name for name, _ in self._tables.values()}
-            name = base = f"TABLE_{label.lstrip('_').upper()}"
-            count = 1
-            while name in taken:
-                count += 1
-                name = f"{base}_{count}"
+            names = _names(f"TABLE_{label.lstrip('_').upper()}")
+            name = next(each for each in names if each not in taken)
             cells = ", ".join(literal(each).text for each in found.ravel().tolist())
             head = f"static const {element.c} {name}[{max(found.size, 1)}]"
             self._tables[key] = name, f"{head} = {{{cells}}};\n"
@@ -275,14 +285,21 @@ class CLibrary:
         functions = self.translate()
         tables = [text for _, text in self._tables.values()]
         texts = [function.text for function in functions]
-        return "\n".join([*self._records.values(), *tables, *texts, *self._exports])
+        named = [f"#define {name} {text}" for name, text in self._constants.items()]
+        parts = [*named, "", *self._records.values(), *tables, *texts, *self._exports]
+        return "\n".join(parts)
 
 
-def literal(found: Any, name: str = "") -> Value:
+def _names(base: str) -> Iterator[str]:
+    """Yield names to choose the first free one from."""
+    yield base
+    yield from (f"{base}_{k}" for k in count(2))
+
+
+def literal(found: Any) -> Value:
     """Return a number in C."""
-    note = f" /* {name} */" if name else ""
     if isinstance(found, bool):
-        return Value(("true" if found else "false") + note, BOOL, _ATOM, found)
+        return Value("true" if found else "false", BOOL, _ATOM, found)
     kind, text = REAL, repr(float(found))
     if isinstance(found, int | np.integer):
         kind, text = INT, str(int(found))
@@ -291,7 +308,7 @@ def literal(found: Any, name: str = "") -> Value:
         text = "NAN"
     elif math.isinf(found):
         text = "INFINITY" if found > 0 else "-INFINITY"
-    return Value(text + note, kind, _UNARY if text[0] == "-" else _ATOM, found, name)
+    return Value(text, kind, _UNARY if text[0] == "-" else _ATOM, found)
 
 
 def c_name(name: str) -> str:
@@ -422,8 +439,8 @@ class _CWriter(Writer):
             raise self.refuse(node, what)
         if kind == BOOL:
             return Value(f"{value.at(_COMPARE + 1)} != 0", BOOL, _COMPARE)
-        if kind == REAL and value.kind == INT and value.number is not None:
-            return literal(float(value.number), value.name)
+        if kind == REAL and value.number is not None and not value.name:
+            return literal(float(value.number))
         return Value(f"({self.library.type(kind)}){value.at(_UNARY)}", kind, _UNARY)
 
     def _typed(self, node: ast.expr, kind: Kind) -> Value:
@@ -431,13 +448,18 @@ class _CWriter(Writer):
         if isinstance(node, ast.Tuple) and isinstance(kind, Structure):
             if len(node.elts) == len(kind.fields):
                 pairs = zip(node.elts, kind.fields, strict=True)
-                return self._record([self._typed(p, k) for p, (_, k) in pairs], kind)
+                parts = [self._typed(part, each) for part, (_, each) in pairs]
+                return self._record(parts, node, kind)
         return self.as_kind(self.visit(node), kind, node)
 
-    def _record(self, parts: list[Value], kind: Structure) -> Value:
+    def _record(
+        self, parts: list[Value], node: ast.AST, kind: Structure | None = None
+    ) -> Value:
+        """Return a tuple of values, by default a plain one of their own types."""
+        kind = kind or tuple_of(tuple(_wide(part.kind) for part in parts))
         text = ", ".join(
-            f".{c_name(name)} = {part.text}"
-            for part, (name, _) in zip(parts, kind.fields, strict=True)
+            f".{c_name(name)} = {self.as_kind(part, each, node).text}"
+            for part, (name, each) in zip(parts, kind.fields, strict=True)
         )
         return Value(f"({self.library.type(kind)}){{{text}}}", kind)
 
@@ -465,23 +487,25 @@ class _CWriter(Writer):
     # Statements
 
     def visit_If(self, node: ast.If) -> None:
-        self.emit(f"if ({self._scalar(node.test, 'the truth of an array').text}) {{")
-        self.block(node.body)
-        other = node.orelse
-        while len(other) == 1 and isinstance(other[0], ast.If):
-            test = self._scalar(other[0].test, "the truth of an array").text
-            self.emit(f"}} else if ({test}) {{")
-            self.block(other[0].body)
-            other = other[0].orelse
+        other: list[ast.stmt] = [node]
+        head = "if"
+        while len(other) == 1 and isinstance(one := other[0], ast.If):
+            self._begin(head, one)
+            head, other = "} else if", one.orelse
         if other:
             self.emit("} else {")
             self.block(other)
         self.emit("}")
 
     def visit_While(self, node: ast.While) -> None:
-        self.emit(f"while ({self._scalar(node.test, 'the truth of an array').text}) {{")
-        self.block(node.body)
+        self._begin("while", node)
         self.emit("}")
+
+    def _begin(self, head: str, node: ast.If | ast.While) -> None:
+        """Add a block under a condition."""
+        test = self._scalar(node.test, "the truth of an array").text
+        self.emit(f"{head} ({test}) {{")
+        self.block(node.body)
 
     def visit_For(self, node: ast.For) -> None:
         call = node.iter
@@ -540,11 +564,10 @@ class _CWriter(Writer):
         value: Value = self.visit(node.value)
         self.emit(f"{'' if value.kind == NOTHING else '(void)'}{value.text};")
 
-    def visit_Break(self, node: ast.Break) -> None:
-        self.emit("break;")
+    def visit_Break(self, node: ast.stmt) -> None:
+        self.emit(f"{ast.unparse(node)};")
 
-    def visit_Continue(self, node: ast.Continue) -> None:
-        self.emit("continue;")
+    visit_Continue = visit_Break
 
     def visit_Assign(self, node: ast.Assign) -> None:
         target, given = node.targets[0], node.value
@@ -630,18 +653,19 @@ class _CWriter(Writer):
         if isinstance(found, LoadedInt):
             return Value(found.c, INT)
         if is_number(found) or isinstance(found, np.floating | np.integer):
-            return literal(found, getattr(node, "named", ""))
+            value, name = literal(found), getattr(node, "named", "")
+            if not name or not math.isfinite(found):
+                return value
+            text = self.library.constant(value.text, name)
+            return replace(value, text=text, rank=_ATOM, name=name)
         if isinstance(found, np.ndarray) and found.dtype.type in NUMBERS:
             label = "DATA" if isinstance(node, ast.Constant) else ast.unparse(node)
             return self.library.table(found, label.rpartition(".")[2])
         if isinstance(found, tuple):
             parts = [self._constant(each, ast.Constant(each)) for each in found]
-            kind = tuple_of(tuple(part.kind for part in parts))
-            if hasattr(found, "_fields"):
-                kind = record_of(type(found))
-            pairs = zip(parts, kind.fields, strict=True)
-            parts = [self.as_kind(part, each, node) for part, (_, each) in pairs]
-            return self._record(parts, kind)
+            is_named = hasattr(found, "_fields")
+            whole = record_of(type(found)) if is_named else None
+            return self._record(parts, node, whole)
         raise self.refuse(node, f"a constant of the type {type(found).__name__}")
 
     def visit_Name(self, node: ast.Name) -> Value:
@@ -672,11 +696,7 @@ class _CWriter(Writer):
         raise self.refuse(node, "an attribute")
 
     def visit_Tuple(self, node: ast.Tuple) -> Value:
-        parts = [self.visit(each) for each in node.elts]
-        record = tuple_of(tuple(_wide(part.kind) for part in parts))
-        pairs = zip(parts, record.fields, strict=True)
-        parts = [self.as_kind(part, each, node) for part, (_, each) in pairs]
-        return self._record(parts, record)
+        return self._record([self.visit(each) for each in node.elts], node)
 
     def visit_IfExp(self, node: ast.IfExp) -> Value:
         body, other = self.visit(node.body), self.visit(node.orelse)
@@ -806,8 +826,8 @@ class _CWriter(Writer):
             end = Value(dims[len(given) - 1], INT)
             end = self._typed(last.upper, INT) if last.upper else end
             if last.lower and value.number != 0:
-                count = f"{end.at(_SUM)} - {value.at(_SUM + 1)}"
-                end = Value(count, INT, _SUM)
+                text = f"{end.at(_SUM)} - {value.at(_SUM + 1)}"
+                end = Value(text, INT, _SUM)
             shape = [end.text, *shape]
         elif not shape:
             table = owner.table or f"{owner.at(_ATOM)}.p"
@@ -827,14 +847,12 @@ class _CWriter(Writer):
         if isinstance(found, type) and hasattr(found, "_fields"):
             return self._typed(ast.Tuple(node.args, ast.Load()), record_of(found))
         function = python_function(found)
-        special = self.library.intrinsics.get(id(found))
         views = getattr(function, "views", "")
-        if function is not None and special is None and not views:
+        is_known = callable(found) and found in self.library.known
+        if function is not None and not is_known and not views:
             return self._compiled_call(function, node)
         given = [self.visit(each) for each in node.args]
-        if special is not None:
-            return cast("Value", special(self, node, given))
-        if function is None:
+        if function is None or is_known:
             return self._known_call(found, given, node)
         result = signature_of(function).result
         if views == "memory":
@@ -873,15 +891,14 @@ class _CWriter(Writer):
         return Value(_dims_of(value)[0], INT)
 
     def _known_call(self, found: Any, given: list[Value], node: ast.Call) -> Value:
-        """Return the call of a function of Python or NumPy."""
-        try:
-            name, wanted, result = _CALLS.get(found, ("", (), NOTHING))
-        except TypeError:
-            name = ""
-        if name:
+        """Return the call of a function that is not compiled."""
+        if callable(found) and found in self.library.known:
+            text, wanted, result = self.library.known[found]
             pairs = zip(given, wanted, strict=False)
-            texts = [self.as_kind(value, kind, node).text for value, kind in pairs]
-            return Value(f"{name}({', '.join(texts)})", result)
+            values = [self.as_kind(value, kind, node) for value, kind in pairs]
+            if "(" not in text:
+                return Value(f"{text}({', '.join(v.text for v in values)})", result)
+            return Value(text.format(*values), result, UNARY)
         if found in (min, max) and len(given) > 1:
             kind = REAL if any(value.kind == REAL for value in given) else INT
             texts = [self.as_kind(value, kind, node).text for value in given]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import count
 
 from cc_mujoco.errors import CableError
@@ -32,23 +32,25 @@ CC_EXPORT void cc_use_python(void *const *found)
 """
 
 
-def has_entry(function: Function) -> bool:
-    """Return whether Python can call it in C: views of arrays are made by Python."""
-    return not holds_array(function.signature.result)
-
-
-def entries_text(library: CLibrary, functions: Sequence[tuple[str, Function]]) -> str:
+def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
     """Return the functions in C that Python calls, and their table.
+
+    Python itself runs those that return views of arrays.
 
     Args:
         library: to which the functions belong.
-        functions: names that Python calls them by, and the functions.
+        functions: those that Python calls, by the names that it calls them by.
     """
+    called = {
+        name: function
+        for name, function in functions.items()
+        if not holds_array(function.signature.result)
+    }
     rows = "".join(
         f'    {{"{name}", py_{function.name}, 0x80, NULL}},\n'
-        for name, function in functions
+        for name, function in called.items()
     )
-    return "\n".join([*(_entry(library, one) for _, one in functions), _END % rows])
+    return "\n".join([*(_entry(library, one) for one in called.values()), _END % rows])
 
 
 def _entry(library: CLibrary, function: Function) -> str:

@@ -55,6 +55,12 @@ class Scope:
             if isinstance(found, ast.Name) and isinstance(found.ctx, ast.Store):
                 self._local.add(found.id)
 
+    def full_name(self, node: ast.expr, name: str) -> str:
+        """Return the name of a constant after the module by which it is reached."""
+        owner = self.lookup(node.value) if isinstance(node, ast.Attribute) else None
+        module = getattr(owner, "__name__", self._globals["__name__"])
+        return f"{module.rpartition('.')[2].strip('_')}_{name.strip('_')}".upper()
+
     def lookup(self, node: ast.expr) -> Any:
         """Return the object that an expression names outside of the function, or None.
 
@@ -252,7 +258,7 @@ class _Folder(ast.NodeTransformer):
             return node
         name = node.attr if isinstance(node, ast.Attribute) else ast.unparse(node)
         constant = ast.Constant(self._known.constants.get(name, found))
-        constant.named = name.lstrip("_")  # type: ignore[attr-defined]
+        constant.named = self._scope.full_name(node, name)  # type: ignore[attr-defined]
         return ast.copy_location(constant, node)
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:

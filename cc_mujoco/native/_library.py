@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.native._api import API
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -65,8 +64,12 @@ def _entries() -> dict[str, Callable[..., Any]]:
 
 def methods(found: ctypes.CDLL) -> dict[str, Callable[..., Any]]:
     """Return the functions of a library that Python calls, by their keys."""
-    values = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
-              for name in API]  # fmt: skip
+    text = Path(__file__).with_name("python_calls.h").read_text()
+    table = text.partition("static struct {")[2].partition("} api;")[0]
+    values = [
+        ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
+        for name in re.findall(r"\(\*(\w+)\)\(", table)
+    ]
     values += [id(None), id(TypeError)]
     found.cc_use_python((ctypes.c_void_p * len(values))(*values))
     make = ctypes.pythonapi.PyCFunction_NewEx

@@ -12,7 +12,7 @@ from typing import Any
 
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary
-from cc_mujoco.native._entries import entries_text, has_entry
+from cc_mujoco.native._entries import entries_text
 
 
 @cache
@@ -27,14 +27,14 @@ def own_entries(
     """
     first = functions[0][1]
     made = CLibrary({}, Path(first.__code__.co_filename).parent)
-    pairs = [(key, made.require(function)) for key, function in functions]
+    called = {key: made.require(function) for key, function in functions}
     here = Path(__file__).parent
     text = "\n".join(
         [
             (here / "native.h").read_text(),
-            made.text(),
             (here / "python_calls.h").read_text(),
-            entries_text(made, [(k, found) for k, found in pairs if has_entry(found)]),
+            made.text(),
+            entries_text(made, called),
         ]
     )
     code = f"{native_library.FLAGS}{platform.machine()}{text}".encode()

@@ -48,11 +48,26 @@ static struct {
     PyObject *(*PyErr_Format)(PyObject *, const char *, ...);
     void *(*PyEval_SaveThread)(void);
     void (*PyEval_RestoreThread)(void *);
+    int (*PyGILState_Ensure)(void);
+    void (*PyGILState_Release)(int);
+    int (*PyErr_CheckSignals)(void);
     void (*Py_IncRef)(PyObject *);
     void (*Py_DecRef)(PyObject *);
     PyObject *none;
     PyObject *type_error;
 } api;
+
+/* Whether a handler of a signal has raised, which a long loop asks at each step. */
+CC_INLINE bool cc_interrupted(int64_t step)
+{
+    if ((step & 1023) != 1023) {
+        return false;
+    }
+    const int held = api.PyGILState_Ensure();
+    const bool raised = api.PyErr_CheckSignals() != 0;
+    api.PyGILState_Release(held);
+    return raised;
+}
 
 enum { CC_MOST_PARTS = 128 };
 
@@ -209,7 +224,7 @@ static PyObject *run(void (*function)(const Cell *, Cell *), const char *format,
         void *thread = api.PyEval_SaveThread();
         function(call.cells, found);
         api.PyEval_RestoreThread(thread);
-        made = make(&result, &cell);
+        made = api.PyErr_Occurred() == NULL ? make(&result, &cell) : NULL;
     }
     while (call.view_count > 0) {
         api.PyBuffer_Release(&call.views[--call.view_count]);

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import ctypes
 import operator
 import re
@@ -15,17 +14,10 @@ import mujoco
 
 from cc_mujoco.cable._parameters import KEYS
 from cc_mujoco.native import _library as native_library
-from cc_mujoco.native._c99 import (
-    UNARY,
-    CLibrary,
-    Function,
-    Intrinsic,
-    Intrinsics,
-    Value,
-)
-from cc_mujoco.native._entries import entries_text, has_entry
+from cc_mujoco.native._c99 import UNARY, CLibrary, Function, KnownCall
+from cc_mujoco.native._entries import entries_text
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
-from cc_mujoco.native._kinds import BOOL, BYTE, INT, INT32, NOTHING, REAL, Scalar
+from cc_mujoco.native._kinds import BOOL, BYTE, INT, INT32, NOTHING, REAL
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin import _registration as registration
@@ -55,31 +47,27 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
         functions: those that it holds, beside what they call.
         with_python: whether Python calls them.
     """
-    made = CLibrary(_intrinsics(), native_library.PACKAGE.parent)
-    entries: list[tuple[str, Function]] = []
+    made = CLibrary(_functions(), native_library.PACKAGE.parent)
+    entries: dict[str, Function] = {}
     for function in functions:
         if function.symbol:
             made.export(function.symbol, function.py_func)
         elif with_python and function.is_entry:
-            found = made.require(function.py_func)
-            if has_entry(found):
-                entries.append((function.key, found))
+            entries[function.key] = made.require(function.py_func)
     text = made.text()
-    calls = (
-        [_read("python_calls.h"), entries_text(made, entries)] if with_python else []
-    )
     return "\n".join(
         [
             "#define _GNU_SOURCE",
             f"#define CC_LOADS_ITSELF {int(not with_python)}",
             *(f"#define {name} {value}" for name, value in _constants().items()),
             _read("native.h"),
+            *([_read("python_calls.h")] if with_python else []),
             *_layout_lines(),
             _own("native_plugin.h").replace('#include "native.h"\n', ""),
             _known_layouts(),
             text,
             _own("native_plugin.c"),
-            *calls,
+            entries_text(made, entries) if with_python else "",
         ]
     )
 
@@ -144,61 +132,31 @@ def _quoted(text: str) -> str:
     return f'"{text}"'
 
 
-def _intrinsics() -> Intrinsics:
+def _functions() -> dict[Any, KnownCall]:
     """Return the functions of the plugin that are not written from Python."""
-    found: Intrinsics = {id(each): _engine_call(each) for each in ffi.ENGINE}
-    for name, kind in (
-        ("byte", BYTE),
-        ("integer", INT32),
-        ("word", INT),
-        ("real", REAL),
-    ):
-        load, store = _memory(name, kind)
-        found[id(getattr(ffi, f"load_{name}"))] = load
-        found[id(getattr(ffi, f"store_{name}"))] = store
+    found: dict[Any, KnownCall] = {each: _engine_call(each) for each in ffi.ENGINE}
+    found[ffi._digest_table] = "(int64_t)(intptr_t)cc_mujoco_said", (), INT
+    kinds = {"byte": BYTE, "integer": INT32, "word": INT, "real": REAL}
+    for name, kind in kinds.items():
+        load, store = f"load_{name}", f"store_{name}"
+        found[getattr(ffi, load)] = load, (INT,), kind
+        found[getattr(ffi, store)] = store, (INT, kind), NOTHING
     for name, result in (("copy", NOTHING), ("clear", NOTHING), ("same", BOOL)):
-        found[id(getattr(ffi, name))] = _bytes_call(name, result)
-    found[id(ffi._digest_table)] = lambda writer, node, given: Value(
-        "(int64_t)(intptr_t)cc_mujoco_said", INT, UNARY
-    )
+        found[getattr(ffi, name)] = f"{name}_bytes", (INT, INT, INT), result
     return found
 
 
-def _engine_call(function: ffi.Engine) -> Intrinsic:
+_ADDRESS = f"(void *)(intptr_t){{:{UNARY}}}"
+_FIELDS = {
+    ctypes.c_double: "{}",
+    ctypes.c_int: f"(int){{:{UNARY}}}",
+    ctypes.c_size_t: f"(size_t){{:{UNARY}}}",
+}
+
+
+def _engine_call(function: ffi.Engine) -> KnownCall:
     result = {None: NOTHING, ctypes.c_int: INT32}.get(function.result, INT)
-
-    def write(writer: Any, node: ast.Call, given: list[Value]) -> Value:
-        texts = []
-        for value, kind in zip(given, function.arguments, strict=True):
-            if kind is ctypes.c_double:
-                texts.append(writer.as_kind(value, REAL, node).text)
-                continue
-            text = writer.as_kind(value, INT, node).at(UNARY)
-            cast = {ctypes.c_int: "(int)", ctypes.c_size_t: "(size_t)"}
-            texts.append(cast.get(kind, "(void *)(intptr_t)") + text)
-        text = f"engine.{function.name}({', '.join(texts)})"
-        if result == INT:
-            text = f"(int64_t)(intptr_t){text}"
-        return Value(text, result, UNARY)
-
-    return write
-
-
-def _bytes_call(name: str, result: Scalar) -> Intrinsic:
-    def write(writer: Any, node: ast.Call, given: list[Value]) -> Value:
-        texts = [writer.as_kind(each, INT, node).text for each in given]
-        return Value(f"{name}_bytes({', '.join(texts)})", result)
-
-    return write
-
-
-def _memory(name: str, kind: Scalar) -> tuple[Intrinsic, Intrinsic]:
-    def load(writer: Any, node: ast.Call, given: list[Value]) -> Value:
-        return Value(f"load_{name}({writer.as_kind(given[0], INT, node).text})", kind)
-
-    def store(writer: Any, node: ast.Call, given: list[Value]) -> Value:
-        address = writer.as_kind(given[0], INT, node).text
-        value = writer.as_kind(given[1], kind, node).text
-        return Value(f"store_{name}({address}, {value})", NOTHING)
-
-    return load, store
+    given = ", ".join(_FIELDS.get(kind, _ADDRESS) for kind in function.arguments)
+    text = f"engine.{function.name}({given})"
+    kinds = (REAL if k is ctypes.c_double else INT for k in function.arguments)
+    return "(int64_t)(intptr_t)" * (result == INT) + text, tuple(kinds), result

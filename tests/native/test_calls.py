@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cc_mujoco.cable import _conduit as conduit
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _stepper as stepper
@@ -68,3 +70,19 @@ def test_what_is_no_array_is_refused(given: Any) -> None:
 def test_another_number_of_dimensions_is_refused() -> None:
     with pytest.raises(TypeError, match="of 1 dimension"):
         nodes.end_stiffness(packed_parameters(CABLE)[None], N, True)
+
+
+def test_a_signal_ends_a_long_call() -> None:
+    samples = 3_000_000
+    rest = np.zeros(samples)
+    out = np.full((8, samples), np.nan)
+    prm, state = packed_parameters(CABLE), rest_state(CABLE)
+    none = np.empty((0, N + 1)), np.empty((0, N), np.int8)
+    work = np.empty(kernel.work_size(N))
+    ends = kernel.POSITION, rest, kernel.POSITION, rest
+    kept = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    with pytest.raises(KeyboardInterrupt):
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        conduit._play(prm, N, state, *ends, 1e-3, state.copy(), work, out, *none)
+    signal.signal(signal.SIGALRM, kept)
+    assert np.isnan(out[0, -1])

@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import cc_mujoco
-from cc_mujoco.native._api import API
 from cc_mujoco.native._entries import MOST_PARTS
 from cc_mujoco.plugin._ffi import ENGINE
 from cc_mujoco.plugin._registration import ENGINE_NAMES
@@ -18,12 +17,6 @@ CALLS = (PACKAGE / "native/python_calls.h").read_text()
 def functions(structure: str) -> list[str]:
     """Return the names of the pointers to functions in a structure of C."""
     return re.findall(r"\(\*(\w+)\)\(", structure)
-
-
-def test_functions_of_python() -> None:
-    (table,) = re.findall(r"static struct \{(.*?)\n\} api;", CALLS, re.DOTALL)
-    assert functions(table) == list(API)
-    assert table.index("*none;") < table.index("*type_error;")
 
 
 def test_functions_of_mujoco() -> None:

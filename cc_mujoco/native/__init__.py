@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from cc_mujoco.native._functions import compiled as compiled
 from cc_mujoco.native._functions import internal as internal
-from cc_mujoco.native._functions import interrupted as interrupted
 from cc_mujoco.native._kinds import ByteMatrix as ByteMatrix
 from cc_mujoco.native._kinds import FloatCube as FloatCube
 from cc_mujoco.native._kinds import FloatMatrix as FloatMatrix
 from cc_mujoco.native._kinds import IntMatrix as IntMatrix
+from cc_mujoco.native._kinds import interrupted as interrupted
 
 FloatArray = NDArray[np.float64]
 """Array type of compiled functions; one-dimensional and contiguous unless stated."""

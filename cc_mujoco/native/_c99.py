@@ -25,7 +25,6 @@ import numpy as np
 from cc_mujoco.errors import CableError
 from cc_mujoco.native._fold import Known, is_number
 from cc_mujoco.native._front import Writer, name_of, read, refusal
-from cc_mujoco.native._functions import interrupted
 from cc_mujoco.native._kinds import (
     BOOL,
     BYTE,
@@ -44,6 +43,7 @@ from cc_mujoco.native._kinds import (
     Structure,
     UnknownTypeError,
     holds_array,
+    interrupted,
     python_function,
     record_of,
     short_name,

@@ -125,12 +125,12 @@ def fold(
         if name in names
     }
     while True:
-        before = ast.dump(node)
         folder = _Folder(scope, known, constants, constant_result)
         node.body = folder.statements(node.body)
-        constants = constants | _single_constants(node, names)
-        if ast.dump(node) == before:
+        found = _single_constants(node, names)
+        if found.keys() <= constants.keys():
             return node
+        constants = constants | found
 
 
 def _single_constants(
@@ -262,10 +262,10 @@ class _Folder(ast.NodeTransformer):
         return ast.copy_location(constant, node)
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        node.value, node.slice = self.visit(node.value), self.visit(node.slice)
         item = self._scope.lookup(node)
         if is_number(item):
             return ast.Constant(item)
-        node.value, node.slice = self.visit(node.value), self.visit(node.slice)
         if (
             isinstance(node.ctx, ast.Load)
             and isinstance(node.value, ast.Name)

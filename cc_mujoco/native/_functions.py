@@ -144,15 +144,6 @@ def callback(function: Function) -> Function:
     return cast("Function", NativeFunction(plain, False, symbol))
 
 
-def interrupted(step: int) -> bool:
-    """Return whether a long loop is to end, because Python has an exception to raise.
-
-    Args:
-        step: of the loop; C asks Python at every 1024th.
-    """
-    return False
-
-
 def reinterpret(function: Function) -> Function:
     """Mark a function that returns what lies at an address as a type, without a copy.
 

@@ -203,6 +203,15 @@ def signature_of(function: types.FunctionType) -> FunctionTypes:
     return FunctionTypes(kinds, result)
 
 
+def interrupted(step: int) -> bool:
+    """Return whether a long loop is to end, because Python has an exception to raise.
+
+    Args:
+        step: of the loop; C asks Python at every 1024th.
+    """
+    return False
+
+
 def python_function(found: Any) -> types.FunctionType | None:
     """Return the Python function of a compiled one, or the function itself."""
     found = getattr(found, "py_func", found)

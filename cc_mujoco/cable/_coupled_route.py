@@ -28,13 +28,7 @@ from cc_mujoco.cable._pack import set_path
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._pulleys import Driven
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import (
-    FloatArray,
-    FloatMatrix,
-    compiled,
-    internal,
-    interrupted,
-)  # fmt: skip
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal, interrupted
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,9 @@ from typing import Any
 
 from cc_mujoco.native._kinds import LoadedInt
 
-_COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+_FOLDED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt,
     ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
-}  # fmt: skip
-_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.FloorDiv: operator.floordiv,
 }  # fmt: skip
@@ -284,7 +282,7 @@ class _Folder(ast.NodeTransformer):
             return node
         values = [side.value for side in sides if isinstance(side, ast.Constant)]
         pairs = zip(node.ops, values, values[1:], strict=False)
-        return ast.Constant(all(_COMPARE[type(op)](a, b) for op, a, b in pairs))
+        return ast.Constant(all(_FOLDED[type(op)](a, b) for op, a, b in pairs))
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
         self.generic_visit(node)
@@ -319,9 +317,9 @@ class _Folder(ast.NodeTransformer):
         if (
             isinstance(left, ast.Constant)
             and isinstance(right, ast.Constant)
-            and kind in _BINARY
+            and kind in _FOLDED
         ):
-            return ast.Constant(_BINARY[kind](left.value, right.value))
+            return ast.Constant(_FOLDED[kind](left.value, right.value))
         return node
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:

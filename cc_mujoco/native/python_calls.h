@@ -43,7 +43,6 @@ static struct {
     PyObject *(*PyTuple_New)(Py_ssize_t);
     int (*PyTuple_SetItem)(PyObject *, Py_ssize_t, PyObject *);
     PyObject *(*PySequence_GetItem)(PyObject *, Py_ssize_t);
-    Py_ssize_t (*PySequence_Size)(PyObject *);
     PyObject *(*PyErr_Occurred)(void);
     PyObject *(*PyErr_Format)(PyObject *, const char *, ...);
     void *(*PyEval_SaveThread)(void);
@@ -147,39 +146,26 @@ static void take_number(Call *call, PyObject *given, char kind, const char *name
     }
 }
 
-/* Take arguments: to each belong its kind, its name and a space; `(` begins a tuple. */
-static void take(Call *call, const char *format, PyObject *const *args)
+/* Take an argument: its kind, its name and a space; `(` begins a tuple, `)` ends it. */
+static void take(Call *call, const char **format, PyObject *given)
 {
-    PyObject *owner[CC_MOST_PARTS];
-    Py_ssize_t place[CC_MOST_PARTS] = {0};
-    int depth = 0;
-    while (*format != '\0' && !call->failed) {
-        const char *const kind = format;
-        if (*kind == ')') {
-            depth--;
-            format++;
-            continue;
+    const char *const kind = *format, *const name = kind + (*kind == '[' ? 5 : 1);
+    *format = strchr(name, ' ') + 1;
+    if (*kind == '[') {
+        take_array(call, given, kind + 1, name);
+    } else if (*kind != '(') {
+        take_number(call, given, *kind, name);
+    } else {
+        for (Py_ssize_t i = 0; **format != ')' && !call->failed; i++) {
+            PyObject *item = api.PySequence_GetItem(given, i);
+            if (item == NULL) {
+                fail(call, name, "a tuple with all of its fields");
+                return;
+            }
+            call->items[call->item_count++] = item;
+            take(call, format, item);
         }
-        const char *const name = kind + (*kind == '[' ? 5 : 1);
-        format = strchr(name, ' ') + 1;
-        PyObject *given = depth > 0
-            ? api.PySequence_GetItem(owner[depth], place[depth]) : args[place[0]];
-        place[depth]++;
-        if (given == NULL) {
-            fail(call, name, "in a tuple with all of its fields");
-            return;
-        }
-        if (depth > 0) {
-            call->items[call->item_count++] = given;
-        }
-        if (*kind == '(') {
-            owner[++depth] = given;
-            place[depth] = 0;
-        } else if (*kind == '[') {
-            take_array(call, given, kind + 1, name);
-        } else {
-            take_number(call, given, *kind, name);
-        }
+        ++*format;
     }
 }
 
@@ -217,7 +203,9 @@ static PyObject *run(void (*function)(const Cell *, Cell *), const char *format,
         api.PyErr_Format(api.type_error, "%zd arguments are given where %zd are due",
                          count, due);
     }
-    take(&call, format, args);
+    for (Py_ssize_t i = 0; i < due && !call.failed; i++) {
+        take(&call, &format, args[i]);
+    }
     if (!call.failed) {
         Cell found[CC_MOST_PARTS];
         const Cell *cell = found;

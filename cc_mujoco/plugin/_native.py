@@ -63,21 +63,18 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
             _read("native.h"),
             *([_read("python_calls.h")] if with_python else []),
             *_layout_lines(),
-            _own("native_plugin.h").replace('#include "native.h"\n', ""),
+            _read("native_plugin.h").replace('#include "native.h"\n', ""),
             _known_layouts(),
             text,
-            _own("native_plugin.c"),
+            _read("native_plugin.c"),
             entries_text(made, entries) if with_python else "",
         ]
     )
 
 
 def _read(name: str) -> str:
-    return (_NATIVE / name).read_text()
-
-
-def _own(name: str) -> str:
-    return (_HERE / name).read_text()
+    folder = _HERE if name.startswith("native_") else _NATIVE
+    return (folder / name).read_text()
 
 
 def _constants() -> dict[str, Any]:
@@ -122,7 +119,7 @@ def _layout_lines() -> list[str]:
 
 def _known_layouts() -> str:
     """Return the offsets of known releases of MuJoCo, and of the installed one."""
-    known = _own("native_layouts.h").rstrip()
+    known = _read("native_layouts.h").rstrip()
     row = mj_offsets.row()
     head, _, tail = known.rpartition("};")
     return known if row in known else f"{head}{row}\n}};{tail}"

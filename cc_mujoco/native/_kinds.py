@@ -207,7 +207,7 @@ def interrupted(step: int) -> bool:
     """Return whether a long loop is to end, because Python has an exception to raise.
 
     Args:
-        step: of the loop; C asks Python at every 1024th.
+        step: of the loop; C asks Python at every 16384th.
     """
     return False
 

@@ -59,7 +59,7 @@ static struct {
 /* Whether a handler of a signal has raised, which a long loop asks at each step. */
 CC_INLINE bool cc_interrupted(int64_t step)
 {
-    if ((step & 1023) != 1023) {
+    if ((step & 16383) != 16383) {
         return false;
     }
     const int held = api.PyGILState_Ensure();

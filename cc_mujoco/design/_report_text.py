@@ -178,7 +178,9 @@ def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
                     for g in found.goals])  # fmt: skip
     if not found.chosen:
         goals += " (no objective was given; --objective METRIC chooses others)"
-    many = f"{len(found.rows)} designs were simulated, looking for {goals}"
+    count = len(found.rows)
+    many = f"{count} designs were" if count != 1 else "1 design was"
+    many += f" simulated, looking for {goals}"
     if found.limits:
         limits = list_words([limit.text for limit in found.limits])
         many += f" with {limits}, which {int(found.kept.sum())} keep"
@@ -200,14 +202,18 @@ def answer_sentence(found: RankedStudy) -> str:
     best = found.best
     if best is None:
         return "No design is good enough."
-    first = "The best design"
+    first = "The best design" if len(found.rows) > 1 else "The only design"
     if len(found.goals) > 1:
         first = "The best compromise"
-        if int(found.front.sum()) == 1:
+        if len(found.rows) == 1:
+            first = "The only design"
+        elif int(found.front.sum()) == 1:
             first = "Best in all objectives of those tried"
     gives = list_words([f"{plain_name(g.name)} {format_quantity(g.name, best[g.name])}"
                     for g in found.goals])  # fmt: skip
-    return f"{first} is design {best['design']}, {_setting_text(found, best)}: {gives}."
+    setting = _setting_text(found, best)
+    which = f"design {best['design']}" + (f", {setting}" if setting else "")
+    return f"{first} is {which}: {gives}."
 
 
 def _summary_answer(found: RankedStudy, folder: Path) -> Html:
@@ -229,6 +235,8 @@ def near_best_sentence(found: RankedStudy) -> str:
     """State how many other designs are about as good as the best, if there is one."""
     first = int(found.order[0])
     good = ~np.isnan(found.cost).any(axis=1)
+    if good.sum() == 1:
+        return "no other design can be compared with it"
     span = np.ptp(found.cost[good], axis=0)
     near = good & (found.cost <= found.cost[first] + NEAR_BEST_SHARE * span).all(axis=1)
     others = int(near.sum()) - 1
@@ -654,7 +662,10 @@ def failure_reasons(rows: Sequence[Mapping[str, object]]) -> list[str]:
         for row in rows
         if row["failed"]
     )
-    return [f"{many} designs: {why}." for why, many in reasons.most_common()]
+    return [
+        f"{many} design{'s' if many > 1 else ''}: {why}."
+        for why, many in reasons.most_common()
+    ]
 
 
 def failures(found: RankedStudy) -> Html | None:
@@ -664,7 +675,9 @@ def failures(found: RankedStudy) -> Html | None:
     for name in found.plan.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
         if lacking:
-            sentences.append(f"{lacking} designs ran, but have no {plain_name(name)}.")
+            which = "1 design ran, but has" if lacking == 1 else ""
+            which = which or f"{lacking} designs ran, but have"
+            sentences.append(f"{which} no {plain_name(name)}.")
     return bullet_list(sentences) if sentences else None
 
 

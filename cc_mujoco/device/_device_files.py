@@ -35,7 +35,11 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         return name, scene, table if table.is_file() else None
     path = Path(source)
     if path.suffix not in FILE_ENDINGS and path.is_file():
-        raise CableError(f"{name} is no MJCF file of a device (.xml) or TOML file.")
+        raise CableError(
+            f"{name} is no MJCF file of a device (.xml, in lower case) or TOML file."
+        )
+    if path.is_dir():
+        raise CableError(f"{name} is a folder; give the MJCF file of a device in it.")
     if path.suffix not in FILE_ENDINGS:
         raise CableError(
             f"{CableError.unknown('device', name, SCENES)} A device of your own is "

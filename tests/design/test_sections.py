@@ -219,8 +219,8 @@ def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:
     found, _ = finding([None, None, None, None], [None, None, 1.0, None], failed=why)
     text = said(failures(found))
     assert "2 designs: diverged at … s (X)." in text
-    assert "1 designs: impossible: y." in text
-    assert "1 designs ran, but have no rms torque error." in text
+    assert "1 design: impossible: y." in text
+    assert "1 design ran, but has no rms torque error." in text
 
 
 def test_what_follows_a_variable_is_not_called_fixed() -> None:

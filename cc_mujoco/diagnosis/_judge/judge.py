@@ -308,8 +308,8 @@ def closest_sentence(found: Search) -> str:
     candidate, before = max(tried, key=lambda each: each[0].reduction)
     left = candidate.crossed.misfit_by(before.problem.inflation)
     share = 1.0 - (left - 1.0) / max(before.misfit - 1.0, 1e-9)
-    if share <= 0.0:
-        return "No effect of the library that was refitted takes any of it."
+    if share < 0.01:
+        return "No effect of the library that was refitted takes 1 % of it."
     return (
         f"What comes closest is {EFFECTS[candidate.id].title}: it takes "
         f"{format_share(share)} of the RMS error above the noise and leaves "

@@ -12,6 +12,7 @@ plants are not sent. One process serves an entry for as long as that of the judg
 from __future__ import annotations
 
 import atexit
+import dataclasses
 import json
 import os
 import pickle
@@ -36,6 +37,7 @@ from cc_mujoco.control._controller import limit_torques
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.simulation._batched_controller import batched_controller
 
 _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")
@@ -68,6 +70,8 @@ def make_controller(
 ) -> Controller:
     """Return the controller of a name, in a process of its own if it has own code.
 
+    What it does for one of several plants is the same as for that plant alone.
+
     Args:
         name: As of `control.axes_controller`.
         drives: Of every axis.
@@ -78,7 +82,17 @@ def make_controller(
     """
     if is_entry(name):
         return Entry(drives, prefixes, name)
-    return axes_controller(name, drives, prefixes)
+    known = [drive.cable_drives for drive in drives]
+    if len(known[0]) < 2:  # of one plant, or of a data sheet that all share
+        return axes_controller(name, drives, prefixes)
+    alone = [
+        [
+            dataclasses.replace(drive, cable_drives=(row,))
+            for drive, row in zip(drives, rows, strict=True)
+        ]
+        for rows in zip(*known, strict=True)
+    ]
+    return batched_controller(name, alone, prefixes)
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:

@@ -162,6 +162,20 @@ def test_references_give_the_scores_a_scale() -> None:
     assert len({*error.values()}) == len(names)
 
 
+@pytest.mark.parametrize("law", ["pi_tuned", "inverse", "lqg", "predictive"])
+def test_a_plant_has_the_same_controller_in_any_company(law: str) -> None:
+    conditions = {one.name: one for one in SUITES["v1"].conditions("wrist")}
+    cells = [
+        Cell(dataclasses.replace(conditions[name], duration=1.1), law, (0, 1))
+        for name in ("wearer-stiff", "good-bad")
+    ]
+    assert batch_groups(cells) == [cells]
+    for cell, together in zip(cells, play_group(cells), strict=True):
+        alone = play(dataclasses.replace(cell, seeds=cell.seeds[1:]))
+        for name, values in alone.scores.items():
+            assert np.array_equal(values, together.scores[name][1:], equal_nan=True)
+
+
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     """Return a plan of a user's controller that reads its gain from a file."""

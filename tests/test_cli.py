@@ -544,6 +544,15 @@ def test_only_options_of_the_command_are_proposed(
         assert capsys.readouterr().err == 2 * f"cc-mujoco: {old} is now {new}.\n"
 
 
+def test_old_metadata_in_the_folder_hides_no_command(tmp_path: Path) -> None:
+    (tmp_path / "cc_mujoco.egg-info").mkdir()
+    about = "Metadata-Version: 2.1\nName: cc_mujoco\nVersion: 0.1.0\n"
+    (tmp_path / "cc_mujoco.egg-info" / "PKG-INFO").write_text(about)
+    words = [sys.executable, "-m", "cc_mujoco.cli", "list", "tasks"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_command_takes_its_scene_first(
     helps: dict[str, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint, distribution, entry_points
+from importlib.metadata import EntryPoint, distribution, distributions
 from typing import Annotated, Any, ClassVar, Protocol, Union
 
 import tyro
@@ -31,8 +31,15 @@ class CommandOptions(Protocol):
 
 
 def commands() -> dict[str, EntryPoint]:
-    """Return the commands of all installed packages by name."""
-    return {point.name: point for point in entry_points(group=GROUP)}
+    """Return the commands of all installed packages by name.
+
+    An old `.egg-info` beside the sources does not hide those that are installed.
+    """
+    return {
+        point.name: point
+        for package in distributions()
+        for point in package.entry_points.select(group=GROUP)
+    }
 
 
 def parse(program: str, arguments: Sequence[str]) -> CommandOptions:

@@ -199,7 +199,7 @@ def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
         csv.writer(to, lineterminator="\n").writerows(rows)
 
 
-def played(folder: Path, seeds: int) -> Results:
+def played(folder: Path, seeds: int | None) -> Results:
     """Play what of the suite is not played yet, and return all of it."""
     plan = BenchmarkPlan(ENTRIES, seeds=seeds)
     with tqdm(total=len(plan.cells()), unit="cell", **progress_options()) as bar:
@@ -255,7 +255,7 @@ def main() -> None:
     )
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
-    parser.add_argument("--seeds", type=int, default=0)
+    parser.add_argument("--seeds", type=int, default=None)
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
     options = parser.parse_args()
     options.blocks = options.blocks or ["tables", *PAGES]

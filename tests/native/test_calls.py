@@ -73,16 +73,19 @@ def test_another_number_of_dimensions_is_refused() -> None:
 
 
 def test_a_signal_ends_a_long_call() -> None:
-    samples = 3_000_000
-    rest = np.zeros(samples)
+    samples = 3_000_000  # seconds of computing, as the cable moves all the time
+    rest, moved = np.zeros(samples), 1e-3 * np.sin(0.01 * np.arange(samples))
     out = np.full((8, samples), np.nan)
     prm, state = packed_parameters(CABLE), rest_state(CABLE)
     none = np.empty((0, N + 1)), np.empty((0, N), np.int8)
     work = np.empty(kernel.work_size(N))
-    ends = kernel.POSITION, rest, kernel.POSITION, rest
+    ends = kernel.POSITION, moved, kernel.POSITION, rest
     kept = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    with pytest.raises(KeyboardInterrupt):
-        signal.setitimer(signal.ITIMER_REAL, 0.1)
-        conduit._play(prm, N, state, *ends, 1e-3, state.copy(), work, out, *none)
-    signal.signal(signal.SIGALRM, kept)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, 0.1)
+            conduit._play(prm, N, state, *ends, 1e-3, state.copy(), work, out, *none)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, kept)
     assert np.isnan(out[0, -1])

@@ -149,8 +149,8 @@ def test_a_policy_in_onnx_acts_as_in_the_library(
     reference = pytest.importorskip("onnx.reference")
     squashed = activation != "identity"
     policy = written(tmp_path, drive, activation, squashed, history=1, memory=True)
-    Export("wrist", policy, tmp_path, target="onnx").run()
-    model = onnx.load(tmp_path / "policy.onnx")
+    Export("wrist", policy, tmp_path / "out", target="onnx").run()
+    model = onnx.load(tmp_path / "out" / "policy.onnx")
     net, (observed,) = read_policy(policy)
     (about,) = model.metadata_props
     told = json.loads(about.value)["observed"]
@@ -165,7 +165,7 @@ def test_a_policy_in_onnx_acts_as_in_the_library(
     except ImportError:  # the reference does
         pass
     else:
-        path = str(tmp_path / "policy.onnx")
+        path = str(tmp_path / "out" / "policy.onnx")
         session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
         runs.append(session.run)
     for run in runs:

@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._evaluation import Design
-from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
+from cc_mujoco.design._pareto import (
+    MetricLimit,
+    Objective,
+    objective_costs,
+    rank_designs,
+)
 from cc_mujoco.design._plan import Plan, with_few_designs
 from cc_mujoco.design._scenarios import Across
 from cc_mujoco.device import Device
@@ -82,7 +87,7 @@ class Price:
     """
 
     objective: str
-    limit: Limit | None
+    limit: MetricLimit | None
     price: float
     now: float
     promised: float
@@ -104,7 +109,7 @@ def analyse_best_design(
     plan: Plan,
     table: pa.Table,
     objectives: Sequence[Objective],
-    limits: Sequence[Limit],
+    limits: Sequence[MetricLimit],
     run: Callable[[Plan], pa.Table],
 ) -> Around | None:
     """Look around the best design of a study.
@@ -251,7 +256,7 @@ class _Program:
         centre: Mapping[str, object],
         slopes: Sequence[Slope],
         objectives: Sequence[Objective],
-        limits: Sequence[Limit],
+        limits: Sequence[MetricLimit],
     ) -> None:
         self._base, self._centre, self._ranges = base, centre, plan.ranges
         self._objectives, self._limits = objectives, limits
@@ -280,7 +285,7 @@ class _Program:
             for limit in (None, *self._limits)
         ]
 
-    def _price(self, goal: Objective, relaxed: Limit | None) -> Price:
+    def _price(self, goal: Objective, relaxed: MetricLimit | None) -> Price:
         from scipy.optimize import linprog
 
         rows, bounds = [], []
@@ -328,7 +333,7 @@ class _Program:
         return np.array([self._change[metric, name] for name in self.free])
 
 
-def relax_limit(limit: Limit) -> Limit:
+def relax_limit(limit: MetricLimit) -> MetricLimit:
     """Return the limit relaxed by `LIMIT_RELAXATION`."""
     by = LIMIT_RELAXATION * abs(limit.bound) or 1.0
     return dataclasses.replace(
@@ -341,7 +346,7 @@ def _check_price(
     row: Mapping[str, object] | None,
     centre: Mapping[str, object],
     objectives: Sequence[Objective],
-    limits: Sequence[Limit],
+    limits: Sequence[MetricLimit],
 ) -> Price:
     """Return a price with the simulated result of its design."""
     if row is None:
@@ -362,7 +367,7 @@ def _check_price(
 
 
 def _objective_columns(
-    objectives: Sequence[Objective], limits: Sequence[Limit]
+    objectives: Sequence[Objective], limits: Sequence[MetricLimit]
 ) -> tuple[str, ...]:
     names = [*(goal.name for goal in objectives), *(limit.column for limit in limits)]
     return tuple(dict.fromkeys(names))

@@ -37,7 +37,7 @@ class Objective:
 
 
 @dataclass(frozen=True)
-class Limit:
+class MetricLimit:
     """A metric that must not be above a number, or not below it."""
 
     name: str
@@ -69,7 +69,7 @@ def read_limits(
     texts: Iterable[str],
     measured: Sequence[str] | None = None,
     across: bool = False,
-) -> tuple[Limit, ...]:
+) -> tuple[MetricLimit, ...]:
     """Parse `METRIC>=NUMBER` and `METRIC<=NUMBER`.
 
     Args:
@@ -98,7 +98,7 @@ def read_limits(
                 f"limit {text!r} is on what is not among the metrics measured; add "
                 f"--metric {name}."
             )
-        found.append(Limit(name, bound, sign == ">=", across))
+        found.append(MetricLimit(name, bound, sign == ">=", across))
     return tuple(found)
 
 
@@ -152,7 +152,7 @@ def read_objectives(
 
 
 def objective_costs(
-    table: pa.Table, objectives: Sequence[Objective], limits: Sequence[Limit] = ()
+    table: pa.Table, objectives: Sequence[Objective], limits: Sequence[MetricLimit] = ()
 ) -> Array:
     """Return the numbers to minimise, (designs, objectives).
 
@@ -164,7 +164,7 @@ def objective_costs(
     return found
 
 
-def within_limits(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
+def within_limits(table: pa.Table, limits: Sequence[MetricLimit]) -> NDArray[np.bool_]:
     """Mark designs that keep all limits, (designs,); without a number none does."""
     kept = np.ones(len(table), dtype=np.bool_)
     for limit in limits:

@@ -39,7 +39,12 @@ from cc_mujoco.design._designs import (
     require_count,
 )
 from cc_mujoco.design._evaluation import Design, rehearse, unheld_reason
-from cc_mujoco.design._pareto import Limit, Objective, read_limits, read_objectives
+from cc_mujoco.design._pareto import (
+    MetricLimit,
+    Objective,
+    read_limits,
+    read_objectives,
+)
 from cc_mujoco.design._protocol import (
     CHIRP_TIME,
     EpisodeProtocol,
@@ -112,7 +117,7 @@ class Plan:
     """Settings of the search for designs, as plain JSON; None without a search."""
     objectives: tuple[Objective, ...] = ()
     """Metrics to minimise or maximise."""
-    limits: tuple[Limit, ...] = ()
+    limits: tuple[MetricLimit, ...] = ()
     """Bounds on metrics that a feasible design satisfies."""
     evaluations: int = 0
     """Number of designs that a search evaluates."""
@@ -265,7 +270,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
             f"a search has 1 to {MOST_OBJECTIVES} objectives, not {len(goals)}; what "
             "need not be best but good enough is a limit (--subject-to)."
         )
-    measured: tuple[Objective | Limit | Metric, ...] = (*goals, *limits, *chosen)
+    measured: tuple[Objective | MetricLimit | Metric, ...] = (*goals, *limits, *chosen)
     names = tuple(dict.fromkeys(each.name for each in measured))
     protocol, builder = _make_protocol(replace(spec, metrics=names), goals, vary)
     if not vary:

@@ -24,7 +24,7 @@ from cc_mujoco.design._local_sensitivity import (
     Slope,
 )
 from cc_mujoco.design._pareto import (
-    Limit,
+    MetricLimit,
     Objective,
     objective_costs,
     pareto_rows,
@@ -102,7 +102,7 @@ class RankedStudy:
     plan: Plan
     rows: tuple[Row, ...]
     goals: tuple[Objective, ...]
-    limits: tuple[Limit, ...]
+    limits: tuple[MetricLimit, ...]
     cost: Array
     kept: NDArray[np.bool_]
     order: NDArray[np.intp]
@@ -777,7 +777,7 @@ def _setting_text(found: RankedStudy, row: Row) -> str:
     )
 
 
-def _limit_margin(row: Row, limit: Limit) -> bool:
+def _limit_margin(row: Row, limit: MetricLimit) -> bool:
     value = row[limit.column]
     if value is None:
         return False

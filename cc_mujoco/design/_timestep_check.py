@@ -17,7 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from cc_mujoco.design._pareto import Limit, Objective, objective_costs, rank_designs
+from cc_mujoco.design._pareto import (
+    MetricLimit,
+    Objective,
+    objective_costs,
+    rank_designs,
+)
 from cc_mujoco.design._plan import Plan, with_few_designs
 from cc_mujoco.design._study_metrics import CONTROLLER_METRIC
 
@@ -73,7 +78,7 @@ def check_timestep(
     plan: Plan,
     table: pa.Table,
     goals: Sequence[Objective],
-    limits: Sequence[Limit],
+    limits: Sequence[MetricLimit],
     run: Callable[[Plan], pa.Table],
 ) -> Halved | None:
     """Try designs of a study again at half its time step.

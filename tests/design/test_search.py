@@ -26,7 +26,7 @@ from cc_mujoco.design import (
     read_objectives,
     study,
 )
-from cc_mujoco.design._pareto import Limit, within_limits
+from cc_mujoco.design._pareto import MetricLimit, within_limits
 from cc_mujoco.design._plan import GENERATION
 from cc_mujoco.design._results_store import read_table
 from cc_mujoco.design._search import search
@@ -164,7 +164,7 @@ def test_what_is_impossible_is_a_row_that_says_so() -> None:
 def test_a_limit_is_read_as_it_is_written_and_exceeded_beyond_it(
     bound: float, least: bool, value: float
 ) -> None:
-    limit = Limit("peak_tension", bound, least)
+    limit = MetricLimit("peak_tension", bound, least)
     assert read_limits([limit.text]) == (limit,)
     beyond = limit.beyond({"peak_tension": value})
     assert (beyond <= 0.0) == (value >= bound if least else value <= bound)

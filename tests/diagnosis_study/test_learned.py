@@ -63,9 +63,21 @@ def test_chatter_is_what_is_faster_than_fifty_milliseconds() -> None:
 
 def test_what_stopped_is_counted_beside_the_mean_of_what_did_not() -> None:
     rows = [
-        {"controller": "pi", "effect": "none", "rms": 1.0, "chatter": 0.1},
-        {"controller": "pi", "effect": "none", "rms": math.nan, "chatter": math.nan},
-        {"controller": "pi", "effect": "friction", "rms": 3.0, "chatter": 0.3},
+        {"controller": "pi", "effect": "none", "rms": 1.0, "chatter": 0.1, "peak": 1.0},
+        {
+            "controller": "pi",
+            "effect": "none",
+            "rms": math.nan,
+            "chatter": math.nan,
+            "peak": math.nan,
+        },
+        {
+            "controller": "pi",
+            "effect": "friction",
+            "rms": 3.0,
+            "chatter": 0.3,
+            "peak": 1.0,
+        },
     ]
     assert learned.cell(rows, "pi", "rms", "none") == "1000 (1 of 2 stopped)"
     assert learned.cell(rows, "pi", "rms") == "2000 (1 of 3 stopped)"

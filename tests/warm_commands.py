@@ -18,13 +18,13 @@ from pathlib import Path
 
 _ASK = """#!{python} -IS
 import json, os, socket, sys
-with socket.socket(socket.AF_UNIX) as asked:
-    asked.connect({address!r})
+with socket.socket(socket.AF_UNIX) as server:
+    server.connect({address!r})
     words = [os.getcwd(), dict(os.environ), {name!r}, *sys.argv[1:]]
     text = json.dumps(words).encode()
-    socket.send_fds(asked, [len(text).to_bytes(4, "big")], [0, 1, 2])
-    asked.sendall(text)
-    sys.exit(int(asked.recv(10) or b"1"))
+    socket.send_fds(server, [len(text).to_bytes(4, "big")], [0, 1, 2])
+    server.sendall(text)
+    sys.exit(int(server.recv(10) or b"1"))
 """
 _SERVE = """
 import contextlib, json, os, runpy, signal, socket, sys

@@ -426,9 +426,9 @@ def run(
         said, code = [failure.strerror or ""], failure.errno or 1
     if code == 0 and made.is_file():
         return
-    told = [line.strip() for line in said if line.strip()]
-    last = told[-1] if told else f"nothing, and ends with {code}"
-    first = next((line for line in told if re.search(r"\berror: ", line)), last)
+    lines = [line.strip() for line in said if line.strip()]
+    last = lines[-1] if lines else f"nothing, and ends with {code}"
+    first = next((line for line in lines if re.search(r"\berror: ", line)), last)
     error = NativeLibraryError(
         f"the native library cannot be compiled; `{command[0]}` says: {first}"
     )

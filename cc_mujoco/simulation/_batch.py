@@ -26,6 +26,7 @@ from cc_mujoco.control import Controller
 from cc_mujoco.device import Plant
 from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, Physics, physics_of
 from cc_mujoco.device._moment_arm import Winding
+from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation._loop import (
     Columns,
@@ -210,7 +211,7 @@ def as_commanded(step: int, columns: Columns, torque: Array) -> Array:
 
 
 class Batch:
-    """Episodes of n devices of one layout, prepared once and played together.
+    """Episodes of n devices of one layout, prepared together and played once.
 
     A `DrivenDevice`, of arrays (n, ...) or, if it is `alone`, of numbers.
     """
@@ -320,7 +321,13 @@ class Batch:
 
     @exclusive
     def start(self) -> Columns:
-        """Bring all to the start; see `DrivenDevice.start`."""
+        """Bring all to the start; see `DrivenDevice.start`.
+
+        Raises:
+            CableError: They have been played.
+        """
+        if self._step:
+            raise CableError("a batch is played once; make another one.")
         for row, device in enumerate(self.devices):
             script = self._scripts[row % len(self._scripts)]
             self.simulations.start(row, device, script)

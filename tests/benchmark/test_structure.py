@@ -12,6 +12,7 @@ from cc_mujoco.benchmark._actuation import Actuation, Hindrance
 from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._structure import EFFECTS, INERTIA_FACTORS, STRUCTURES
+from cc_mujoco.errors import CableError
 
 
 def conditions(scene: str, suite: str = "v2") -> dict[str, Condition]:
@@ -93,6 +94,8 @@ def test_late_commands_and_cogging_reach_the_motor() -> None:
     assert [one[0] for one in got] == pytest.approx([0.0, 0.0, 0.05, 0.1], abs=1e-6)
     wave = 0.1 * np.sin(3.0 * begun[1])
     assert got[0][1] == pytest.approx(wave, abs=1e-6)
+    with pytest.raises(CableError, match="a batch is played once"):
+        batch.start()
 
 
 @pytest.mark.parametrize("name", ["cuff", "cogging", "motor-friction", "tremor"])

@@ -18,11 +18,7 @@ MAX_FORCE = 1e12
 
 
 def require_kind(label: str, given: Any, kind: type[Kind]) -> Kind:
-    """Return an argument that is an instance of a class.
-
-    Raises:
-        CableError: it is something else.
-    """
+    """Return an argument that is an instance of a class."""
     if not isinstance(given, kind):
         raise CableError(f"{label} must be a {kind.__name__}, not {shown(given)}")
     return given
@@ -37,16 +33,8 @@ def numbers(
 ) -> FloatArray:
     """Return an argument as an array of finite numbers.
 
-    Args:
-        label: subject of the error.
-        given: a number, or numbers in nested sequences.
-        shape: shape that it must have; None for any.
-        high: largest size of a number that is allowed.
-        unit: unit of the numbers, for the error.
-
-    Raises:
-        CableError: it is something else, has another shape, or holds a number that is
-            not finite or too large.
+    `label` is the subject of the error. Another shape, None for any, and numbers above
+    `high` in size are refused.
     """
     try:
         found = np.asarray(given)

@@ -55,28 +55,13 @@ class _Array(NamedTuple):
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file.
-
-    Raises:
-        CableError: the file cannot be read or holds no column of numbers.
-    """
+    """Return the names of the columns of a file."""
     with _arrays(path) as arrays:
         return list(_columns(path, arrays))
 
 
 def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
-    """Return the columns of a file, which may differ in length.
-
-    Args:
-        path: the file.
-        names: columns that the file has.
-
-    Returns:
-        Arrays (rows,) by name.
-
-    Raises:
-        CableError: the file cannot be read.
-    """
+    """Return the columns of a file (rows,) by name, which may differ in length."""
     with _arrays(path) as arrays:
         places = _columns(path, arrays)
         return {
@@ -126,7 +111,6 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
 
 
 def _h5py(path: Path) -> Any:
-    """Return the module h5py."""
     try:
         import h5py
     except ModuleNotFoundError:

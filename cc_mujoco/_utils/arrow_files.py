@@ -41,11 +41,7 @@ _BLOCK_BYTES = 1 << 23
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, in order.
-
-    Raises:
-        CableError: the file cannot be used, or the first line names no columns.
-    """
+    """Return the names of the columns of a file, in order."""
     with _whole(path):
         if path.suffix.lower() == PARQUET_ENDING:
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]

@@ -60,13 +60,7 @@ def _is_empty_folder(path: Path) -> bool:
 def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
     """Find out, before long work, whether a file may be written or replaced.
 
-    Args:
-        path: Where; it need not be there.
-        ours: Function that returns whether a file is of an earlier run.
-
-    Raises:
-        CableError: If there is a file that is not ours, or its folder cannot be
-            written.
+    It need not be there; `ours` returns whether a file is of an earlier run.
     """
     if os.path.lexists(path) and not ours(path):
         raise CableError(
@@ -76,11 +70,7 @@ def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
 
 
 def checksum_line(path: Path) -> str:
-    """Return the checksum line of a file that a user may change, to store next to it.
-
-    Args:
-        path: Of the file, as it has just been written.
-    """
+    """Return the checksum line of a file that a user may change."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
     return f"{path.name} as written: {digest.hexdigest()}"
@@ -89,14 +79,8 @@ def checksum_line(path: Path) -> str:
 def require_untouched(folder: Path, names: Iterable[str], record: str) -> None:
     """Require that no file of an earlier run was changed by the user.
 
-    Args:
-        folder: What an earlier run left.
-        names: Files that a user may have changed since.
-        record: Text of that run with the lines of `checksum_line`; a file that it does
-            not mention is not checked.
-
-    Raises:
-        CableError: If one was changed.
+    `record` is the text of that run with the lines of `checksum_line`; of `names` a
+    file that it does not mention is not checked.
     """
     for name in names:
         path = folder / name
@@ -110,12 +94,7 @@ def require_untouched(folder: Path, names: Iterable[str], record: str) -> None:
 
 
 def write_manifest(folder: Path, names: Iterable[str]) -> None:
-    """Keep the checksums of the files that were written to a folder.
-
-    Args:
-        folder: Where they are, and `MANIFEST` will be.
-        names: Those that may be there.
-    """
+    """Keep the checksums of the files that were written to a folder."""
     there = [folder / name for name in names if (folder / name).is_file()]
     manifest = "".join(f"{checksum_line(path)}\n" for path in there)
     with replacing(folder / MANIFEST) as partial:
@@ -125,13 +104,8 @@ def write_manifest(folder: Path, names: Iterable[str]) -> None:
 def require_unmodified(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
     """Require that no file is replaced or deleted that was changed after writing.
 
-    Args:
-        folder: Where an earlier run may have left `MANIFEST`; one that was interrupted
-            has left none, and then nothing is looked at.
-        names: Files that may be replaced or deleted.
-
-    Raises:
-        CableError: If one was changed, or is another's.
+    An earlier run may have left `MANIFEST` in the folder; one that was interrupted has
+    left none, and then nothing is looked at.
     """
     try:
         manifest = Path(folder, MANIFEST).read_text(encoding="utf-8").splitlines()
@@ -158,11 +132,7 @@ def is_marked(path: Path) -> bool:
 
 
 def require_writable(folder: str | os.PathLike[str]) -> None:
-    """Require that a folder can be written, or be made.
-
-    Raises:
-        CableError: If not.
-    """
+    """Require that a folder can be written, or be made."""
     if not isinstance(folder, str | os.PathLike):
         raise CableError(f"the folder to write to must be a path, not {folder!r}.")
     if not os.fspath(folder):
@@ -188,9 +158,6 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
     The sibling lies in the same folder, so that the last step is one rename. If the
     block raises, the sibling is deleted and `target` is untouched.
-
-    Raises:
-        CableError: It cannot be written, as when the disk is full; names the file.
     """
     target = Path(target)
     partial = _sibling_path(target)
@@ -210,9 +177,6 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     same names are replaced, each by one rename, after all of them are complete. If the
     block raises, the sibling and the folders made for it are deleted and `target` is
     untouched.
-
-    Raises:
-        CableError: It cannot be written; names the file or folder.
     """
     target = Path(target).absolute()
     partial = _sibling_path(target)

@@ -15,11 +15,7 @@ from cc_mujoco.errors import CableWarning
 
 
 def option_help(metavar: str | None = None) -> object:
-    """Return an option whose help has no "(default: None)" or "(default: )" of tyro.
-
-    Args:
-        metavar: What stands for its value in the help.
-    """
+    """Return an option whose help has no "(default: None)" or "(default: )" of tyro."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
@@ -47,7 +43,6 @@ class _Lines:
             sys.stderr.write(f"{line}\n")
 
     def flush(self) -> None:
-        """Write what is held back."""
         sys.stderr.flush()
 
 
@@ -63,9 +58,7 @@ def progress_options() -> dict[str, Any]:
 def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
     """Show how far an episode is; yields what takes its time [s].
 
-    Args:
-        total: Length of the episode [s]; of nothing, no bar is shown.
-        name: Of what is done with it.
+    `total` is its length [s]; of nothing, no bar is shown.
     """
     from tqdm import tqdm
 
@@ -100,11 +93,7 @@ def plain_warnings() -> Iterator[None]:
 
 @contextmanager
 def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
-    """Show how far a video is, as `progress_bar` does, and then how fast it was made.
-
-    Args:
-        total: Length of the episode [s]; of nothing, nothing is shown.
-    """
+    """Show how far a video is, as `progress_bar`, then how fast it was made."""
     begun = taken = worked = 0.0
     show: Callable[[float], object] = float
 

@@ -82,14 +82,9 @@ def read_sheet(
 ) -> Sheet:
     """Read a whole CSV file.
 
-    Args:
-        path: of the file.
-        what: it holds, for the sentence where it cannot be read, such as `the costs`.
-        require: called with the number of lines below the names, before they are
-            parsed, so that a caller may refuse so many.
-
-    Raises:
-        CableError: it cannot be read, is no text or names no columns.
+    `what` it holds is for the sentence where it cannot be read, such as `the costs`.
+    `require` is called with the number of lines below the names, before they are
+    parsed, so that a caller may refuse so many.
     """
     path = Path(path)
     try:
@@ -120,15 +115,7 @@ def read_sheet(
 
 
 def layout(path: Path, head: bytes) -> Layout:
-    """Find out the form of a CSV file by its beginning.
-
-    Args:
-        path: of the file, for the sentence where it is none.
-        head: the first bytes of it, see `HEAD_BYTES`.
-
-    Raises:
-        CableError: it is no text, or does not begin with the names of columns.
-    """
+    """Find out the form of a CSV file by its first bytes, see `HEAD_BYTES`."""
     encoding = _encoding(head)
     lines = head.decode(encoding, errors="ignore").removeprefix("\ufeff").splitlines()
     top, separator = 0, ""

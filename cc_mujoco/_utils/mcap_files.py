@@ -33,37 +33,18 @@ _MAX_ELEMENTS = 64  # elements of an array; longer ones are images or scans
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file.
-
-    Raises:
-        CableError: The file cannot be read or holds no message with numbers.
-    """
+    """Return the names of the columns of a file."""
     return list(_table(path))
 
 
 def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
-    """Return the columns of a file.
-
-    Args:
-        path: The file.
-        names: Columns that the file has.
-
-    Returns:
-        Arrays (rows,) by name.
-
-    Raises:
-        CableError: The file cannot be read.
-    """
+    """Return columns of a file (rows,) by name."""
     table = _table(path)
     return {name: table[name].copy() for name in names}
 
 
 def _table(path: Path) -> dict[str, FloatArray]:
-    """Return all columns of a file, which is read once for its names and contents.
-
-    Raises:
-        CableError: The file cannot be read, holds no number, or needs a library.
-    """
+    """Return all columns of a file, which is read once for its names and contents."""
     with one_sentence(path, "`mcap recover` keeps what is whole"):
         seen = path.stat()
         return _read_table(path, seen.st_mtime_ns, seen.st_size)

@@ -32,11 +32,7 @@ _UNITS = {
 
 
 def _header(path: Path) -> tuple[list[str], int]:
-    """Return the columns of an OpenSim file, and the lines above its data.
-
-    Raises:
-        CableError: the file has no header.
-    """
+    """Return the columns of an OpenSim file, and the lines above its data."""
     degrees, ended, suffix = {"yes": "_deg", "no": "_rad"}, False, ""
     with path.open(encoding="utf-8-sig") as file:
         for count, line in enumerate(file, start=1):
@@ -62,20 +58,12 @@ def _header(path: Path) -> tuple[list[str], int]:
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, with their units.
-
-    Raises:
-        CableError: the file has no header.
-    """
+    """Return the names of the columns of a file, with their units."""
     return _header(path)[0]
 
 
 def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
-    """Return columns of a file (rows,) by name.
-
-    Raises:
-        CableError: the file has no header, or a line is not all numbers.
-    """
+    """Return columns of a file (rows,) by name."""
     names, top = _header(path)
     rows: list[list[float]] = []
     with path.open(encoding="utf-8-sig") as file:

@@ -13,12 +13,8 @@ from cc_mujoco.errors import CableError
 def one_sentence(path: Path, advice: str = "") -> Iterator[None]:
     """Turn whatever a parser raises for a file into one sentence that names the file.
 
-    Args:
-        path: The file.
-        advice: Sentence part on what would be right, where its content is broken.
-
-    Raises:
-        CableError: The block raised; the system's reason where there is one.
+    It has the system's reason where there is one, and else the `advice`, a part of a
+    sentence on what would be right.
     """
     try:
         yield

@@ -15,11 +15,7 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{_MAX_PARTS}}}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the content of a TOML file.
-
-    Raises:
-        tomllib.TOMLDecodeError: It is none, or nested deeper than can be read.
-    """
+    """Return the content of a TOML file; nested too deep, it is a `TOMLDecodeError`."""
     if _LONG_KEY.search(text):
         raise tomllib.TOMLDecodeError(f"a key has more than {_MAX_PARTS} parts")
     try:
@@ -29,11 +25,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return the content of a JSON file.
-
-    Raises:
-        ValueError: It is none, or nested deeper than can be read.
-    """
+    """Return the content of a JSON file; nested too deep, it is a `ValueError`."""
     try:
         return json.loads(text)
     except RecursionError:

@@ -87,13 +87,9 @@ def code_provenance(
 ) -> dict[str, Any]:
     """Return the provenance of numbers from this process, as plain JSON.
 
-    Args:
-        names: controllers, metrics, trajectories and tasks that were made before:
-            their names, `MODULE:NAME`, and paths of policies and tables.
-        files: digests of further files, see `file_digests`.
-
-    Raises:
-        CableError: a module declares files that cannot be read.
+    `names` are those of controllers, metrics, trajectories and tasks that were made
+    before, `MODULE:NAME`, and paths of policies and tables; `files` digests of further
+    files, see `file_digests`.
     """
     files = dict(files or {})
     for name in names:
@@ -115,9 +111,7 @@ def file_digests(files: Iterable[Path], folder: Path) -> dict[str, str]:
 def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:
     """Return the differences of two results of `code_provenance`, as sentences.
 
-    Args:
-        then: one that was kept; may be anything that was found in its place.
-        now: the other.
+    `then` may be anything that was found in the place of one that was kept.
     """
     if then == now:
         return []
@@ -150,11 +144,8 @@ def earlier_results_message(
 ) -> str:
     """Return a run's message on earlier results; empty if there are none.
 
-    Args:
-        kept: how many are there already.
-        number: of all.
-        kind: of what, a plural.
-        changed: how others differ, that are there and are replaced.
+    Of `number` there are `kept` already; `kind` is a plural, and `changed` says how
+    others differ, that are there and are replaced.
     """
     parts = [f"{kept} of {number} {kind} kept; --again runs them anew."] if kept else []
     if changed:
@@ -217,11 +208,7 @@ def _module(path: str) -> ModuleType | None:
 
 
 def _declared(path: str) -> list[str]:
-    """Return the files that a user's module declares.
-
-    Raises:
-        CableError: one of them cannot be read, or the declaration is none.
-    """
+    """Return the files that a user's module declares."""
     files = getattr(_module(path), DECLARED, ())
     if isinstance(files, str | os.PathLike) or not all(
         isinstance(each, str | os.PathLike) for each in files
@@ -273,7 +260,6 @@ def _is_inside(path: str, folder: str) -> bool:
 
 
 def _content(path: str) -> bytes | None:
-    """Return what is in a file; None if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except OSError:

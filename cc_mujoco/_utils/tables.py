@@ -43,11 +43,7 @@ def is_table(name: str | Path) -> bool:
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, in order.
-
-    Raises:
-        CableError: the file cannot be read, or the first line names no columns.
-    """
+    """Return the names of the columns of a file, in order."""
     ending = path.suffix.lower()
     if ending in array_files.ENDINGS:
         return array_files.column_names(path)
@@ -64,18 +60,10 @@ def column_names(path: Path) -> list[str]:
 def read_columns(
     path: Path, names: Iterable[str], switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return the columns of a file as numbers, NaN where missing.
+    """Return the columns of a file as numbers (rows,) by name, NaN where missing.
 
-    Args:
-        path: the file.
-        names: columns, each of which the file has once.
-        switches: those of them that may hold true and false, read as 1 and 0.
-
-    Returns:
-        Arrays (rows,) by name, in MATLAB and HDF5 files perhaps of different lengths.
-
-    Raises:
-        CableError: the file cannot be read or holds something else than numbers.
+    The file has each name once; columns of `switches` may hold true and false, read as
+    1 and 0. Those of MATLAB and HDF5 files may differ in length.
     """
     names, ending = list(names), path.suffix.lower()
     if ending in array_files.ENDINGS:
@@ -107,15 +95,8 @@ def quantity_column(
 ) -> Column:
     """Return the column of a quantity, which may be in any of its units.
 
-    Args:
-        path: the file.
-        names: its columns.
-        name: with the unit of the program at its end, such as `angle_rad`; the file may
-            also have `angle_deg` or `Angle [deg]`.
-        measured: what it measures.
-
-    Raises:
-        CableError: there is no such column, or there are several.
+    Its name has the unit of the program at its end, such as `angle_rad`; the file may
+    also have `angle_deg` or `Angle [deg]`.
     """
     stem = name.rpartition("_")[0]
     found = {}
@@ -171,17 +152,8 @@ def read_course(
 ) -> tuple[FloatArray, ...]:
     """Return columns over one that increases, without the rows that are all blank.
 
-    Args:
-        path: the file.
-        columns: the one that increases, such as time, and others.
-        interval: least that it increases from row to row, converted; 0 is anything.
-
-    Returns:
-        An array (rows,) for each column, converted.
-
-    Raises:
-        CableError: a number is missing or beyond its limit, or the first column does
-            not increase; names column and row.
+    The first of `columns` is the one that increases, by at least `interval` from row to
+    row, converted; 0 is anything. Arrays (rows,) are converted.
     """
     names = column_names(path)
     for column in columns:

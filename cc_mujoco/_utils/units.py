@@ -84,14 +84,9 @@ def unit_of(column: str, measured: Kind) -> str | None:
 
 
 def quantity_words(column: str, measured: Kind) -> tuple[tuple[str, ...], str | None]:
-    """Return the words of a column's name without a quantity and its unit.
+    """Return the words of a column's name without a quantity, and its unit if named.
 
-    Args:
-        column: its name, such as `knee_angle_deg`.
-        measured: what it may measure, such as `ANGLE`.
-
-    Returns:
-        The other words, such as `("knee",)`, and the unit; None where none is named.
+    `knee_angle_deg`, which measures an `ANGLE`, gives `("knee",)` and degrees.
     """
     unit = unit_of(column, measured)
     found = words(column)

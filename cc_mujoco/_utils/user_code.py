@@ -70,16 +70,10 @@ def named_in_file(
 ) -> str:
     """Return a text of a file, of which the code that it names may be imported.
 
-    Args:
-        text: Name with or without code: `sine`, `MODULE:NAME`, `hip=MODULE:NAME`.
-        where: The file, for the error.
-        key: The key of the text in the file, for the error.
-        free: Names of the package, which may have something behind a colon.
-        deferred: Return a refused text with a mark, by which `named_object` raises the
-            error, for a text that need not be used.
-
-    Raises:
-        CableError: It names code that no call has allowed.
+    The text is a name with or without code: `sine`, `MODULE:NAME`, `hip=MODULE:NAME`.
+    `where` and `key` are for the error; `free` are names of the package, which may have
+    something behind a colon. A refused text that need not be used is returned with a
+    mark where `deferred`, by which `named_object` raises the error.
     """
     refused = [
         part

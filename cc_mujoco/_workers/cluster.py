@@ -110,10 +110,8 @@ def run_on_cluster(
 def answer_piece(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
     """Do a piece on a worker, if its code is that of the client.
 
-    Args:
-        makers: what makes the results, by the client; pickled.
-        job: code that the client has allowed, and the job; pickled.
-        piece: pickled; without one the worker is only checked.
+    `makers`, what makes the results by the client, `job`, with the code that the client
+    has allowed, and `piece` are pickled; without a piece the worker is only checked.
     """
     if why := _refusal_reason(makers, job):
         return None, why
@@ -159,11 +157,7 @@ def _portable() -> Callable[..., tuple[str, Answer]]:
 
 
 def _result_of(answer: Any, worker: str = "") -> Any:
-    """Return the result in the answer of a worker.
-
-    Raises:
-        CableError: it has none.
-    """
+    """Return the result in the answer of a worker."""
     if isinstance(answer, BaseException):
         raise CableError(f"worker {worker} cannot take part: {answer}.")
     name, (result, why) = answer

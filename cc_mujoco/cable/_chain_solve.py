@@ -51,21 +51,11 @@ def solve(
 ) -> None:
     """Compute displacements and tensions of a step.
 
-    Args:
-        n: number of segments.
-        tension: node tensions before the step (n+1,) [N].
-        stiffness: of the nodes (n+1,) [N/m].
-        gain: ratio of the tensions of each segment (n,).
-        offset: what its friction adds (n,) [N].
-        own: stiffness against its displacement (n,) [N/m]; inf: it stays at rest.
-        slack: not 0 where a node is without tension (n+1,).
-        proximal_p: the proximal end is T = proximal_p + proximal_q w [N].
-        proximal_q: [N/m].
-        distal_p: the distal end is T = distal_p - distal_q w [N].
-        distal_q: [N/m].
-        shift: out, slip of each segment in this step (n,) [m].
-        node: out, node tensions (n+1,) [N].
-        work: scratch (2 n,).
+    The nodes (n + 1,) have `tension` before the step [N] and `stiffness` [N/m], and are
+    `slack` where not 0. Friction of the segments (n,) is a ratio of tensions `gain`,
+    `offset` [N], and `own` stiffness against displacement [N/m], inf at rest. Ends are
+    T = proximal_p + proximal_q w and T = distal_p - distal_q w [N]. Out: `shift` (n,),
+    slip in this step [m], and the tensions `node`. `work` holds (2 n,).
     """
     p, q = work[:n], work[n : 2 * n]  # T = p + q w on the left of each segment
     p[0], q[0] = proximal_p, proximal_q

@@ -148,15 +148,12 @@ def friction_holds(
 def update_viscosity(
     prm: FloatArray, n: int, node: FloatArray, dt: float, work: FloatArray
 ) -> bool:
-    """Take the viscosity of grease at other slip speeds, for another round.
+    """Take the viscosity of grease at other slip speeds; return if they were right.
 
     Implicit in the slip of the step, so grease takes energy whatever dt, and after any
-    round. The error is of first order in dt, as that of viscous friction (0.06 % RMS
-    at 1 ms where the ends turn at once); rounds stop where all segments together are
-    off the law by 1e-5 of the largest tension.
-
-    Returns:
-        Whether the speeds it was taken at were right already.
+    round. The error is of first order in dt, as that of viscous friction (0.06 % RMS at
+    1 ms where the ends turn at once); rounds stop where all segments together are off
+    the law by 1e-5 of the largest tension.
     """
     values = at.scalars(prm)
     shift, guess = at.row(work, n, at.SHIFT), at.row(work, n, at.SPEED)

@@ -134,7 +134,6 @@ class Conduit:
     """
 
     def __init__(self, cable: Cable, tension: ArrayLike | None = None) -> None:
-        """Set the cable at rest; arguments as in `rest_state`."""
         self.cable = require_kind("cable", cable, Cable)
         self._prm = packed_parameters(cable)
         self._start = rest_state(cable, tension)
@@ -455,11 +454,7 @@ def _play(
 def require_no_overflow(
     results: FloatMatrix, proximal: FloatArray, distal: FloatArray
 ) -> None:
-    """Refuse a replay whose results (rows, samples) are no longer finite.
-
-    Raises:
-        CableError: some are not, naming the first sample and what drives its ends.
-    """
+    """Refuse a replay whose results (rows, samples) are no longer finite."""
     overflows = ~np.isfinite(results).all(axis=0)
     if overflows.any():
         row = int(np.argmax(overflows))

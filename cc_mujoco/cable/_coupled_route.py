@@ -100,18 +100,9 @@ class CoupledCables:
     def replay(
         self, dt: float, *, motor_angle: ArrayLike, joint_angle: ArrayLike
     ) -> Driven:
-        """Play both angles; the first sample is at rest in pretension.
+        """Play both angles [rad] by `dt` [s], from rest in pretension.
 
         Beyond the angles of the courses the path stays as it is at their end.
-
-        Args:
-            dt: time between samples [s].
-            motor_angle: (samples,) [rad].
-            joint_angle: (samples,) [rad].
-
-        Raises:
-            CableError: arrays that do not fit or are not finite, or a time step that is
-                none.
         """
         motor, joint = (
             np.ascontiguousarray(angle, dtype=np.float64)
@@ -154,7 +145,6 @@ class CoupledCables:
         motor: FloatArray,
         joint: FloatArray,
     ) -> FloatArray:
-        """Return the outputs of one cable (5, samples), see `_play`."""
         arm = np.array([sign * self.motor_radius])
         prm = _pack_on_path(cable, course)
         cables = stepper.Cables(

@@ -74,19 +74,10 @@ def turn(
     paid: float,
     ratio: float,
 ) -> float:
-    """Turn the drum at an end (0, 1) of the new state.
+    """Turn the drum at an end (0, 1) of the new state; return the slip heat [J].
 
-    Args:
-        prm: packed parameters.
-        n: number of segments.
-        state: state before the step.
-        new_state: in and out, with the tensions after it.
-        end: which end.
-        paid: length of surface that the drum paid out in the step [m].
-        ratio: of the rope that passed, of `passing_ratio`.
-
-    Returns:
-        Heat of the rope that slipped on the drum [J].
+    It `paid` out that length of surface in the step [m], with rope of `ratio`, see
+    `passing_ratio`. `new_state` has the tensions after the step.
     """
     if abs(paid) <= _NO_FLOW:
         return 0.0

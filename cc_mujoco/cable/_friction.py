@@ -176,10 +176,8 @@ def viscosity(
 def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
     """Return the coefficient of a segment that slips.
 
-    Args:
-        values: packed scalar parameters.
-        slip: distance slipped since the segment last stuck or turned [m], >= 0.
-        speed: remembered slip speed [m/s], >= 0.
+    `slip` is the distance since it last stuck or turned [m], `speed` the remembered one
+    [m/s]; both >= 0.
     """
     coefficient: float = values[_FRICTION]
     if values[_STATIC] > 0.0 and values[_CRITICAL_SLIP] > 0.0:

@@ -151,25 +151,14 @@ def march(
     node: FloatArray,
     work: FloatArray,
 ) -> bool:
-    """Solve one step by marching the two fronts.
+    """Solve one step by marching the two fronts; return whether that applies.
 
-    Args:
-        n: number of segments.
-        tension: node tensions before the step (n+1,) [N], negative where slack.
-        compliance: of the nodes, 1/k (n+1,) [m/N].
-        half: compliance of half of every segment (n,) [m/N].
-        growth: E of each segment (n,), see `_friction.py`.
-        hold_distal: ratio a segment holds against motion towards distal (n,).
-        hold_proximal: ratio a segment holds against motion towards proximal (n,).
-        drag: B of each segment (n,) [N].
-        proximal: motion of the proximal end in this step [m].
-        distal: motion of the distal end in this step [m].
-        shift: out, slip of each segment in this step (n,) [m].
-        node: out, node tensions (n+1,) [N].
-        work: scratch (8 (n + 1),).
-
-    Returns:
-        True, or False where the march does not apply; outputs are then undefined.
+    Nodes (n + 1,) have `tension` before the step [N], negative where slack, and
+    `compliance` [m/N]. Segments (n,) have half of theirs, `growth` E, `hold_distal` and
+    `hold_proximal` H against motion that way, and `drag` B [N], see `_friction.py`. The
+    ends move by `proximal` and `distal` [m]. Out, undefined where the march does not
+    apply: `shift` (n,), slip in this step [m], and the tensions `node`. `work` holds (8
+    (n + 1),).
     """
     m = n + 1
     # w_i = proximal_c T_i - proximal_e after the spring of node i and proximal_a

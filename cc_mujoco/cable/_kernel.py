@@ -394,22 +394,12 @@ def step(
     new_state: FloatArray,
     work: FloatArray,
 ) -> int:
-    """Advance a cable by one time step.
+    """Advance a cable by one time step; return OK or NOT_FINITE.
 
-    Args:
-        prm: packed parameters, `_pack.pack`.
-        n: number of segments.
-        state: state before the step; not written.
-        proximal_kind: POSITION or TENSION, what is prescribed at the proximal end.
-        proximal_value: that displacement [m] or tension [N], >= 0.
-        distal_kind: the same of the distal end; not both may be TENSION.
-        distal_value: that displacement [m] or tension [N], >= 0.
-        dt: time step [s]; matters only to rate-dependent terms.
-        new_state: out, state after the step; must not overlap `state`.
-        work: scratch, `work_size(n)`.
-
-    Returns:
-        OK or NOT_FINITE.
+    `prm` are its packed parameters and `state` is that before the step, which is not
+    written. A kind says what is prescribed at an end, POSITION [m] or TENSION [N] >= 0,
+    not both TENSION. `dt` [s] matters only to rate-dependent terms. Out: `new_state`,
+    which must not overlap `state`. `work` holds `work_size(n)`.
     """
     status = begin_step(
         prm, n, state, proximal_kind, proximal_value, distal_kind, distal_value, dt,

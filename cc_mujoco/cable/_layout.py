@@ -144,7 +144,6 @@ def half_compliance(prm: FloatArray, n: int) -> FloatArray:
 
 @internal
 def total(values: FloatArray) -> float:
-    """Return the sum, added up in order."""
     whole = 0.0
     for i in range(values.size):
         whole += values[i]

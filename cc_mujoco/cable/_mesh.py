@@ -45,12 +45,9 @@ def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
 
 @compiled
 def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
-    """Lay n segments along a conduit.
+    """Lay segments along a conduit: where they begin and end, out (n + 1,) [m].
 
-    Args:
-        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
-        n: number of segments.
-        edges: out, where segments begin and end, from 0 to the length (n + 1,) [m].
+    `sections` (m, 2) are length and bend radius [m], proximal to distal; inf: straight.
     """
     length, wrap, even = measure_conduit(sections)
     if even:
@@ -91,10 +88,8 @@ def _segment_density(radius: float, length: float, wrap: float, mean: float) -> 
 def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) -> None:
     """Wrap angle of every segment: the curvature of the sections that it covers.
 
-    Args:
-        sections: as in `lay_segments`, of any conduit of that length.
-        edges: where segments begin and end (n + 1,) [m].
-        angles: out (n,) [rad].
+    `sections` and `edges` as in `lay_segments`, of any conduit of that length; `angles`
+    are out (n,) [rad].
     """
     for j in range(angles.size):
         begin, end = edges[j], edges[j + 1]

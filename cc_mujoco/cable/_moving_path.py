@@ -131,19 +131,11 @@ def carry(
     now: FloatArray,
     gained: FloatArray,
 ) -> bool:
-    """Lay the nodes of a packed cable along another path, for the next step.
+    """Lay a packed cable along another path; return if a step depends on the change.
 
-    Args:
-        prm: packed parameters; `PATH_LENGTHENS` is set.
-        n: number of segments.
-        tension: of the state before the step (n + 1,) [N].
-        before: length of path of every node then (n + 1,) [m].
-        now: the same now (n + 1,) [m].
-        gained: by how much the path of a node would be longer if nothing slipped
-            (n + 1,) [m]; their sum is that of the changes in length.
-
-    Returns:
-        Whether anything that a step depends on is another than before.
+    `PATH_LENGTHENS` is set. The nodes (n + 1,) have `tension` before the step [N],
+    length of path `before` and `now` [m], and `gained` by how much their path would be
+    longer if nothing slipped [m]; the sum of that is the change in length.
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)

@@ -52,8 +52,7 @@ def march_linearized(
 ) -> bool:
     """Solve one step as `_fronts.march` does, in rounds; arguments as there.
 
-    Returns:
-        False where the march does not apply or its rounds do not settle.
+    Return False where the march does not apply or its rounds do not settle.
     """
     compliance, half = at.node_row(work, n, _LINE_ROW), at.node_row(work, n, _HALF_ROW)
     for i in range(n + 1):
@@ -99,12 +98,9 @@ def relinearize(
     node: FloatArray,
     stiffness: FloatArray,
 ) -> bool:
-    """Linearise at a solution, for another round.
+    """Linearise at a solution, for another round; return if that changes nothing.
 
     `proximal_held`, `distal_held`: whether tension is prescribed there.
-
-    Returns:
-        Whether the lines it was found with were right already.
     """
     largest = 0.0
     for i in range(n + 1):

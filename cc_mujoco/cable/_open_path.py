@@ -373,14 +373,10 @@ def lengthen(
     n: int,
     gained: FloatArray,
 ) -> None:
-    """Compute the lengthening of the path at every node since a state.
+    """Compute the lengthening of the path at nodes since a state, out (n + 1,) [m].
 
-    Args:
-        shape: the path now, of `measure`.
-        reference: the same in the pose `qpos0`.
-        memory: of the state; where it is 0, that of a reset, the reference counts.
-        n: number of segments.
-        gained: out, (n + 1,) [m].
+    `shape` is the path now, `reference` that in the pose `qpos0`, which counts where
+    the `memory` of the state is 0, after a reset.
     """
     for i in range(n + 1):
         gained[i] = 0.0
@@ -432,14 +428,10 @@ def store_conduit(
 def pack_reference(
     values: FloatArray, n: int, guided: int, reference: FloatArray, prm: FloatArray
 ) -> None:
-    """Prepare the parameters of a cable on an open path, in the pose `qpos0`.
+    """Prepare the parameters `prm` of a cable on an open path, in the pose `qpos0`.
 
-    Args:
-        values: scalar parameters in the order of `PARAMETERS`.
-        n: number of segments.
-        guided: as in `measure`.
-        reference: the path in that pose, that of the conduit included.
-        prm: out, packed parameters.
+    `values` are in the order of `PARAMETERS`, `guided` is as in `measure`, and
+    `reference` the path in that pose, that of the conduit included.
     """
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
     own_angle, own_contact = angles(reference, n), contacts(reference, n)
@@ -479,19 +471,10 @@ def lay(
     memory: FloatArray,
     gained: FloatArray,
 ) -> bool:
-    """Lay a packed cable along a path, as seen from a state.
+    """Lay a packed cable along a path; return if a step depends on the change.
 
-    Args:
-        prm: packed parameters of a cable of an open path.
-        n: number of segments.
-        tension: of the state (n + 1,) [N].
-        shape: the path now.
-        reference: the same in the pose `qpos0`.
-        memory: of the state.
-        gained: scratch (n + 1,).
-
-    Returns:
-        Whether anything that a step depends on is another than before.
+    `tension` (n + 1,) [N] and `memory` are of the state, `shape` and `reference` the
+    path now and in the pose `qpos0`. `gained` is scratch (n + 1,).
     """
     lengthen(shape, reference, memory, n, gained)
     before = previous_lengths(reference, memory, n)
@@ -515,24 +498,15 @@ def pull_forces(
 ) -> None:
     """Find the forces of the pieces at the points where they begin.
 
-    Each piece pulls the body at its end with the opposite force.
+    Each piece pulls the body at its end with the opposite force. `number` places,
+    `mouth`, `shape` and `guided` are those of `measure`, `node` the tensions [N],
+    negative where slack. `tied` is the force along the whole tendon that MuJoCo applies
+    [N], positive where it lengthens it; it is taken off. A piece without length, which
+    has no direction, pulls along the axis `aside` of the world, or not (-1).
 
-    Args:
-        places: of the path, at the position of `shape`.
-        number: how many they are.
-        mouth: as in `measure`.
-        shape: of `measure`.
-        n: number of segments.
-        guided: as in `measure`.
-        node: tension of the nodes (n + 1,) [N], negative where slack.
-        tied: force along the whole tendon that MuJoCo applies [N], positive where it
-            lengthens it; it is taken off.
-        aside: axis of the world along which a piece without length pulls, since it has
-            no direction; -1 where it does not pull.
-        forces: out, for each place but the last (6 * (number - 1),) [N]: the force at
-            the site, towards the geom that is touched or else the site ahead; and, for
-            a geom that is touched, behind it at the site, the force where the path
-            leaves the geom.
+    Out, for each place but the last (6 * (number - 1),) [N]: the force at the site,
+    towards the geom that is touched or else the site ahead; and, for a geom that is
+    touched, behind it at the site, the force where the path leaves the geom.
     """
     extent = _row(shape, n, _EXTENT)
     for i in range(6 * (number - 1)):

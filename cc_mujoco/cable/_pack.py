@@ -108,13 +108,10 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
 
 @compiled
 def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> None:
-    """Prepare the parameters of a cable for the kernel.
+    """Prepare the parameters of a cable for the kernel, out, `parameter_size(n)`.
 
-    Args:
-        values: scalar parameters in the order of `PARAMETERS`.
-        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
-        n: number of segments.
-        out: packed vector, `parameter_size(n)`.
+    `values` are in the order of `PARAMETERS`, `sections` (m, 2) length and bend radius
+    [m], proximal to distal; inf: straight.
     """
     total, _, even = measure_conduit(sections)
     contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
@@ -144,8 +141,7 @@ def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
 def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) -> bool:
     """Give the segments other wrap angles [rad] and lengths that rub [m], (n,) both.
 
-    Returns:
-        Whether any is another than before.
+    Return whether any is another than before.
     """
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
     bends, contact_changed = False, False

@@ -822,11 +822,7 @@ def _parse_guides(text: str, where: str) -> tuple[Guide, ...]:
 
 
 def _valid_guides(given: Any, path: str) -> tuple[Guide, ...]:
-    """Return the guides of a cable, in the types that they are stored with.
-
-    Raises:
-        CableError: they are none.
-    """
+    """Return the guides of a cable, in the types that they are stored with."""
     guides = []
     try:
         pairs = given.items() if isinstance(given, Mapping) else given

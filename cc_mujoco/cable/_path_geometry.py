@@ -57,13 +57,11 @@ def place_vector(places: FloatArray, k: int, what: int) -> Point:
 
 @internal
 def dot(a: Point, b: Point) -> float:
-    """Return the scalar product."""
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 
 @internal
 def cross(a: Point, b: Point) -> Point:
-    """Return the vector product."""
     return Point(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
 
@@ -186,15 +184,10 @@ def bend(
     n: int,
     out: FloatArray,
 ) -> None:
-    """Wrap angle of each segment of a conduit along a path.
+    """Wrap angle of each segment of a conduit along a path, out (n,) [rad].
 
-    Args:
-        places: of the path.
-        count: number of them that the conduit follows, from the first to a site.
-        total: length of the path up to there [m].
-        segments: length of each segment (n,) [m].
-        n: number of segments.
-        out: out, wrap angles from the first point to the last (n,) [rad].
+    It follows the first `count` places, to a site, `total` metres of path; `segments`
+    are its lengths [m].
     """
     whole = 0.0
     for j in range(n):

@@ -96,13 +96,10 @@ def solve_with_slack(
     lines: FloatArray,
     work: FloatArray,
 ) -> bool:
-    """Solve one step in which any node may be or become slack.
+    """Solve one step in which any node may be or become slack; return if found.
 
-    `slip_direction` (n,) and `slack` (n+1,) are the guess on input. Where correcting
+    `slip_direction` (n,) and `slack` (n + 1,) are the guess on input. Where correcting
     all at once turns in a circle, nodes wait for the segments.
-
-    Returns:
-        Whether the solution was found; else the outputs are undefined.
     """
     for rounds in range(_MAX_ROUNDS):
         for s in range(n):

@@ -264,10 +264,7 @@ def preslide(
     `spring` is the stiffness of the bristles of each segment (n,) [N/m], `held` their
     force [N], in and out. `slipped` (n,) is the expected slip direction of each segment
     on input; on output it is the part of its displacement [m] that is slip, not stretch
-    of its bristles. `work` holds (8 n + 1,).
-
-    Returns:
-        True, or False where no solution was found; outputs are then undefined.
+    of its bristles. `work` holds (8 n + 1,). Return whether a solution was found.
     """
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]

@@ -49,17 +49,12 @@ def read_states(
     strain: float = 0.0,
     lengths: int = -1,
 ) -> CableReading:
-    """Return the reading of a cable in some simulations.
+    """Return the reading of a cable in some simulations `states` (k, m).
 
     Each number is computed in the same way for one simulation and for many, so it has
-    the same bits in both.
-
-    Args:
-        states: states (k, m).
-        start: where that of the cable begins in each.
-        compliance: compliance of the nodes (n + 1,) [m/N].
-        strain: strain of slack cable by tension [1/N]; only on an open path.
-        lengths: where the lengths of an open path's nodes begin, or -1.
+    the same bits in both. Its state begins at `start`. The nodes have `compliance` (n +
+    1,) [m/N]. On an open path slack cable has `strain` by tension [1/N], and lengths of
+    nodes begin at `lengths`, else -1.
     """
     n = len(compliance) - 1
     tension = np.empty((len(states), n + 1))

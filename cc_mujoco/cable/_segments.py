@@ -40,10 +40,8 @@ class Mesh:
     def of(cls, cable: Cable) -> Mesh:
         """Return the segments of the kernel, each with the mean curvature of its part.
 
-        They are equal, as in the thesis, where the conduit bends evenly.
-
-        Raises:
-            CableError: a friction term that chapter 2 does not have.
+        They are equal, as in the thesis, where the conduit bends evenly. A friction
+        term that chapter 2 does not have is refused.
         """
         cable.require_terms(_is_coulomb, "chapter 2 knows Coulomb friction only")
         wrap = segment_angles(packed_parameters(cable), cable.segments)
@@ -53,7 +51,6 @@ class Mesh:
 
     @property
     def segments(self) -> int:
-        """Number of segments."""
         return self.angle.size
 
     def part(self, first: int, last: int) -> Mesh:

@@ -110,7 +110,6 @@ def rest_states(cables: Cables, motor: float, joint: float) -> FloatArray:
 
 
 def scratch(cables: Cables) -> FloatArray:
-    """Return scratch memory for `balance` and `move`."""
     return np.empty(kernel.work_size(int(cables.n.max())))
 
 
@@ -201,25 +200,14 @@ def balance(
     new: FloatMatrix,
     work: FloatArray,
 ) -> float:
-    """Step all cables with the angle of one side given and the load of the other.
+    """Step all cables, one side by angle and the other by load; return its angle [rad].
 
     The torque at the motor grows with its angle and that at the joint falls with it,
     piecewise smoothly: secants from where the side was until they bracket it, then
     regula falsi (`root`). A single cable cannot push; asked to, it goes slack.
 
-    Args:
-        cables: of the transmission.
-        state: before the step (cables, numbers).
-        distal: whether the joint is the side that the load acts on.
-        fixed: angle of the other side [rad].
-        start: angle of this side before [rad].
-        load: on this side.
-        dt: time step [s].
-        new: out, after the step.
-        work: scratch.
-
-    Returns:
-        Angle of this side [rad].
+    With `distal` the load acts on the joint. `fixed` is the angle of the other side,
+    `start` that of this one before [rad]. Out: `new`, the state after.
     """
     arm = cables.distal if distal else cables.proximal
     wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)

@@ -34,14 +34,7 @@ PROGRAM = "cc-mujoco"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Args:
-        arguments: Words after the program's name; those of the process by default.
-
-    Returns:
-        The exit code.
-    """
+    """Run the command."""
     # Matrices here are small: threads of OpenBLAS wait for each other, which costs a
     # diagnosis a fourth of its processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -38,11 +38,7 @@ class Listing:
     word of its meaning."""
 
     def run(self) -> None:
-        """Print names, or the chosen ones with their meanings.
-
-        Raises:
-            CableError: Nothing is called so.
-        """
+        """Print names, or the chosen ones with their meanings."""
         from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._columns import DATASET_FILE
 
@@ -112,11 +108,7 @@ def _groups() -> dict[str, Mapping[str, str]]:
 def _matching(
     groups: Mapping[str, Mapping[str, str]], word: str
 ) -> dict[str, Mapping[str, str]]:
-    """Return the entries with a part of their name, or else a word of their meaning.
-
-    Raises:
-        CableError: There is none.
-    """
+    """Return the entries with a part of their name, or else a word of their meaning."""
     part = re.escape(word)
     # A word, as `foo` is no foot; its plural is the same word.
     for looked_at, pattern in enumerate((part, rf"(?<!\w){part}(s|es)?(?!\w)")):

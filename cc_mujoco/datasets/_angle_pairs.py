@@ -41,15 +41,7 @@ class FittedArm(NamedTuple):
 
 
 def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
-    """Return the arm through pairs of motor and joint angle [rad].
-
-    Args:
-        pairs: (motor, joint) of every pair.
-        where: file and key, for a sentence.
-
-    Raises:
-        CableError: there are too few pairs, or the joint does not follow the motor.
-    """
+    """Return the arm through pairs of motor and joint angle [rad]."""
     motor, joint = np.array(pairs, dtype=np.float64).T
     if len(pairs) < MIN_PAIRS or len(set(joint.tolist())) < MIN_PAIRS:
         raise CableError(

@@ -472,11 +472,7 @@ def _stops(model: mujoco.MjModel, joint: str) -> tuple[float, float]:
 
 
 def _require_axis(source: str | Path) -> None:
-    """Require that a scene whose cables connect different joints has a single axis.
-
-    Raises:
-        CableError: it has several, which are named.
-    """
+    """Require that a scene whose cables connect different joints has a single axis."""
     try:
         device = load_device(source).description
     except CableError:

@@ -81,11 +81,7 @@ _UNIT_HINTS = {
 
 
 def kind_of(channel: str) -> Kind:
-    """Return the kind of quantity of the channel of this name.
-
-    Raises:
-        CableError: there is no such channel.
-    """
+    """Return the kind of quantity of the channel of this name."""
     if is_further(channel):
         return FURTHER
     if is_tension(channel):
@@ -149,11 +145,7 @@ def spellings(channel: str) -> dict[str, str]:
 
 
 def tension_channel(column: str) -> str:
-    """Return the tension channel of a column in any unit of force, or "".
-
-    Raises:
-        CableError: the unit belongs to another quantity.
-    """
+    """Return the tension channel of a column in any unit of force, or ""."""
     found = _TENSION_UNIT_PATTERN.fullmatch(column)
     if found is None:
         return ""

@@ -63,15 +63,9 @@ class SampledTrack:
 def find_segments(
     recording: Recording, facts: Facts, file: DatasetFile
 ) -> tuple[SampledTrack | None, list[DataFinding]]:
-    """Find the stretches of a recording that can be used.
+    """Find the stretches of a recording that can be used, None if there are none.
 
-    Args:
-        recording: whose times increase (see `order`).
-        facts: what is known of the trial.
-        file: what the columns mean.
-
-    Returns:
-        The stretches, None if there is nothing to use; and what was noticed.
+    Its times must increase (see `order`).
     """
     name = recording.name
     findings = [warning(message, name) for message in recording.remarks]

@@ -48,17 +48,7 @@ def columns_named(name: str, names: Sequence[str]) -> list[str]:
 
 
 def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
-    """Return the one column of this name.
-
-    Args:
-        where: the file, for a sentence.
-        what: the column is for.
-        name: as `dataset.toml` has it.
-        names: of all columns.
-
-    Raises:
-        CableError: there is none, or there are several.
-    """
+    """Return the one column of this name."""
     places = columns_named(name, names)
     if len(set(places)) > 1:
         raise _ambiguous_column(where, places, what)
@@ -68,11 +58,7 @@ def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
 
 
 def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
-    """Return the column and unit of the times of a file.
-
-    Raises:
-        CableError: there is none, or there are several.
-    """
+    """Return the column and unit of the times of a file."""
     if given.time is not None:
         name = find_column(where, channels.TIME, given.time, names)
     else:
@@ -95,15 +81,8 @@ def channel_sources(
 ) -> dict[str, str]:
     """Return the column of every channel that a trial has, time aside.
 
-    Args:
-        where: the file, for a sentence.
-        names: of its columns.
-        file: what these mean.
-        others: joints whose angles are needed besides that of the driven one.
-
-    Raises:
-        CableError: one is missing, or there are several. A torque may be missing where
-            something stands in for it, see `DatasetFile.has_substitute`.
+    `others` are joints whose angles are needed besides that of the driven one. A torque
+    may be missing where something stands in for it, see `DatasetFile.has_substitute`.
     """
     optional = [channel for name in names if (channel := _tension_channel(where, name))]
     optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
@@ -162,15 +141,7 @@ def _missing_column(
     names: Sequence[str],
     used: Sequence[str] = (),
 ) -> CableError:
-    """Return the error for a column that is not there.
-
-    Args:
-        where: the file.
-        channel: that it is for, or what else.
-        name: of the column.
-        names: of all columns.
-        used: columns that are other channels already.
-    """
+    """Return the error for a column that is not there."""
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     if channel != name:
         near = _nearest_name(name, names)

@@ -60,15 +60,8 @@ def tied_joint(
 ) -> tuple[str, float, Lever]:
     """Return the joint that an open path turns, its moment arm at 0 [m], and its lever.
 
-    Args:
-        model: of the scene.
-        name: of the cable.
-        where: scene and cable, for a sentence.
-        driven: joint of the axis, of a path that several move.
-
-    Raises:
-        CableError: the path moves with no joint, with several or with one that is no
-            hinge, or it has no arm at 0.
+    `driven` is the joint of the axis, of a path that several move. A path that moves
+    with no joint or no hinge, or that has no arm at 0, is refused.
     """
     joint = single_hinge(
         model, moving_joints(model, name), f"{where} lies along a path that", driven
@@ -82,12 +75,7 @@ def tied_joint(
 
 
 def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> list[str]:
-    """Return the joints that move the path of a cable besides the one that it turns.
-
-    Raises:
-        CableError: one of them is no hinge, or its column would be that of the driven
-            joint or the motor.
-    """
+    """Return the joints that move the path of a cable besides the one that it turns."""
     others = [each for each in moving_joints(model, name) if each != joint]
     for each in others:
         if model.joint(each).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
@@ -120,11 +108,7 @@ class PullingCable(NamedTuple):
 def pulling_cables(
     model: mujoco.MjModel, joint: str, cables: Mapping[str, Cable], where: str
 ) -> list[PullingCable]:
-    """Return those of the cables of other axes that pull at a joint.
-
-    Raises:
-        CableError: one is moved by a joint that is no hinge, see `other_movers`.
-    """
+    """Return those of the cables of other axes that pull at a joint."""
     return [
         PullingCable(
             name,
@@ -177,13 +161,10 @@ class RecordedPath:
     ) -> None:
         """Keep the angles; nothing is tabulated yet.
 
-        Args:
-            scene: of the cables.
-            others: names of the other joints.
-            joint: (samples,) of the driven joint in the count of the data [rad].
-            angles: (others, samples) of the other joints in that of the scene [rad].
-            ramp: rows in which the joints go to the first sample, and rows that they
-                then stay there; 0 begins there.
+        `joint` (samples,) is that of the driven joint in the count of the data,
+        `angles` (others, samples) are those of the other joints in that of the scene
+        [rad]. In `ramp` rows the joints go to the first sample, and stay there as long;
+        0 begins there.
         """
         self.scene, self.others, self.ramp = scene, tuple(others), ramp
         self.joint, self.angles = joint, angles
@@ -203,12 +184,7 @@ class RecordedPath:
         return found
 
     def along(self, joint: FloatArray, segments: int) -> tuple[CoupledPath, ...]:
-        """Return the paths of the cables, by row, for a motion near the recorded one.
-
-        Args:
-            joint: (samples,) of the driven joint [rad].
-            segments: of every cable.
-        """
+        """Return the paths of cables, by row, for a motion near the recorded one."""
         aside = np.clip(joint - self.joint, -_MAX_ASIDE, _MAX_ASIDE)
         aside = np.concatenate([np.full(2 * self.ramp, aside[0]), aside])
         steps = np.floor(aside / _ASIDE_STEP).astype(int)
@@ -291,15 +267,9 @@ def pulling_torque(
     """Bound the torque of another axis's cable at the joint by its measured tensions.
 
     Between its ends the tension changes by no more than friction along the bends lets
-    it, T exp(+-friction wrap); where the whole cable slides the bounds are one.
-
-    Args:
-        scene: of the axis's own cables.
-        cable: of another axis.
-        joint: (samples,) of the driven joint in the count of the data [rad].
-        others: (samples,) each of all other joints that move the cable [rad].
-        proximal: (samples,) tension at the motor's end [N], or None.
-        distal: (samples,) tension at the other end [N], or None; one of both is needed.
+    it, T exp(+-friction wrap); where the whole cable slides the bounds are one. `joint`
+    is in the count of the data [rad], `proximal` or `distal` is the tension of that end
+    [N]; one may be None. All are (samples,).
     """
     model = _model_of(scene, 0)
     poses = _poses(model, scene, joint, others)
@@ -349,11 +319,8 @@ def _between(
 ) -> CoupledPath:
     """Return a path between two, with displacements that follow their slopes.
 
-    Args:
-        here: with the joint less far aside.
-        there: with the joint further aside.
-        share: (rows,) of the way from one to the other.
-        turn: (rows,) of the joint from one to the other [rad].
+    `share` (rows,) is the way from `here`, with the joint less far aside, to `there`,
+    and `turn` (rows,) that of the joint [rad].
     """
     assert here.gain is not None and there.gain is not None
     assert here.arm is not None and there.arm is not None

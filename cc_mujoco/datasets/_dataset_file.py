@@ -177,16 +177,10 @@ class DatasetFile:
     sha256: str = ""
 
     def source(self, channel: str) -> Source:
-        """Return the source of a channel."""
         return self.columns.get(channel, Source())
 
     def factor(self, channel: str, column: str) -> float:
-        """Return the factor from readings to the unit of a channel, without the sign.
-
-        Args:
-            channel: The channel.
-            column: Its column, which may have a unit in its name.
-        """
+        """Return the factor from readings to a channel's unit, without the sign."""
         unit = channels.kind_of(channel).factors[self.unit(channel, column)]
         return self.source(channel).scale * unit
 
@@ -197,12 +191,7 @@ class DatasetFile:
         return unit or channels.kind_of(channel).unit
 
     def has_substitute(self, torque: str, found: Iterable[str]) -> bool:
-        """Return whether a torque that has no column follows from something else.
-
-        Args:
-            torque: channel without a column.
-            found: channels that have one.
-        """
+        """Return whether a torque that has no column follows from something else."""
         motor = torque == channels.MOTOR_TORQUE
         end = "proximal" if motor else "distal"
         tensions = (name for name in found if channels.is_tension(name))
@@ -220,9 +209,7 @@ class DatasetFile:
     def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
         """Return the facts of the trial in this file; the last matching table wins.
 
-        Args:
-            path: the file.
-            names: of all trials, by file; None if files are called by their own.
+        `names` are of all trials, by file; None if files are called by their own.
         """
         names = names or {path: path.stem}
         facts = Facts()
@@ -236,17 +223,10 @@ class DatasetFile:
     ) -> list[DataFinding]:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
 
-        Args:
-            names: of the trials, by file.
-            others: data files that were not given but may be meant; only looked at
-                where none of the trials is.
-
-        Returns:
-            A warning for every `repeat_of` that names no file: a part of a dataset may
-            come without the trial that one of its own repeats.
-
-        Raises:
-            CableError: a table means no file, or a trial would repeat itself.
+        Returns a warning for every `repeat_of` that names no file: a part of a dataset
+        may come without the trial that one of its own repeats. `others` are data files
+        that were not given but may be meant; only looked at where none of the trials
+        is.
         """
         unread = (
             {path: self._trial_of(path) for path in others}
@@ -296,11 +276,7 @@ class DatasetFile:
 
 
 def read_dataset_file(path: str | Path) -> DatasetFile:
-    """Read a `dataset.toml`.
-
-    Raises:
-        CableError: it cannot be read, has an unknown key or a value that cannot be.
-    """
+    """Read a `dataset.toml`."""
     path = Path(path)
     try:
         raw = path.read_bytes()
@@ -325,11 +301,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
 
 
 def _is_measured(table: Table, channel: str) -> bool:
-    """Return the value of `measured`, true unless it is declared.
-
-    Raises:
-        CableError: it is no truth value, or false of a channel that nothing replaces.
-    """
+    """Return the value of `measured`, true unless it is declared."""
     value = table.content.get("measured", True)
     if not isinstance(value, bool):
         raise table.wrong("measured", "true or false")

@@ -22,14 +22,7 @@ WINDOW_COUNT = 12
 def decimate(
     track: SampledTrack, path: str, name: str, most: int = MAX_TRIAL_SAMPLES
 ) -> tuple[SampledTrack, list[DataFinding]]:
-    """Average neighbours, then keep evenly spread stretches, until few samples remain.
-
-    Args:
-        track: the trial; returned as it is if it has at most `most` samples.
-        path: its file, for the sentence.
-        name: name of the trial.
-        most: samples to keep.
-    """
+    """Average neighbours, then keep evenly spread stretches, to few samples."""
     before, rate = _sample_count(track), 1.0 / track.step
     if before <= most:
         return track, []

@@ -19,11 +19,7 @@ _ENDINGS = f"{', '.join(tables.ENDINGS[:-1])} or {tables.ENDINGS[-1]}"
 
 
 def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return the data files in these files and folders, each once, sorted by name.
-
-    Raises:
-        CableError: a path does not exist or is no data file, or there is none in all.
-    """
+    """Return the data files in these files and folders, each once, sorted by name."""
     found: dict[Path, Path] = {}
     given = [Path(path) for path in paths]
     for path in given:
@@ -69,11 +65,7 @@ def trial_names(files: Iterable[Path]) -> dict[Path, str]:
 
 
 def find_dataset_file(files: Iterable[Path]) -> Path | None:
-    """Return the `dataset.toml` in the folder of the data files, or None.
-
-    Raises:
-        CableError: there are several, so that one must be named.
-    """
+    """Return the `dataset.toml` in the folder of the data files, or None."""
     folders = dict.fromkeys(_folder_of(path) for path in files)
     found = [folder / DATASET_FILE for folder in folders]
     found = [path for path in found if path.is_file()]

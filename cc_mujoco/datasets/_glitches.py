@@ -44,11 +44,7 @@ as in simulations."""
 
 
 def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
-    """Return a recording whose glitches are missing readings, and what was found.
-
-    Args:
-        recording: whose times increase, see `sort_rows`.
-    """
+    """Return a recording whose glitches are missing readings, and what was found."""
     values, findings = dict(recording.values), []
     for channel, readings in recording.values.items():
         kind = channels.kind_of(channel)

@@ -108,15 +108,9 @@ class SingleCell(NamedTuple):
 
     @classmethod
     def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:
-        """Return the cell of a channel.
+        """Return the cell of a channel, such as `tension_agonist_distal_n`.
 
-        Args:
-            channel: such as `tension_agonist_distal_n`.
-            bench: of the scene.
-            pretension: of the trial [N]; None is the scene's.
-
-        Raises:
-            CableError: the scene has no such cable.
+        The pretension of the trial is in newtons; None is the scene's.
         """
         for row, (torque, end) in enumerate(END_OF_TORQUE.items()):
             for cable, names in enumerate(_cell_names(end, bench)):

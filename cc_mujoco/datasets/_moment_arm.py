@@ -59,16 +59,8 @@ def lever_of(
 ) -> tuple[str, float, Lever]:
     """Return the joint that a tendon turns, its moment arm at 0 [m], and its lever.
 
-    Args:
-        model: of the scene.
-        tendon: at which the cable ends.
-        gear: of that end.
-        where: scene and cable, for a sentence.
-        driven: joint of the axis, of a tendon that several move.
-
-    Raises:
-        CableError: the tendon depends on no joint, on several or on one that is no
-            hinge, or its lever is dead at 0.
+    `gear` is that of the end, `driven` the joint of the axis, of a tendon that several
+    move. A tendon without a single hinge, or dead at 0, is refused.
     """
     row = model.tendon(tendon).id
     data = mujoco.MjData(model)
@@ -94,12 +86,7 @@ def lever_of(
 def single_hinge(
     model: mujoco.MjModel, moved: Sequence[str], what: str, driven: str = ""
 ) -> str:
-    """Return the one hinge among the joints that move something, or the driven one.
-
-    Raises:
-        CableError: there is none, there are several of which none is driven, or it is
-            no hinge.
-    """
+    """Return the one hinge among the joints that move something, or the driven one."""
     if driven in moved:
         moved = [driven]
     if len(moved) != 1:
@@ -133,15 +120,8 @@ def make_lever(
 ) -> tuple[float, Lever]:
     """Return the moment arm of a lever at 0 [m], and the lever where its arm is not 0.
 
-    Args:
-        angles: (angles,) of the scene [rad].
-        let: (angles,) what the lever takes of the cable there, 0 at 0 [m].
-        arms: (angles,) its change with the angle [m/rad].
-        arm: the same at 0.
-        where: scene and cable, for a sentence.
-
-    Raises:
-        CableError: the lever is dead at 0.
+    At the scene's `angles` (angles,) [rad] the lever takes `let` of the cable, 0 at 0
+    [m], by `arms` [m/rad], of which `arm` is that at 0.
     """
     radius = abs(arm)
     if radius == 0.0:

@@ -28,11 +28,7 @@ class TrialFile:
 def group_files(
     files: Iterable[Path], file: DatasetFile
 ) -> tuple[list[Path], dict[str, tuple[TrialFile, ...]]]:
-    """Return the single-file trials, and the trials in several files by name.
-
-    Raises:
-        CableError: a file of a trial was not given, or one belongs to two.
-    """
+    """Return the single-file trials, and the trials in several files by name."""
     alone: list[Path] = []
     found: dict[tuple[str, Path, str], dict[str, TrialFile]] = {}
     for path in files:

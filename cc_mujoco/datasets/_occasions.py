@@ -52,9 +52,6 @@ def join_occasions(parts: Mapping[str, Dataset]) -> Dataset:
 
     Trials are called by occasion and name where several have one name. Noise of a
     channel is the largest.
-
-    Raises:
-        CableError: the occasions have different constants of `[rig]` or instruments.
     """
     *_, (last_name, last) = parts.items()
     for name, part in parts.items():

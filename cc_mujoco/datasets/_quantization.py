@@ -64,16 +64,8 @@ def interpolate_readings(
     """Return the readings at other times, by linear interpolation except in slow creep.
 
     In slow creep the nearer reading is taken: a value between two digits is no reading
-    and would hide the digit.
-
-    Args:
-        wanted: (n,) [s].
-        clock: (samples,) times of the readings, at least two [s].
-        reading: (samples,).
-        digit: of the readings; 0 if they show none.
-
-    Returns:
-        (n,), NaN before the first and after the last reading.
+    and would hide the digit. Times `wanted` (n,) and `clock` (samples,), two at least,
+    are in seconds; the result is NaN before the first and after the last reading.
     """
     found: FloatArray = np.interp(wanted, clock, reading, left=np.nan, right=np.nan)
     if digit == 0.0:
@@ -92,10 +84,6 @@ def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
     on at the pace of its neighbours to the middle of the digit, and rests there if it
     is early; between two that go back over the same edge it turns as far as that pace
     takes a parabola, at most to the middle.
-
-    Args:
-        reading: (samples,).
-        noise: of the channel; rounding must be nearly all of it.
     """
     if noise is None or not 0.0 < noise.resolution:
         return reading

@@ -58,7 +58,6 @@ class Recording:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
         return len(self.values[channels.TIME])
 
     def column(self, channel: str) -> str:
@@ -107,18 +106,9 @@ def read_parts(
 ) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
-    Args:
-        parts: its files.
-        file: what their columns mean.
-        name: of the trial.
-        axis: with whose name columns may begin, as in logs of several axes.
-        others: as of `read`.
-        further: as of `read`.
-        other_axes: as of `read`.
-
-    Raises:
-        CableError: a file cannot be read, lacks a column or holds text; clocks of
-            several files share no time or do not say how they are related.
+    Columns may begin with the name of the `axis`, as in logs of several; `others`,
+    `further` and `other_axes` are those of `read`. Clocks of several files that share
+    no time, or do not say how they are related, are refused.
     """
     where = " and ".join(str(part.path) for part in parts)
     tabled = [_Table.of(part, file) for part in parts]
@@ -233,11 +223,7 @@ class _Table:
         return cls(part, names, time, channels.CLOCK.factors[unit], offset)
 
     def streams(self, file: DatasetFile) -> tuple[dict[str, Stream], bool]:
-        """Read the channels; whether the rows belong to topics.
-
-        Raises:
-            CableError: the file cannot be read, or a column has no times.
-        """
+        """Read the channels; whether the rows belong to topics."""
         path = self.part.path
         clocks = {
             channel: columns.find_column(

@@ -120,11 +120,7 @@ def _angle_pairs(table: Table) -> FittedArm:
 
 
 def _statement(table: Table, name: str) -> Constant:
-    """Return a fact that `[rig]` states.
-
-    Raises:
-        CableError: it has another value than the one that says something.
-    """
+    """Return a fact that `[rig]` states."""
     value = RIG_STATEMENTS[name]
     if table.flag(name) is not value:
         only = str(value).lower()

@@ -44,10 +44,6 @@ class OtherAxes:
         """Take the torque of other axes' cables off that of the joint, in place.
 
         Tensions of other axes' cables are then left out.
-
-        Args:
-            recording: for sentences.
-            track: its samples.
         """
         findings = []
         if channels.JOINT_TORQUE in track.values:
@@ -119,11 +115,8 @@ class OtherAxes:
     def noise(self, known: Noise, passed: float) -> Noise:
         """Return the noise of the joint's torque with what the others add to it.
 
-        What friction leaves open is slow, and passes a low-pass whole.
-
-        Args:
-            known: noise of the torque.
-            passed: share of the variance of white noise that a low-pass leaves.
+        What friction leaves open is slow, and passes a low-pass whole; `passed` is the
+        share of the variance of white noise that it leaves.
         """
         if not self.doubts:
             return known

@@ -73,10 +73,8 @@ def velocity_noise(
 ) -> float:
     """Return the standard deviation of `velocity` inside a stretch, for white noise.
 
-    Args:
-        deviation: of the angle readings [rad].
-        step: time between samples [s].
-        span: length of the window [s].
+    `deviation` is that of the angle readings [rad], `step` between samples and `span`
+    of the window are in seconds.
     """
     half = max(_MIN_WINDOW // 2, round(span / step) // 2)
     return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

@@ -27,9 +27,8 @@ _DUPLICATE_RATIO = 1.5  # rows over those that a clock has time for
 def sort_rows(recording: Recording) -> tuple[Recording | None, list[DataFinding]]:
     """Bring the rows of every clock of a recording into order.
 
-    Returns:
-        The recording, None if its times cannot be trusted, and what was noticed. Rows
-        without a time or with that of another are left out.
+    None if its times cannot be trusted. Rows without a time or with that of another are
+    left out.
     """
     rows, findings = _row_order(recording, TIME, recording.values[TIME])
     if rows is None:
@@ -104,12 +103,7 @@ def _row_order(
 
 
 def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
-    """Return whether two runs of rows in order cover the same time.
-
-    Args:
-        time: (rows,) [s].
-        back: rows after which time goes back.
-    """
+    """Return whether two runs of rows in order cover the same time."""
     edges = np.concatenate([[0], back + 1, [len(time)]])
     runs = [time[a:b] for a, b in itertools.pairwise(edges) if b - a >= _MIN_RUN]
     runs.sort(key=lambda run: float(run[0]))

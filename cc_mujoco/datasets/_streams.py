@@ -75,13 +75,8 @@ def topic_rows(
     """Return the rows of each channel, if a row belongs to one topic.
 
     That is so if few rows hold all channels of the drive, or one of them is in every
-    second row at most; elsewhere a blank cell is a missing reading.
-
-    Args:
-        values: (rows,) by channel, NaN where the cell is blank.
-
-    Returns:
-        Masks (rows,) by channel, empty if the rows are not those of topics.
+    second row at most; elsewhere a blank cell (NaN) is a missing reading. Returns masks
+    (rows,) by channel, {} if the rows are not those of topics.
     """
     filled = {channel: ~np.isnan(value) for channel, value in values.items()}
     drive = [filled[channel] for channel in channels.MAIN_CHANNELS if channel in filled]
@@ -98,15 +93,7 @@ def topic_rows(
 
 
 def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
-    """Return the channels of several clocks on that of the slowest of the drive.
-
-    Args:
-        where: the trial, for a sentence.
-        streams: by channel, with the angles and all else of the drive that there is.
-
-    Raises:
-        CableError: they share no time.
-    """
+    """Return the channels of several clocks on that of the slowest of the drive."""
     drive = {c: streams[c] for c in channels.MAIN_CHANNELS if c in streams}
     leader = max(drive, key=lambda channel: drive[channel].interval)
     own = drive[leader]

@@ -30,16 +30,7 @@ _INSTRUMENT_NAMES: dict[Instrument, str] = {
 def add_derived_torques(
     trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
 ) -> tuple[list[Trial], Instruments, list[DataFinding]]:
-    """Give trials the torques that follow from something else.
-
-    Args:
-        trials: as read.
-        file: with the constants of motor and load.
-        bench: of the scene; without one load cells stay what they are.
-
-    Returns:
-        The trials, what their torques are known from, and what was noticed.
-    """
+    """Give trials the torques that follow from something else."""
     found: list[Instrument | None] = []
     findings: list[DataFinding] = []
     made = list(trials)
@@ -71,9 +62,6 @@ def expected_instruments(file: DatasetFile, bench: Bench) -> Instruments:
 
     A table of a torque's column means a sensor, tables of the load cells of all cables
     at one end mean these, a torque constant a current, and a load in `[rig]` that load.
-
-    Raises:
-        CableError: cells are declared of no cable of the scene, or not of all.
     """
     found: list[Instrument | None] = []
     for torque, end in load_cells.END_OF_TORQUE.items():

@@ -53,23 +53,13 @@ _HEAD = ["part", "per", "cost"]
 
 
 def inertias_of(plant: Plant, model: mujoco.MjModel) -> list[dict[str, float]]:
-    """Return the metrics of the parts of each axis by name.
-
-    Args:
-        plant: the design.
-        model: of the plant.
-    """
+    """Return the metrics of the parts of each axis by name."""
     drives = DeviceModel(plant.description, model).drives(plant.description.period)
     return [{"reflected_inertia": one.inertia * one.ratio**2} for one in drives]
 
 
 def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
-    """Return the metrics of the parts of all axes by name, as far as they are known.
-
-    Args:
-        plant: the design.
-        costs: see `read_costs`; empty without them.
-    """
+    """Return the metrics of the parts of all axes by name, as far as they are known."""
     cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):
         return {}
@@ -142,11 +132,7 @@ def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float
 
 
 def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
-    """Costs by part, in whatever money the table is in.
-
-    Raises:
-        CableError: the file is no such table; says where and what would be right.
-    """
+    """Costs by part, in whatever money the table is in."""
     path = Path(path)
     sheet = read_sheet(path, "the costs")
     if sheet.names != _HEAD:

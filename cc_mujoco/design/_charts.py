@@ -48,12 +48,8 @@ def answer_plot(
 ) -> Figure:
     """Return one objective over another, or over a variable, with designs marked.
 
-    Args:
-        table: of the study.
-        x: column of the abscissa: a metric or a variable.
-        objective: of the ordinate.
-        best: members of the Pareto set.
-        marked: rows of the designs that are marked by number, the best first.
+    `x` is the column of the abscissa, a metric or a variable. `best` are the members of
+    the Pareto set, `marked` the rows that get a number, the best first.
     """
     drawing = figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
     axes = drawing.add_subplot()
@@ -117,9 +113,7 @@ def _scatter(axes: Axes, x: Array, y: Array, best: NDArray[np.bool_]) -> None:
 def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figure:
     """Return the mean of each metric (a row) along each variable (a column).
 
-    Args:
-        found: sensitivities, one per metric.
-        most: variables that are drawn, those with the largest shares; None is all.
+    Of `most` variables those with the largest shares are drawn; None is all.
     """
     names = sorted(
         found[0].effects, key=lambda name: -max(one.total[name] for one in found)

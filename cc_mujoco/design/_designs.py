@@ -59,18 +59,7 @@ def read_range(
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Range:
-    """Parse the range of a variable.
-
-    Args:
-        name: of the variable, perhaps of one cable or one axis.
-        given: range, values or text of them.
-        device: whose cables and axes there are.
-        among: the variables that there are.
-        kind: what an error calls them.
-
-    Raises:
-        CableError: an unknown name, or a range or value that cannot be.
-    """
+    """Parse the range of a variable."""
     variable = find(name, device.cables, device.axis_cables, among, kind)
     label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:
@@ -100,11 +89,7 @@ def read_range(
 
 
 def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
-    """Return every combination, the last variable fastest.
-
-    Raises:
-        CableError: a range has no count, or the grid is too large.
-    """
+    """Return every combination, the last variable fastest."""
     for name, values in ranges.items():
         if not values.levels:
             raise CableError(
@@ -123,9 +108,6 @@ def latin_hypercube(
     """Return a Latin hypercube of `count` designs.
 
     The range of each variable is cut into `count` parts, of which each is used once.
-
-    Raises:
-        CableError: the count is not one.
     """
     from scipy.stats import qmc
 
@@ -142,9 +124,6 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
 
     CSV has a line of variable names and a line per design; TOML has a table
     `[[design]]` for each.
-
-    Raises:
-        CableError: the file is not such a one.
     """
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".toml"):
@@ -240,11 +219,7 @@ def _between(
 
 
 def require_count(count: int) -> None:
-    """Refuse a number of designs that no study can have, before they are made.
-
-    Raises:
-        CableError: Says how many there would be and how many there may be.
-    """
+    """Refuse a number of designs that no study can have, before they are made."""
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool):
         raise CableError(f"a number of designs must be whole, not {count!r}.")
     if not 1 <= count <= MAX_DESIGNS:

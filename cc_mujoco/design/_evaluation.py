@@ -84,17 +84,13 @@ def evaluate(
 ) -> list[DesignResult]:
     """Try designs of equal layout (numbers of segments) together.
 
-    Args:
-        protocol: how they are tried.
-        designs: as `Across.check` returns them.
-        tick: called now and then with the share that is done; may raise to stop.
+    Returns one result per design, whatever becomes of the others. Of several
+    controllers it is that with the least tracking error, the first of equals; one that
+    fails is out, and the design with it only where all do. Over several cases the
+    controller is one and the same: that whose tracking error over them is least, of
+    those that fail in none.
 
-    Returns:
-        One result per design, whatever becomes of the others. Of several controllers
-        it is that with the least tracking error, the first of equals; one that fails
-        is out, and the design with it only where all do. Over several cases the
-        controller is one and the same: that whose tracking error over them is least,
-        of those that fail in none.
+    `tick` is called now and then with the share that is done; may raise to stop.
     """
     protocol.find_metrics()
     builder = protocol.device
@@ -271,11 +267,7 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
 
 
 def rehearse(protocol: EpisodeProtocol, builder: Device) -> None:
-    """Make all that a protocol needs, and play nothing.
-
-    Raises:
-        CableError: trajectory, task or controller cannot be used.
-    """
+    """Make all that a protocol needs, and play nothing."""
     model = Plant(builder).model()
     played = [episode for _, _, episode in episodes(protocol, builder)]
     for episode in played or [_main_episode(protocol, builder)]:
@@ -293,17 +285,14 @@ class DesignJob:
     protocol: EpisodeProtocol
 
     def rehearse(self) -> None:
-        """See `Job.rehearse`."""
         rehearse(self.protocol, self.protocol.device)
 
     def made_by(self) -> dict[str, Any]:
-        """See `Job.made_by`; what tables hold goes with the protocol."""
         self.protocol.find_metrics()
         files = device_digests(self.protocol.device)
         return code_provenance(*self.protocol.code_names, files=files)
 
     def size(self, piece: Sequence[Design]) -> int:
-        """Return the number of designs."""
         return len(piece)
 
     def do(self, piece: Sequence[Design], tick: Tick) -> list[DesignResult]:
@@ -337,13 +326,11 @@ def _least_inertia(model: mujoco.MjModel, joint: str) -> float:
 def _held_episode(
     main: Episode, model: mujoco.MjModel
 ) -> tuple[Episode, dict[str, Task], dict[str, Task]]:
-    """Return the episode with the joints held at rest.
+    """Return the episode with the joints held at rest, and two torques of each axis.
 
-    Torques are shares of the largest of each motor at its joint without friction, in
-    the direction in which it pulls, of the scene as it stands, which `model` is.
-
-    Returns:
-        The episode; a slow swing of the torque of each axis; a chirp of it.
+    A slow swing and a chirp. They are shares of the largest of each motor at its joint
+    without friction, in the direction in which it pulls, of the scene as it stands,
+    which `model` is.
     """
     device, step = main.device(model), float(model.opt.timestep)
     drives = device.drives(main.frame_skip * step)
@@ -385,13 +372,8 @@ def _measure(
 ) -> dict[str, float]:
     """Return the metrics of one test of a design by column, also those of each axis.
 
-    Args:
-        test: that was played.
-        played: with all designs of the batch.
-        index: of the design in the batch.
-        plant: of the design.
-        protocol: how designs are tried.
-        strides: parts in a walk by axis, empty where no stride is measured.
+    The design has place `index` in the batch that was played. `strides` has parts in a
+    walk by axis, empty where no stride is measured.
     """
     logs = {}
     for place, axis in enumerate(plant.description.axes):

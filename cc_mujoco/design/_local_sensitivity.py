@@ -112,20 +112,10 @@ def analyse_best_design(
     limits: Sequence[MetricLimit],
     run: Callable[[Plan], pa.Table],
 ) -> Around | None:
-    """Look around the best design of a study.
+    """Look around the best design of a study that keeps the limits.
 
-    Args:
-        plan: the study.
-        table: its table.
-        objectives: what makes a design good.
-        limits: that it keeps.
-        run: carries a plan out; see `carry_out`.
-
-    Returns:
-        What was found; None where no design is good, or none could move.
-
-    Raises:
-        CableError: no objectives were given.
+    Returns None where no design is good, or none could move. `run` carries a plan out;
+    see `carry_out`.
     """
     if not objectives:
         raise CableError("what is around the best design needs an objective.")
@@ -334,7 +324,6 @@ class _Program:
 
 
 def relax_limit(limit: MetricLimit) -> MetricLimit:
-    """Return the limit relaxed by `LIMIT_RELAXATION`."""
     by = LIMIT_RELAXATION * abs(limit.bound) or 1.0
     return dataclasses.replace(
         limit, bound=limit.bound - by if limit.least else limit.bound + by

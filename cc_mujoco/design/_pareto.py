@@ -28,7 +28,6 @@ class Objective:
 
     @property
     def text(self) -> str:
-        """For a reader."""
         return f"{self.name} ({'high' if self.high else 'low'})"
 
     def cost(self, metrics: Mapping[str, float]) -> float:
@@ -49,14 +48,12 @@ class MetricLimit:
 
     @property
     def column(self) -> str:
-        """Column of the number that must keep the limit."""
         if not self.across:
             return self.name
         return f"{self.name}@{LEAST_SUFFIX if self.least else MOST_SUFFIX}"
 
     @property
     def text(self) -> str:
-        """Text of the limit as it is written."""
         return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
 
     def beyond(self, metrics: Mapping[str, float]) -> float:
@@ -174,7 +171,6 @@ def within_limits(table: pa.Table, limits: Sequence[MetricLimit]) -> NDArray[np.
 
 
 def column(table: pa.Table, name: str) -> Array:
-    """Return a column of a table as numbers, NaN where it has none."""
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 

@@ -36,7 +36,6 @@ PRICES_NOTE = (
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric or a variable; empty where it has none."""
     name, _, of = name.partition("@")
     if of == WORST_CASE_SUFFIX:
         return ""
@@ -45,7 +44,6 @@ def unit_of(name: str) -> str:
 
 
 def column_title(name: str) -> str:
-    """Return the title of a column."""
     unit = unit_of(name)
     return f"{name} [{unit}]" if unit else name
 
@@ -78,7 +76,6 @@ def format_quantity(name: str, value: object) -> str:
 
 
 def describe_controllers(controllers: Sequence[str]) -> str:
-    """Name the controllers of a study."""
     if len(controllers) == 1:
         return f"controller {controllers[0]}"
     names = ", ".join(controllers)

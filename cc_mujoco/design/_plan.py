@@ -250,11 +250,7 @@ def make_plan(
 
 
 def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
-    """Plan a search for the best designs.
-
-    Raises:
-        CableError: the specification is invalid.
-    """
+    """Plan a search for the best designs."""
     if spec.designs is not None or spec.sampling != "grid" or spec.samples:
         raise CableError(
             "--optimise chooses the designs itself: give --vary, and neither "
@@ -317,11 +313,7 @@ def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
 
 
 def require_optuna() -> Any:
-    """Return the module of Optuna.
-
-    Raises:
-        CableError: it is not installed.
-    """
+    """Return the module of Optuna."""
     try:
         import optuna
     except ImportError:
@@ -333,11 +325,7 @@ def require_optuna() -> Any:
 
 
 def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the controllers, checked to be unique.
-
-    Raises:
-        CableError: there is none, or one is given twice.
-    """
+    """Return the controllers, checked to be unique."""
     found = require_list("controllers", names)
     if not found:
         raise CableError("a study needs a controller.")
@@ -352,10 +340,7 @@ def _make_protocol(
 ) -> tuple[EpisodeProtocol, Device]:
     """Return the protocol of designs and the scene.
 
-    Args:
-        spec: the study.
-        goals: objectives, which determine the worst case.
-        named: names of the variables of designs.
+    The objectives determine the worst case; `named` are the variables of designs.
     """
     scene = _scene_of(spec.scene)
     builder = load_device(scene, spec.timestep)
@@ -478,11 +463,7 @@ def _on_pulley(builder: Device, axis: Axis) -> bool:
 
 
 def _scene_of(given: str | Path) -> str:
-    """Return the name of a built-in device, or the absolute path of another.
-
-    Raises:
-        CableError: it is neither a name nor a path.
-    """
+    """Return the name of a built-in device, or the absolute path of another."""
     if not isinstance(given, (str, Path)):
         raise CableError(
             "a study needs the name or the file of a device, as its workers load it "
@@ -492,11 +473,7 @@ def _scene_of(given: str | Path) -> str:
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
-    """Return the metrics that are chosen for a study.
-
-    Raises:
-        CableError: They are no list, or there is no such metric.
-    """
+    """Return the metrics that are chosen for a study."""
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise CableError(f"metrics must be a list of texts, not {given!r}.")
     return [metric_of_designs(one) for one in given]
@@ -507,9 +484,6 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
 
     Objects of the package are known by their parameters, those of the user by all that
     they hold: the text of an array may leave numbers out.
-
-    Raises:
-        CableError: An object of the user cannot be pickled.
     """
     if isinstance(given, (str, Path)):
         text = str(given)
@@ -543,11 +517,7 @@ def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
 def _check(
     across: Across, builder: Device, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
-    """Return every design as it is used.
-
-    Raises:
-        CableError: designs are impossible; it names the first, its reason and a count.
-    """
+    """Return every design as it is used."""
     checked: list[Design] = []
     wrong: list[tuple[int, str]] = []
     for index, row in enumerate(rows):
@@ -570,11 +540,7 @@ def _check(
 
 
 def _require_distinct(designs: Sequence[Design]) -> None:
-    """Reject duplicate designs, which would count twice in all ranks.
-
-    Raises:
-        CableError: two designs are equal.
-    """
+    """Reject duplicate designs, which would count twice in all ranks."""
     seen: dict[tuple[object, ...], int] = {}
     for index, design in enumerate(designs):
         first = seen.setdefault(tuple(design.items()), index)

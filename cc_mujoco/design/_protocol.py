@@ -79,11 +79,7 @@ class EpisodeProtocol:
 
     @property
     def device(self) -> Device:
-        """Device that designs are variants of.
-
-        Raises:
-            CableError: a file of it is not what it was when the study was planned.
-        """
+        """Device that designs are variants of."""
         device = load_device(self.scene, self.timestep)
         now, then = device_digests(device), dict(self.files)
         for name in {**then, **now}:
@@ -158,7 +154,6 @@ class SineTorque(Task):
     """Constant part [N m]; a cable that only pulls needs one."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the desired torque [N m]; see `Task.torque`."""
         wave = self.bias + self.amplitude * np.sin(
             2.0 * math.pi * SWING_PERIODS * phase
         )
@@ -177,7 +172,6 @@ class ChirpTorque(Task):
     """Constant part [N m]; a cable that only pulls needs one."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the desired torque [N m]; see `Task.torque`."""
         octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
         cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
         wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * cycles)
@@ -196,10 +190,8 @@ def tasks_of_axes(
 ) -> dict[str, str | Path | Task]:
     """Return the task of every axis by its name.
 
-    Args:
-        task: of all axes, or of each as `hip=swing,ankle=assist`; one that is not named
-            keeps that of the device, as all do without a task.
-        device: whose axes there are.
+    `task` is that of all axes, or of each as `hip=swing,ankle=assist`; an axis that is
+    not named keeps that of the device, as all do without a task.
     """
     own: dict[str, str | Path | Task] = {axis.name: axis.task for axis in device.axes}
     if task is None:
@@ -216,12 +208,7 @@ def task_text(tasks: Mapping[str, str]) -> str:
 
 
 def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
-    """Return texts, in place of each like `hip=pi,ankle=model` its parts.
-
-    Args:
-        texts: of controllers or tasks.
-        axes: names of the axes.
-    """
+    """Return texts, in place of each like `hip=pi,ankle=model` its parts."""
     names = tuple(axes)
     found: list[str] = []
     for text in texts:

@@ -92,18 +92,11 @@ def write_report(
     nearby: Around | None = None,
     half: Halved | None = None,
 ) -> tuple[Path, ...]:
-    """Write all that is made of a table.
+    """Write all that is made of a table; return the files.
 
-    Args:
-        folder: where.
-        plan: the study. Without objectives the ranking goes by usual ones.
-        table: its table.
-        command: that made the study, for the reader.
-        nearby: sensitivities around the best design, if requested.
-        half: results with half the time step, if requested.
-
-    Returns:
-        The files that were written.
+    Without objectives the ranking goes by usual ones. `command` made the study, for the
+    reader; `nearby` has sensitivities around the best design, `half` results with half
+    the time step, if requested.
     """
     found = [
         one

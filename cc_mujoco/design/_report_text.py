@@ -111,7 +111,6 @@ class RankedStudy:
 
     @classmethod
     def of(cls, plan: Plan, found: pa.Table) -> RankedStudy:
-        """Rank the designs of a table by the objectives and limits of its plan."""
         goals, limits = goals_of(plan, found), plan.limits
         cost = objective_costs(found, goals, limits)
         return cls(
@@ -598,7 +597,6 @@ def local_values(found: Around | None) -> Html | None:
 
 
 def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows, a variable per row and a metric per column."""
     metrics = list(dict.fromkeys(slope.metric for slope in found.slopes))
     rows = []
     for name in dict.fromkeys(slope.variable for slope in found.slopes):
@@ -609,7 +607,6 @@ def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
 
 
 def price_table(found: Around) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows, an objective and a limit per row."""
     rows = []
     for price in found.prices:
         name = price.objective
@@ -767,7 +764,6 @@ def variable_meanings(found: RankedStudy) -> Html:
 
 
 def _heading(name: str) -> str:
-    """Return the title of a column that may break into lines."""
     return column_title(name).replace("@", ", ").replace("_", " ")
 
 

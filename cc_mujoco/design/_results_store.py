@@ -68,17 +68,11 @@ class Store:
     """Finished designs of a study, kept in a folder or, without one, in memory."""
 
     def __init__(self, plan: Plan, folder: Path | None, again: bool = False) -> None:
-        """Open the folder and find the finished batches.
+        """Open the folder, made if need be, and find the finished batches.
 
-        Args:
-            plan: the study.
-            folder: where its table lies; made if need be.
-            again: whether to begin anew; a table that is there stays until the new one
-                takes its place.
-
-        Raises:
-            CableError: the folder holds another study, or what other code made, or
-                cannot be written.
+        With `again` all begins anew; a table that is there stays until the new one
+        takes its place. A folder that holds another study, or what other code made, is
+        refused.
         """
         self.plan, self._folder = plan, folder
         """The study; that of a search grows."""
@@ -137,13 +131,11 @@ class Store:
 
     @property
     def kept(self) -> int:
-        """Designs that are done."""
         if self.whole is not None:
             return len(self.whole)
         return sum(count for count, _ in self._done.values())
 
     def missing(self) -> list[int]:
-        """Return the batches that are still to be done."""
         if self.whole is not None:
             return []
         # A search that goes on beyond an incomplete generation has other batches.
@@ -158,7 +150,6 @@ class Store:
         return [json.dumps(designs[i]) for i in self.plan.batches[batch]]
 
     def keep(self, batch: int, results: Sequence[DesignResult]) -> None:
-        """Keep the results of a batch."""
         written = self._written(batch)
         columns = _columns(results, self.plan.protocol)
         columns[_DESIGN_COLUMN] = pa.array(written, pa.string())
@@ -263,11 +254,7 @@ def _remove_parts(folder: Path) -> None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Read the description of the study in a folder.
-
-    Raises:
-        CableError: there is none.
-    """
+    """Read the description of the study in a folder."""
     try:
         found = dict(parse_json((folder / STUDY_FILE).read_text(encoding="utf-8")))
         _ = found["variables"], found["protocol"]["duration"]
@@ -279,11 +266,7 @@ def read_study(folder: Path) -> dict[str, Any]:
 
 
 def read_protocol(folder: Path) -> dict[str, Any]:
-    """Read the protocol of the study in a folder, to play it again.
-
-    Raises:
-        CableError: there is none, or it names code that no call has allowed.
-    """
+    """Read the protocol of the study in a folder, to play it again."""
     protocol: dict[str, Any] = read_study(folder)["protocol"]
     free: dict[str, Container[str]]
     free = {"trajectory": TRAJECTORIES, "task": TASKS, "controllers": (), "own": ()}
@@ -296,11 +279,7 @@ def read_protocol(folder: Path) -> dict[str, Any]:
 
 
 def read_table(folder: Path) -> pa.Table:
-    """Return the table of the finished study in a folder.
-
-    Raises:
-        CableError: there is none.
-    """
+    """Return the table of the finished study in a folder."""
     path = folder / TABLE_FILE
     if not path.exists():
         raise CableError(f"the study in {folder} is not finished; run it again.")

@@ -80,7 +80,6 @@ class Across:
         return self.label(self.cases[int(place)])
 
     def label(self, case: Mapping[str, Value]) -> str:
-        """Return the name of a case."""
         return ", ".join(
             f"{name}={_format_short(value)}" for name, value in case.items()
         )
@@ -95,11 +94,7 @@ class Across:
         return f"the {RANK_NAMES[self.rank]} over {many} ({values})"
 
     def check(self, device: Device, design: Mapping[str, object]) -> dict[str, Value]:
-        """Return the design as it is used; see `Plant.check`.
-
-        Raises:
-            CableError: it is impossible, in one of the cases at least.
-        """
+        """Return the design as it is used; see `Plant.check`."""
         for name in design:  # a plant has more that may change
             find(name, device.cables, device.axis_cables)
         for case in self.cases:
@@ -117,11 +112,7 @@ class Across:
         return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 
     def require_disjoint(self, varied: Iterable[str]) -> None:
-        """Refuse variables that are both varied and crossed.
-
-        Raises:
-            CableError: a name is both varied and crossed, or sets the same thing.
-        """
+        """Refuse variables that are both varied and crossed."""
         for name in varied:
             for crossed in self.names:
                 if name == crossed:
@@ -144,15 +135,8 @@ def read_across(
 ) -> Across:
     """Parse the cases over which designs are judged.
 
-    Args:
-        given: values of each name, see `_designs.read_range`; `wearer` besides.
-        rank: key of `RANK_NAMES`; the worst by default.
-        device: whose cables and axes there are.
-        turned: see `Across`.
-
-    Raises:
-        CableError: an unknown name or rank, values that cannot be, a range without a
-            count, or a rank without cases.
+    `given` has values of each name, see `_designs.read_range`, and `wearer`. `rank` is
+    a key of `RANK_NAMES`, the worst by default. For `turned` see `Across`.
     """
     if rank is not None:
         look_up("rank", rank, RANK_NAMES)

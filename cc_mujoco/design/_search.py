@@ -49,11 +49,7 @@ def search(
     progress: Progress = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> tuple[Plan, pa.Table]:
-    """Carry a search out; see `optimise`.
-
-    Returns:
-        The plan with its designs, and their table.
-    """
+    """Carry a search out; see `optimise`."""
     goals, limits, evaluations = plan.objectives, plan.limits, plan.evaluations
     store = Store(plan, folder, execution.again)
     if store.finished > evaluations:
@@ -139,7 +135,6 @@ def run_batches(
 
 
 def _design_count(plan: Plan) -> float:
-    """Return the number of designs within the ranges."""
     levels = [values.levels for values in plan.ranges.values()]
     return math.prod(len(each) for each in levels) if all(levels) else math.inf
 

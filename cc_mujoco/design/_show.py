@@ -54,23 +54,17 @@ def show(
     case: int | None = None,
     allow: str | Iterable[str] = (),
 ) -> tuple[EpisodeLog, mujoco.MjModel]:
-    """Play a design of a study in the whole scene.
+    """Play a design of a study in the whole scene; return its log and the model.
 
-    Args:
-        folder: of the study.
-        row: number of the design, column `design` of its table.
-        progress: called with the simulated time [s].
-        case: of a study over several, which, counted from 0; by default that in which
-            the first metric is worst, or the first where the design failed.
-        allow: `MODULE:NAME` of code that the files of the study may name.
-
-    Returns:
-        The log of its episode, bit for bit the one that the study measured, and the
-        model it was played on.
+    The log is bit for bit the one that the study measured. `row` is the number of the
+    design, column `design` of its table. `case` is one of a study over several, counted
+    from 0; by default that in which the first metric is worst, or the first where the
+    design failed. `progress` is called with the simulated time [s]. The files of the
+    study may name the code `allow`, as `MODULE:NAME`.
 
     Raises:
-        CableError: there is no finished study or no such row, its code or files have
-            changed, or the design fails.
+        CableError: there is no finished study or no such row, its code or files
+            have changed, or the design fails.
     """
     user_code.allow(allow)
     folder = Path(folder)
@@ -144,11 +138,7 @@ def show(
 def _require_text(
     folder: Path, kind: str, text: str, registry: Mapping[str, object]
 ) -> None:
-    """Refuse a trajectory or a task that was given as a Python object.
-
-    Raises:
-        CableError: it is neither a name, nor a table, nor an object of a module.
-    """
+    """Refuse a trajectory or a task that was given as a Python object."""
     name = text.partition(":")[0]
     if not (name in registry or is_table(text) or is_user_object(text, registry)):
         raise CableError(
@@ -159,11 +149,7 @@ def _require_text(
 
 
 def find_user_metrics(folder: str | Path) -> None:
-    """Find the metrics of the user that a study measures.
-
-    Raises:
-        CableError: There is no such study or metric, or it was given as an object.
-    """
+    """Find the metrics of the user that a study measures."""
     for name, known in read_protocol(Path(folder))["own"].items():
         if not is_user_controller(known):
             raise CableError(
@@ -175,11 +161,7 @@ def find_user_metrics(folder: str | Path) -> None:
 
 
 def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:
-    """Return the case in which `show` plays a design; empty if the study has no cases.
-
-    Raises:
-        CableError: there is no such study, row or case.
-    """
+    """Return the case in which `show` plays a design; {} if there are no cases."""
     protocol = read_study(Path(folder))["protocol"]
     levels = protocol.get("across", {})
     across = Across(tuple((name, tuple(values)) for name, values in levels.items()))
@@ -204,11 +186,7 @@ def _design(folder: Path, row: int, names: list[str]) -> Design:
 
 
 def read_row(folder: str | Path, row: int) -> dict[str, Any]:
-    """Return a row of the table of a study, by column.
-
-    Raises:
-        CableError: there is no finished study or no such row.
-    """
+    """Return a row of the table of a study, by column."""
     table = read_table(Path(folder))
     if not 0 <= row < len(table):
         raise CableError(
@@ -249,15 +227,8 @@ def compare(
 ) -> list[Pair]:
     """Variables, cases and metrics of two designs, as the table of the study has them.
 
-    Args:
-        folder: of the study.
-        row: number of the one design, column `design` of its table.
-        against: number of the other.
-        case: in which they are shown, see `show.show`.
-
-    Raises:
-        CableError: there is no finished study, no such row or case, or both designs
-            are the same.
+    `row` and `against` are numbers of designs, column `design` of its table; `case` is
+    as in `show`.
     """
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
@@ -297,19 +268,8 @@ def write_comparison(
 ) -> list[Pair]:
     """Play two designs of a study and write table, figure and recording of both.
 
-    Args:
-        out: folder for `FILES`; made if need be.
-        folder: of the study.
-        row: number of the one design.
-        against: number of the other, which differences are taken from.
-        case: of a study over several, see `show.show`.
-        progress: called with the simulated time [s] of both together.
-
-    Returns:
-        What the table holds.
-
-    Raises:
-        CableError: see `compare`, `show.show` and `require_ours`.
+    `out` is a folder for `FILES`, made if need be; differences are taken from
+    `against`. `case` and `progress` are as in `show`. Returns what the table holds.
     """
     from cc_mujoco.viz._comparison import (
         LabelledEpisode,

@@ -110,14 +110,7 @@ def metric_of(name: str) -> Metric:
 
 
 def metric_of_designs(given: str | Metric) -> Metric:
-    """Return a metric that the designs of a study can have.
-
-    Args:
-        given: Name, `AXIS.NAME`, `MODULE:NAME` or the metric.
-
-    Raises:
-        CableError: There is no such metric, or it is of no design.
-    """
+    """Return a metric that the designs of a study can have."""
     axis = ""
     if isinstance(given, str) and ":" not in given:
         axis, given = split_metric(given)
@@ -141,15 +134,7 @@ def metric_of_designs(given: str | Metric) -> Metric:
 
 
 def require_axes(names: Sequence[str], axes: Sequence[str]) -> None:
-    """Refuse metrics of axes that a device does not have.
-
-    Args:
-        names: Of metrics.
-        axes: Names of the axes where there are several.
-
-    Raises:
-        CableError: One is of an unknown axis, or names the only one.
-    """
+    """Refuse metrics of axes that a device does not have."""
     for name in names:
         axis, own = split_metric(name)
         if axis and not axes:
@@ -175,9 +160,8 @@ def missing_fact(
 ) -> str | None:
     """Return what would have to be written for a metric of designs with these names.
 
-    Returns:
-        A part of a sentence: key and table of the description; None where nothing of
-        the device is missing.
+    Key and table of the description, as a part of a sentence; None where nothing of the
+    device is missing.
     """
     rope = math.isnan(device.diameter) and "diameter" not in names
     own = metric.name.rpartition(".")[2]
@@ -197,11 +181,7 @@ def is_stride_metric(name: str) -> bool:
 
 
 def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the columns of the axes of each metric.
-
-    Returns:
-        Metric by name of the column, `AXIS.METRIC`; nothing where there is one axis.
-    """
+    """Return the metric of each column of the axes, `AXIS.METRIC`; {} for one axis."""
     return {
         f"{axis}.{name}": name
         for name in protocol.metrics
@@ -216,9 +196,7 @@ def over_axes(
 ) -> dict[str, float]:
     """Return the metrics of the worst axis, from those of every axis.
 
-    Args:
-        protocol: whose metrics they are.
-        found: by `AXIS.METRIC`; an axis may lack one that it cannot have.
+    `found` is by `AXIS.METRIC`; an axis may lack one that it cannot have.
     """
     worst = {}
     for name in protocol.metrics:
@@ -230,12 +208,7 @@ def over_axes(
 
 
 def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
-    """Return the columns of the metrics for each of several controllers.
-
-    Returns:
-        Metric and controller by name of the column, `METRIC@CONTROLLER`; nothing where
-        there is one controller.
-    """
+    """Return metric and controller of each column `METRIC@CONTROLLER`; {} for one."""
     if len(protocol.controllers) == 1:
         return {}
     return {
@@ -247,11 +220,7 @@ def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
 
 
 def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the columns of least and greatest number over the cases of a design.
-
-    Returns:
-        Metric by name of the column; nothing where there are no cases.
-    """
+    """Return the metric of each column of least or greatest number over the cases."""
     if not protocol.across.several:
         return {}
     ends = (LEAST_SUFFIX, MOST_SUFFIX)
@@ -259,7 +228,6 @@ def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
 
 
 def number_columns(protocol: EpisodeProtocol) -> tuple[str, ...]:
-    """Return the columns of all numbers that a design has."""
     return (
         *protocol.metrics,
         *by_axis(protocol),

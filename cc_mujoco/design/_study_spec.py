@@ -137,17 +137,7 @@ def specified(
     designs: str | Path | Sequence[Mapping[str, object]] | None,
     fields: Mapping[str, Any],
 ) -> StudySpec:
-    """Return the specification that the arguments of a study make.
-
-    Args:
-        scene: name of the device, or a specification of which the others change fields.
-        vary: see `StudySpec`.
-        designs: see `StudySpec`.
-        fields: other fields of `StudySpec` by name.
-
-    Raises:
-        TypeError: there is no such field.
-    """
+    """Return the specification that the arguments of a study make."""
     spec = scene if isinstance(scene, StudySpec) else StudySpec(scene)
     changes = dict(fields)
     if vary is not None:

@@ -67,19 +67,6 @@ class DesignAxis:
 
 @dataclass(frozen=True)
 class Surface:
-    """A thin-plate spline through the designs, smoothed as cross-validation wants it.
-
-    It has only the variables without which it would predict designs left out worse:
-    each other one would add ripples, which look like effects of all.
-
-    Attributes:
-        x: variables of the designs that it is fitted to, each on its scale (n, all).
-        y: the metric there (n,).
-        active: columns of the variables that it has.
-        smoothing: of the spline.
-        r_squared: part of the variance that it predicts at designs left out.
-    """
-
     x: Array
     y: Array
     active: tuple[int, ...]
@@ -96,7 +83,6 @@ class Surface:
 
     @property
     def designs(self) -> int:
-        """Number of designs that it is fitted to."""
         return len(self.y)
 
     def halves(self, count: int) -> Iterator[Surface]:
@@ -111,7 +97,6 @@ class Surface:
 
 
 def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAxis]:
-    """Return the axis of each varied variable."""
     return [DesignAxis(ranges[name]) for name in varied]
 
 

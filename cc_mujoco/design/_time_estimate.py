@@ -26,9 +26,7 @@ LONG_WAIT = 20.0
 def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
     """Yield that slow controllers are timed, then how long each takes if that is long.
 
-    Args:
-        plan: Of the study; of a search nothing is known in advance.
-        threads: Threads that simulate; 0 means one per processor.
+    Of a search nothing is known in advance. 0 `threads` means one per processor.
     """
     slow = [
         law
@@ -69,7 +67,6 @@ def _seconds_per_design(plan: Plan, law: str) -> float:
 
 
 def _rough(seconds: float) -> str:
-    """Return a duration in words."""
     for unit, size in (("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"

@@ -83,17 +83,9 @@ def check_timestep(
 ) -> Halved | None:
     """Try designs of a study again at half its time step.
 
-    They are spread over the ranking, with the best and the worst among them.
-
-    Args:
-        plan: the study.
-        table: its table.
-        goals: what it is ranked by; these numbers are compared, and those of limits.
-        limits: that a good design keeps.
-        run: carries a plan out; see `carry_out`.
-
-    Returns:
-        What became of the numbers; None where no design has all of them.
+    They are spread over the ranking, with the best and the worst among them. The
+    numbers of `goals` and `limits` are compared. Returns None where no design has all
+    of them. `run` carries a plan out; see `carry_out`.
     """
     cost = objective_costs(
         table, goals, ()

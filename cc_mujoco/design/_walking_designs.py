@@ -50,17 +50,7 @@ def require_played(
     trajectory: str,
     tasks: Mapping[str, str],
 ) -> None:
-    """Refuse to vary a walk or a profile that a study does not play.
-
-    Args:
-        device: of the study.
-        names: what is varied.
-        trajectory: that the study plays.
-        tasks: of every axis by its name.
-
-    Raises:
-        CableError: the variable, and what the study would have to play.
-    """
+    """Refuse to vary a walk or a profile that a study does not play."""
     require_scene(device, names)
     for name in (SPEED, LEG_LENGTH):
         if name in names and trajectory != WALK:
@@ -91,13 +81,8 @@ def require_strides(
 ) -> None:
     """Refuse to measure strides in episodes too short for one.
 
-    Args:
-        protocol: how designs are tried.
-        designs: those that walk slowest among them, at least.
-
-    Raises:
-        CableError: a requested metric has no number for one of them in at least one
-            case; the others would be compared without it.
+    `designs` are those that walk slowest, at least. A metric without a number in one
+    case would be compared over the others.
     """
     stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
     if not stride_metrics:
@@ -119,12 +104,7 @@ def require_strides(
 
 
 def _whole_stride(design: Mapping[str, Value], period: float) -> float:
-    """Return the end of the first stride walked at full cadence all along [s].
-
-    Args:
-        design: Whose wearer walks.
-        period: Time between two samples [s].
-    """
+    """Return the end of the first stride walked at full cadence all along [s]."""
     walk = Walk.at(speed_of(design), body_of(design))
     # By the end of the start half of it has been walked; one sample tells the strike.
     return 0.5 * walk.start + 2.0 * walk.period + period
@@ -151,12 +131,8 @@ def fit_profile(
     is mapped to the same fraction of the range that is left. So all designs are
     possible and the longest fall is an edge, not a slope across two variables.
 
-    Args:
-        design: As it was drawn.
-        ranges: Ends of the variables that are drawn between them, and whether on a
-            logarithmic scale.
-        cases: What differs from case to case; the profile has to fit into the shortest
-            stance.
+    `ranges` are the ends of the drawn variables, and whether on a logarithmic scale;
+    the profile has to fit into the shortest stance of all `cases`.
     """
     found = dict(design)
     if not any(name in design for name in PROFILE):
@@ -193,13 +169,7 @@ def _rescale(value: float, low: float, high: float, log: bool, most: float) -> f
 def tasks_of(
     designs: Sequence[Mapping[str, Value]], task: TaskChoice, device: Description
 ) -> TaskChoice:
-    """Return the task of designs simulated together: `task`, or their profiles.
-
-    Args:
-        designs: those that are simulated.
-        task: of all axes, or by axis.
-        device: one of whose axes has the profiles.
-    """
+    """Return the task of designs simulated together: `task`, or their profiles."""
     found = [profile_of(design) for design in designs]
     profiles = [profile for profile in found if profile is not None]
     return _with_profile(task, Profiles(profiles) if profiles else None, device)
@@ -208,7 +178,6 @@ def tasks_of(
 def task_of(
     design: Mapping[str, Value], task: TaskChoice, device: Description
 ) -> TaskChoice:
-    """Return the task of one design; the arguments are those of `tasks_of`."""
     own = _each_task(task, lambda one: _task_of_wearer(one, design))
     return _with_profile(own, profile_of(design), device)
 

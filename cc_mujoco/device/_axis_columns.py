@@ -20,13 +20,7 @@ def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
 def axis_columns(
     columns: Mapping[str, Any], prefix: str, prefixes: Sequence[str]
 ) -> Mapping[str, Any]:
-    """Return the columns of one axis under plain names, with those of the device.
-
-    Args:
-        columns: By name; those of an axis begin with its prefix.
-        prefix: Of the axis; with an empty one the columns are returned as they are.
-        prefixes: Those of all axes.
-    """
+    """Return the columns of one axis under plain names, with those of the device."""
     if not prefix:
         return columns
     every, size = tuple(prefixes), len(prefix)
@@ -40,13 +34,7 @@ def axis_columns(
 def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
     """Return the parts of `hip=pi,ankle=model` by axis, or a text without any.
 
-    Args:
-        text: Parts separated by commas; `hip=sine:0.3,frequency=2` is one part, as
-            numbers follow a colon.
-        names: Names of the axes.
-
-    Raises:
-        CableError: An axis is given twice, or there is none of that name.
+    `hip=sine:0.3,frequency=2` is one part, as numbers follow a colon.
     """
     known, last = tuple(names), ""
     found: dict[str, str] = {}

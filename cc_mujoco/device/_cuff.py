@@ -17,17 +17,10 @@ def add_cuff(
 ) -> Axis:
     """Put the cables of an axis on a frame of its own, strapped to the limb.
 
-    Args:
-        spec: The scene, which is changed: it gets a body, a hinge and a tendon.
-        model: The scene as it was.
-        axis: Whose cables are to drive the frame.
-        table: `stiffness`, `damping` and `inertia`.
-
-    Returns:
-        The axis with the frame's joint in place of the limb's.
-
-    Raises:
-        CableError: Numbers are missing, or a cable wraps around the limb itself.
+    The scene `spec` gets a body, a hinge and a tendon by `stiffness`, `damping` and
+    `inertia` of `table`; `model` is the scene as it was. Returns the axis with the
+    frame's joint in place of the limb's. A cable that wraps around the limb itself is
+    refused.
     """
     table.only("stiffness", "damping", "inertia")
     stiffness = table.number("stiffness", 1e-6)

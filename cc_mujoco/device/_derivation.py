@@ -123,13 +123,8 @@ class _End(NamedTuple):
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     """Return the description of a scene; gives it a wearer where it has none.
 
-    Args:
-        spec: The scene; bodies that are to be held, names and wearers are changed.
-        scene: Its name or path.
-        table: File of the description; empty where there is none.
-
-    Raises:
-        CableError: The scene is no device, or the file says what it does not have.
+    Bodies of `spec` that are to be held, names and wearers are changed. `table` is the
+    file of the description, empty where there is none.
     """
     table.only(*KEYS)
     read = DescriptionReader()
@@ -199,7 +194,6 @@ def _period(
 
 
 def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End]]:
-    """Return both ends of every cable."""
     model, found = arms.model, {}
     for name, instance in instances(model).items():
         ends = []
@@ -295,11 +289,7 @@ def _axes(
 
 
 def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]:
-    """Return the axes, those of one joint named by their motors unless the file does.
-
-    Raises:
-        CableError: Their cables pull the joint in one sum, so nothing separates them.
-    """
+    """Return the axes, those of one joint named by their motors by default."""
     joints = [one.axis.joint for one in found]
     named = []
     for one in found:

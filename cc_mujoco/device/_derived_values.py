@@ -17,7 +17,6 @@ class DescriptionReader:
         self.sources: dict[str, str] = {}
 
     def note(self, key: str, origin: str) -> None:
-        """Record where a value is from."""
         self.sources[key] = origin
 
     def number(

@@ -36,18 +36,7 @@ def derive_movers(
     table: Table,
     read: DescriptionReader,
 ) -> dict[str, str]:
-    """Return the actuators by which the wearer moves joints; adds those that lack.
-
-    Args:
-        spec: The scene, which is changed.
-        arms: Of its actuators.
-        axes: Of the device.
-        table: File of the description.
-        read: Takes the origins.
-
-    Raises:
-        CableError: The file names a joint or an actuator that no wearer moves.
-    """
+    """Return the actuators by which the wearer moves joints; adds those that lack."""
     model = arms.model
     drums = {axis.drum for axis in axes}
     driven = [axis.joint for axis in axes]

@@ -190,11 +190,7 @@ def device_label(scene: str) -> str:
 
 
 def read_table(path: Path) -> Table:
-    """Read the file of a description.
-
-    Raises:
-        CableError: It cannot be read, or is no TOML.
-    """
+    """Read the file of a description."""
     try:
         content = parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:

@@ -54,7 +54,6 @@ class Nominal:
         cables: Mapping[str, Cable],
         wearers: Mapping[str, Wearer],
     ) -> None:
-        """Take the description, all cables by name, and the wearer by joint."""
         self.description, self.cables, self.wearers = description, cables, wearers
 
     @property
@@ -76,12 +75,10 @@ class Device(Nominal):
     ) -> None:
         """Read the scene and its description.
 
-        Args:
-            source: Name of a built-in scene, path of an MJCF file (`*.xml`), or of a
-                description (`*.toml`).
-            timestep: Of the physics [s]; that of the scene by default.
-            given: Keys of a description instead of those of the file beside the scene,
-                for example `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
+        `source` is the name of a built-in scene, or the path of an MJCF file (`*.xml`)
+        or a description (`*.toml`). `timestep` of the physics [s] is that of the scene
+        by default. Keys that are `given` take the place of those of the file, for
+        example `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
 
         Raises:
             CableError: There is no such scene, or it is no device.
@@ -200,7 +197,6 @@ class Device(Nominal):
         self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}
 
     def __reduce__(self) -> Any:
-        """Return what a copy in another process is made of."""
         if self.path is None:
             raise CableError(
                 f"device {self.name!r} was made of a specification, which another "
@@ -232,11 +228,7 @@ class Device(Nominal):
 
 
 def _load_spec(scene: Path) -> mujoco.MjSpec:
-    """Return the specification of a scene.
-
-    Raises:
-        CableError: It cannot be read.
-    """
+    """Return the specification of a scene."""
     try:
         return read_spec(scene)
     except ValueError as error:
@@ -245,11 +237,7 @@ def _load_spec(scene: Path) -> mujoco.MjSpec:
 
 
 def frame_skip(description: Description, timestep: float) -> int:
-    """Return the physics steps between two calls of a controller.
-
-    Raises:
-        CableError: The period of the device is no whole number of steps.
-    """
+    """Return the physics steps between two calls of a controller."""
     steps = round(description.period / timestep)
     if steps < 1 or abs(steps * timestep - description.period) > 1e-9:
         raise CableError(

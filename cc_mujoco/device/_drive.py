@@ -29,7 +29,6 @@ class CableDrive:
     """Displacement of the distal end per joint angle [m/rad], signed."""
 
     def __post_init__(self) -> None:
-        """Refuse an arm that transmits nothing."""
         for name in ("proximal", "distal"):
             value = getattr(self, name)
             require_parameter(self, name, -math.inf, math.inf, "")
@@ -110,7 +109,6 @@ class Drive:
     """Observation of the device's environment; saved policies need it."""
 
     def __post_init__(self) -> None:
-        """Refuse a drive that cannot be controlled."""
         for name in ("low", "high", "period", "motor_lag", "torque_rate", "ratio"):
             require_parameter(self, name, -math.inf, math.inf, "")
         if not (math.isfinite(self.ratio) and self.ratio != 0.0):

@@ -26,11 +26,7 @@ Parameters = dict[str, dict[str, Any]]
 
 
 def hysteresis_of(table: Table) -> dict[str, Parameters]:
-    """Return the parameters of every axis in a table.
-
-    Raises:
-        CableError: It holds something else than numbers.
-    """
+    """Return the parameters of every axis in a table."""
     found: dict[str, Parameters] = {}
     for axis in table.content:
         for law, values in table.tables(axis).items():
@@ -45,15 +41,9 @@ def hysteresis_of(table: Table) -> dict[str, Parameters]:
 def write_hysteresis(
     path: str | os.PathLike[str], axis: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Write the file of an axis.
+    """Write the file of an axis, which must not be there.
 
-    Args:
-        path: Of the file, which must not be there.
-        axis: Name of the axis.
-        parameters: As of `control.fit_hysteresis`.
-
-    Raises:
-        CableError: The file is there, or cannot be written.
+    `parameters` are those of `control.fit_hysteresis`.
     """
     place = Path(path)
     if place.exists():

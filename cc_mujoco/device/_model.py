@@ -102,17 +102,6 @@ class AxisModel:
         rivals: Collection[str] = (),
         joints: Collection[str] = (),
     ) -> None:
-        """Find the parts.
-
-        Args:
-            axis: Their names.
-            model: The model of the device.
-            ends: Indices of both ends of every cable in `actuator_force`.
-            mover: The wearer at the joint; None where nothing follows a reference.
-            rivals: Cables of other motors that drive the same joint, whose torque is
-                not that of this axis.
-            joints: Driven joints of all axes.
-        """
         self.axis, self.model = axis, model
         motor = model.actuator(axis.motor)
         self._motor = int(motor.id)
@@ -231,13 +220,7 @@ class AxisModel:
         )
 
     def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
-        """Return the prior knowledge of a controller, without sensors.
-
-        Args:
-            cables: All cables of the device.
-            device: Its name.
-            period: Time between two calls of the controller [s].
-        """
+        """Return the prior knowledge of a controller, without sensors."""
         low, high = self._torques
         cable_drives = tuple(
             CableDrive(
@@ -279,9 +262,8 @@ class AxisModel:
     ) -> dict[str, Any]:
         """Read angles, velocities and torques of motor, joint and wearer.
 
-        Args:
-            physics: The simulation, or several; its `plugin_state` is not read.
-            winding: That of each, where several differ.
+        Of one simulation or several; `plugin_state` is not read. `winding` is that of
+        each, where several differ.
         """
         qpos, qvel = physics.qpos.T, physics.qvel.T
         force = physics.actuator_force.T
@@ -499,9 +481,7 @@ def physics_of(data: mujoco.MjData) -> Physics:
 def motor_lag(model: mujoco.MjModel, actuator: int) -> float:
     """Return the time constant of a motor's torque behind its control [s].
 
-    Args:
-        model: A scene.
-        actuator: Index of the motor; one of `dyntype` filter or filterexact lags.
+    An actuator of `dyntype` filter or filterexact lags.
     """
     filters = mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
     if int(model.actuator_dyntype[actuator]) not in map(int, filters):
@@ -510,11 +490,7 @@ def motor_lag(model: mujoco.MjModel, actuator: int) -> float:
 
 
 def _require_parts(description: Description, model: mujoco.MjModel) -> None:
-    """Refuse a model that is no variant of the scene.
-
-    Raises:
-        CableError: It lacks a joint, an actuator or a cable.
-    """
+    """Refuse a model that is no variant of the scene."""
     joints = {model.joint(j).name for j in range(model.njnt)}
     actuators = {model.actuator(a).name for a in range(model.nu)}
     for axis in description.axes:
@@ -539,15 +515,9 @@ def _other_torques(
 ) -> tuple[tuple[int, float, int], ...]:
     """Return the actuators other than the axis's cables and wearer at the joint.
 
-    Args:
-        model: The model of the device.
-        places: Of the axis.
-        mover: The wearer at the joint.
-        rivals: Distal ends of cables of other axes, in `actuator_force`.
-
-    Returns:
-        For each its index in `actuator_force`, its torque per force, and where in
-        `actuator_moment` that is if it changes with the pose, else -1.
+    For each its index in `actuator_force`, its torque per force, and where in
+    `actuator_moment` that is if it changes with the pose, else -1. `rivals` are distal
+    ends of cables of other axes, in `actuator_force`.
     """
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)

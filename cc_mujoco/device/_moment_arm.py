@@ -62,9 +62,6 @@ class Winding(NamedTuple):
 
         Lengths and arms are from the begin of the step, so the angle is brought forward
         by the velocity at its end.
-
-        Args:
-            physics: Arrays `actuator_length`, `actuator_moment` and `qvel`.
         """
         moment, qvel = physics.actuator_moment.T, physics.qvel.T
         velocity = 0.0
@@ -83,10 +80,7 @@ class Winding(NamedTuple):
     ) -> Winding:
         """Return this winding, with readings of the joints that other axes drive.
 
-        Args:
-            model: The device.
-            joints: Of the other axes.
-            motor: Displacement of the proximal end per motor angle, signed [m/rad].
+        `motor` is the displacement of the proximal end per motor angle, signed [m/rad].
         """
         places = dict(zip(self.others(model), self.other_places, strict=True))
         shared = tuple(
@@ -139,7 +133,6 @@ class TabledWinding(NamedTuple):
     """Its derivative, (k,)."""
 
     def read(self, physics: Any) -> dict[str, Any]:
-        """Return `WINDING_COLUMNS`, see `Winding.read`."""
         angle = physics.qpos.T[self.joint_q]
         share = np.interp(angle, self.angles, self.leverage)
         velocity = share * physics.qvel.T[self.joint_v]
@@ -157,14 +150,8 @@ def open_winding(
 ) -> TabledWinding | None:
     """Return the winding of a cable that leaves a conduit and ends on a path.
 
-    Args:
-        model: The device.
-        tendon: Its path.
-        mouth: Site at which the conduit ends.
-        joint: That the cable drives.
-
-    Returns:
-        None where other joints move the part outside of the conduit, too.
+    The conduit ends at the site `mouth`. None where other joints move the part outside
+    of it, too.
     """
     own = model.joint(joint)
     place, dof = int(own.qposadr[0]), int(own.dofadr[0])
@@ -214,12 +201,6 @@ class MeasuredWinding:
     """Winding of a distal end by measured angles of joints, without a simulation."""
 
     def __init__(self, model: mujoco.MjModel, winding: Winding | TabledWinding) -> None:
-        """Prepare.
-
-        Args:
-            model: The device.
-            winding: Of the end, see `winding_of`.
-        """
         self._model, self._data = model, mujoco.MjData(model)
         self._winding: Winding | TabledWinding = winding
         if isinstance(winding, TabledWinding):
@@ -238,9 +219,7 @@ class MeasuredWinding:
     ) -> dict[str, float]:
         """Return `WINDING_COLUMNS` in a pose.
 
-        Args:
-            angles: Of `joints`, as the scene counts them [rad].
-            velocities: Of the same [rad/s].
+        Angles [rad] and velocities [rad/s] of `joints`, as the scene counts them.
         """
         model, data = self._model, self._data
         data.qpos[self._angles] = angles
@@ -254,15 +233,9 @@ class MeasuredWinding:
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of a distal end.
+    """Return the winding of a distal end, by its index in `actuator_length`.
 
-    Args:
-        model: The device.
-        end: Of a cable, in `actuator_length`.
-        joint: That the cable drives.
-
-    Returns:
-        None where a round pulley on the joint would do the same.
+    None where a round pulley on the joint would do the same.
     """
     data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
     mujoco.mj_fwdPosition(model, data)

@@ -82,7 +82,6 @@ class Observed:
     Hysteresis, 1989, ch. 2)."""
 
     def __post_init__(self) -> None:
-        """Refuse columns that cannot be observed."""
         require_number("hold", self.hold, 1, 1000, "samples")
         require_number("history", self.history, 0, 1000, "frames")
         for name in ("hold", "history"):
@@ -151,12 +150,7 @@ class ObservationHistory:
     """Observation of n environments, with its past."""
 
     def __init__(self, observed: Observed, count: int) -> None:
-        """Prepare; `begin` before anything else.
-
-        Args:
-            observed: What is observed.
-            count: Number of environments, n.
-        """
+        """Prepare n environments; `begin` before anything else."""
         self.observed = observed
         width = observed.frame
         self._units = np.array(observed.units)
@@ -167,12 +161,7 @@ class ObservationHistory:
         self._frame_history = np.zeros((count, observed.history, width + 1))
 
     def begin(self, measured: Array, rows: Any = slice(None)) -> None:
-        """Start an episode, in all environments or some, with a past at rest.
-
-        Args:
-            measured: (rows, k).
-            rows: Which.
-        """
+        """Start an episode, in all environments or some, with a past at rest."""
         self._measured[rows] = measured
         self._play_positions[rows] = self._angles()[rows]
         self._frame_history[rows] = 0.0

@@ -120,7 +120,6 @@ class Plant:
             self._require_strength()
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another plant is the same device with the same values."""
         if not isinstance(other, Plant):
             return NotImplemented
         mine, its = (
@@ -375,11 +374,7 @@ class Plant:
         return of_owner(self.values, *axes, cable)
 
     def _cable(self, name: str) -> Cable:
-        """Return a cable with its values.
-
-        Raises:
-            CableError: it cannot have them.
-        """
+        """Return a cable with its values."""
         cable, own = self.device.cables[name], self._own(name)
         changes: dict[str, object] = {
             key: own[key] for key in KEYS if key in own and key != "friction"
@@ -422,11 +417,7 @@ class Plant:
             raise CableError(f"{where}: {error}.") from None
 
     def _require_strength(self) -> None:
-        """Refuse a cable that its pretension breaks.
-
-        Raises:
-            CableError: there is one.
-        """
+        """Refuse a cable that its pretension breaks."""
         loads = self.strength
         for name, cable in self.cables.items():
             if cable.pretension >= loads[name]:
@@ -570,12 +561,7 @@ class Plant:
 
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
-    """Return the constants of an axis that metrics need, as far as known.
-
-    Args:
-        axis: The axis.
-        strength: Breaking load of each cable of the device, NaN where unknown [N].
-    """
+    """Return the constants of an axis that metrics need, as far as known."""
     found: dict[str, Any] = {PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
@@ -599,11 +585,7 @@ def _lever_direction(spec: mujoco.MjSpec, lever: tuple[str, ...]) -> int:
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
-    """Refuse to vary what the drawing of a scene decides of an open cable.
-
-    Raises:
-        CableError: its path is varied, or what it runs in.
-    """
+    """Refuse to vary what the drawing of a scene decides of an open cable."""
     if cable.path == PATHS[0]:
         return
     wrong = [key for key in DRAWN if key in own]
@@ -620,11 +602,7 @@ def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
 
 
 def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
-    """Return a cable in the conduit that its values describe.
-
-    Raises:
-        CableError: there is no such conduit.
-    """
+    """Return a cable in the conduit that its values describe."""
     sections = cable.conduit
     if "length" in own:
         longer = float(own["length"]) / cable.length

@@ -35,15 +35,9 @@ class Ranges:
     def __init__(self, given: Mapping[str, Any] | None, device: Nominal) -> None:
         """Check the ranges.
 
-        Args:
-            given: (least, most), or (least, most, probability) of being drawn at all,
-                by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
-                (`flexor.friction`).
-            device: The device that the scene has.
-
-        Raises:
-            CableError: If a name is unknown, or a range or a plant out of it is
-                impossible.
+        `given` are (least, most), or (least, most, probability) of being drawn at all,
+        by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
+        (`flexor.friction`).
         """
         self.nominal = Plant(device)
         """The scene as it is."""
@@ -87,15 +81,7 @@ class Ranges:
         return tuple(self._ranges)
 
     def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
-        """Return the plant of an episode.
-
-        Args:
-            rng: Source of what is drawn; nothing is taken from it without ranges.
-            given: Values that are not drawn, by name.
-
-        Raises:
-            CableError: If one of them is unknown or impossible.
-        """
+        """Return the plant of an episode."""
         values: dict[str, float] = {}
         tosses: dict[str, float] = {}
         for name, (low, high) in self._ranges.items():

@@ -39,7 +39,6 @@ class Property(NamedTuple):
 
     @property
     def known(self) -> bool:
-        """True if there is a value."""
         value = self.value
         return not (
             value is None or (isinstance(value, float) and not math.isfinite(value))
@@ -239,11 +238,7 @@ def description_text(device: Device) -> str:
 
 
 def write_description(device: Device, path: str | os.PathLike[str]) -> None:
-    """Write the file of a device's description.
-
-    Raises:
-        CableError: There is a file already.
-    """
+    """Write the file of a device's description."""
     if Path(path).exists():
         raise CableError(f"{path} is there already; give another name with --out.")
     with replacing(path) as partial:

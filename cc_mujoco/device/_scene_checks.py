@@ -22,11 +22,7 @@ MAX_RANGE = 6.0 * math.pi
 
 
 def compile_scene(spec: mujoco.MjSpec, scene: str) -> mujoco.MjModel:
-    """Return the model of a scene, which can still be changed afterwards.
-
-    Raises:
-        CableError: It does not compile.
-    """
+    """Return the model of a scene, which can still be changed afterwards."""
     try:
         # A copy, as elements of what was compiled cannot all be taken out later.
         return spec.copy().compile()

@@ -190,7 +190,6 @@ class Sensing:
     along the cables."""
 
     def __post_init__(self) -> None:
-        """Refuse sensors that cannot be."""
         for name in ("torque_noise", "tension_noise"):
             require_parameter(self, name, 0.0, 1e6, "")
         for name in ("motor_steps", "joint_steps"):
@@ -274,21 +273,13 @@ class Measuring:
     ) -> None:
         """Draw the errors of the episode.
 
-        Args:
-            sensing: The sensors.
-            drive: Says where tension sensors are.
-            cables: Names of the cables, as in the columns; none where their tensions
-                are not read.
-            seeds: Of one environment, or one for each of n; each alone determines that
-                one's noise.
-            steps: Control steps of the episode.
-            delay: Control steps by which readings are late, in place of those of
-                `sensing`: one number, or one for each environment.
-            noise: Multiple of the noise of `sensing`, one number or one for each.
-            bias: Of the torque sensor, then of every tension sensor, as a multiple of
-                the standard deviation of `sensing`: one number, or (n, sensors).
-            names: Columns that are read; `MEASURED_COLUMNS`, `WINDING_COLUMNS` where
-                it is there, and every `RATIO_COLUMN` by default.
+        Each of the `seeds` alone determines the noise of its environment. `cables` are
+        named as in the columns; none where their tensions are not read. `steps` of
+        control are counted. In place of the `delay` of `sensing`, as multiples of its
+        `noise`, and of the `bias` of the torque sensor and every tension sensor there
+        may be one number, or one for each environment. `names` are the columns that are
+        read; `MEASURED_COLUMNS`, `WINDING_COLUMNS` where it is there, and every
+        `RATIO_COLUMN` by default.
         """
         self._sensing, self._names = sensing, names
         self._commands_angle = drive.commands_angle
@@ -474,11 +465,9 @@ class AxesMeasuring:
     """Sensors of all axes of a device."""
 
     def __init__(self, prefixes: Sequence[str], axes: Sequence[Measuring]) -> None:
-        """Take the sensors of each axis and the beginnings of its columns."""
         self._prefixes, self._axes = tuple(prefixes), tuple(axes)
 
     def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
-        """Return the readings of all axes; see `Measuring.measure`."""
         if len(self._axes) == 1:
             return self._axes[0].measure(columns, going)
         found: dict[str, Any] = {}

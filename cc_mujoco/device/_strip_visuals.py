@@ -50,11 +50,8 @@ def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
 
     Bodies whose inertia follows from their geoms get it stated. Where contacts are
     enabled, geoms that can collide remain. All that actuators, tendons with a force,
-    equality constraints, flexes and other plugins refer to remains, too.
-
-    Args:
-        whole: the scene.
-        kept: tendons to keep in addition to those with a force, see `route_tendons`.
+    equality constraints, flexes and other plugins refer to remains, too, and so do the
+    `kept` tendons, see `route_tendons`.
     """
     spec = whole.copy()
     _state_length_ranges(spec, whole)

@@ -339,16 +339,8 @@ def find(
 ) -> Parameter:
     """Look a variable up, with or without the name of a cable or axis before it.
 
-    Args:
-        name: `NAME`, `CABLE.NAME` or `AXIS.NAME`, which for a variable of cables means
-            all cables of the axis.
-        cables: the cables of the scene.
-        axes: the axes of the device, with the names of their cables.
-        among: the variables that there are.
-        kind: what an error calls them.
-
-    Raises:
-        CableError: there is no such variable, cable or axis.
+    `AXIS.NAME` means all cables of the axis for a variable of cables. `axes` have the
+    names of their cables; `kind` is what an error calls a variable.
     """
     owner, own = split(name)
     if own not in among:
@@ -373,11 +365,7 @@ def read_values(
     cables: Iterable[str],
     axes: Mapping[str, Sequence[str]],
 ) -> dict[str, Value]:
-    """Return values with names and bounds checked, in the order given.
-
-    Raises:
-        CableError: an unknown name, a value out of bounds, or two names for one thing.
-    """
+    """Return values with names and bounds checked, in the order given."""
     cables = tuple(cables)
     read = {
         name: find(name, cables, axes, VALUES).read(value, f"variable {name!r}")
@@ -405,12 +393,7 @@ def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
-    """Return the values for a cable or an axis; those that name it take precedence.
-
-    Args:
-        values: by name.
-        owners: of several the last takes precedence.
-    """
+    """Return the values for a cable or an axis; those that name it take precedence."""
     own = {name: value for name, value in values.items() if "." not in name}
     for owner in owners:
         start = f"{owner}."

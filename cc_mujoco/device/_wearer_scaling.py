@@ -29,7 +29,6 @@ WALK, ASSIST = "walk", "assist"
 
 
 def body_of(design: Mapping[str, Value]) -> Body:
-    """Return the body of the wearer of a design."""
     return Body(
         float(design.get(BODY_MASS, WEARER_MASS)),
         float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)),
@@ -37,11 +36,7 @@ def body_of(design: Mapping[str, Value]) -> Body:
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
-    """Return the pace of the wearer of a design, see `Body.pace`.
-
-    Raises:
-        CableError: nothing is known of walking so fast with such legs.
-    """
+    """Return the pace of the wearer of a design, see `Body.pace`."""
     return body_of(design).pace(speed_of(design))
 
 
@@ -54,9 +49,6 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
     """Return the assistance that a design sets; None where it sets nothing of it.
 
     A peak torque that is not said goes with the size and the pace of the wearer.
-
-    Raises:
-        CableError: its numbers are no profile, or outlast the stance at its speed.
     """
     said = {name: float(design[name]) for name in PROFILE if name in design}
     if not said:
@@ -72,11 +64,7 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
 
 
 def require_possible(device: Description, design: Mapping[str, Value]) -> None:
-    """Refuse walks and profiles that a scene cannot have.
-
-    Raises:
-        CableError: in one sentence, what is wrong and what would be right.
-    """
+    """Refuse walks and profiles that a scene cannot have."""
     require_scene(device, design)
     pace_of(design)
     profile = profile_of(design)
@@ -100,11 +88,7 @@ def helped_axis(device: Description) -> Axis | None:
 
 
 def require_scene(device: Description, names: Collection[str]) -> None:
-    """Refuse to vary a walk or a profile in a scene without.
-
-    Raises:
-        CableError: the variable, and the scenes that have it.
-    """
+    """Refuse to vary a walk or a profile in a scene without."""
     for name in (*WALKER, *PROFILE):
         walks = device.trajectory == WALK
         if name in names and not (walks if name in WALKER else helped_axis(device)):

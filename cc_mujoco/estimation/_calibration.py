@@ -135,7 +135,6 @@ class Calibration:
     misfit: Mapping[str, float]
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return the estimate of one parameter."""
         return look_up("estimate", name, self.estimates)
 
     def __str__(self) -> str:

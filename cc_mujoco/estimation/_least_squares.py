@@ -71,12 +71,10 @@ class Tuned(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the parameter."""
         return self.parameter.name
 
     @property
     def unit(self) -> str:
-        """Unit of its value."""
         return self.parameter.unit
 
     @property
@@ -202,12 +200,8 @@ def bounded_step(
 ) -> FloatArray:
     """Step that takes most of a quadratic cost, within bounds (parameters,).
 
-    Args:
-        square: (parameters, parameters) of the Jacobian.
-        slope: (parameters,) of the cost.
-        damping: added to the diagonal of `square`, relative to it.
-        low: (parameters,) least step, not above 0.
-        high: (parameters,) largest step, not below 0.
+    `square` is that of the Jacobian, `slope` that of the cost; `damping` is added to
+    the diagonal of `square`, relative to it. The bounds `low` and `high` include 0.
     """
     size = np.sqrt(np.diag(square))
     size[size == 0.0] = 1.0
@@ -235,11 +229,9 @@ def differences(
 ) -> dict[int, list[FloatArray]]:
     """Return the derivatives of arrays, keyed by the index of the parameter.
 
-    Args:
-        function: arrays at a place (parameters,); it is called in threads.
-        x: the place.
-        steps: change of a parameter by its index.
-        here: the arrays at the place, for one-sided differences; else central ones.
+    `function` returns the arrays at a place (parameters,); it is called in threads.
+    `steps` are changes of parameters by index. With the arrays `here`, at the place,
+    differences are one-sided; else central.
     """
 
     def column(index: int) -> list[FloatArray]:
@@ -296,13 +288,11 @@ def covariance(
 ) -> FloatArray:
     """Return the covariance of the parameters of a fit (parameters, parameters).
 
-    Directions without any effect get a variance that is large but finite.
-
-    Args:
-        jacobian: (residuals, parameters), over the noise.
-        residuals: the same as one sequence per sensor, where they are correlated in
-            time: then it is the sandwich with Bartlett weights (Newey and West 1987).
-            Without any they are taken as independent, of variance 1.
+    Directions without any effect get a variance that is large but finite. `jacobian`
+    (residuals, parameters) is over the noise. Where `residuals`, the same as one
+    sequence per sensor, are correlated in time, it is the sandwich with Bartlett
+    weights (Newey and West 1987). Without any they are taken as independent, of
+    variance 1.
     """
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     values = np.maximum(values, _MIN_EIGENVALUE_RATIO * max(float(values[-1]), 1e-100))
@@ -354,12 +344,8 @@ def estimate(
 ) -> Estimate:
     """Return the value and interval of a parameter.
 
-    Args:
-        parameter: of the fit.
-        place: where the fit ended.
-        deviation: standard deviation of the place.
-        freedom: degrees of freedom with which that is known; the interval is that of
-            Student's t.
+    The fit ended at `place`, of standard `deviation`, known with `freedom` degrees of
+    freedom; the interval is that of Student's t.
     """
     from scipy.special import stdtrit
 
@@ -373,8 +359,7 @@ def estimate(
 def undetermined_directions(covariance: FloatArray, limit: float) -> FloatArray:
     """Return the parameter combinations whose standard deviation reaches a limit.
 
-    Returns:
-        Their shares (combinations, parameters), unit length, the least certain first.
+    Their shares (combinations, parameters) have unit length, the least certain first.
     """
     values, vectors = np.linalg.eigh(covariance)
     found: FloatArray = vectors.T[::-1][values[::-1] >= limit**2]

@@ -50,13 +50,9 @@ def update_estimate(
 ) -> None:
     """Take the equations of a sample of one parameter; see `RecursiveLeastSquares`.
 
-    Args:
-        known: see `ESTIMATE` (4,); moved on.
-        least: information of the start.
-        fading: share of the information of the data that a sample takes away.
-        rate: variance of the rate of drift, per sample.
-        information: of the sample, noise 1.
-        target: of the sample, noise 1.
+    `known` is moved on, see `ESTIMATE` (4,); `least` is the information of the start,
+    `fading` the share of the information of the data that a sample takes away, and
+    `rate` the variance of the rate of drift, per sample. The sample has noise 1.
     """
     learnt = known[INFORMATION]
     learnt += information - fading * learnt * learnt / (least + learnt)
@@ -127,7 +123,6 @@ class RecursiveLeastSquares:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the start."""
         self.value = self._start.copy()
         self.covariance = self._spread.copy()
         self._information_matrix = np.zeros_like(self._spread)

@@ -102,17 +102,10 @@ def run_equations(
 ) -> tuple[float, int]:
     """Return the information of the readings of one instant, free of the levels.
 
-    Args:
-        design: rows of the sensors (m, p), see `SlopeFit`.
-        nodes: of the sensors (m,).
-        noise: of the sensors (m,) [N].
-        value: the parameters as they are known (p,).
-        reading: of every sensor (m,) [N].
-        sign: direction of slip of every segment, -1, 0 or 1, (n,).
-        room: scratch; information and target are out.
-
-    Returns:
-        Sum of the squares of all right sides, and how many are independent.
+    Of the sensors there are rows of `design` (m, p), see `SlopeFit`, `nodes`, `noise`
+    and `reading` (m,) [N]. The parameters are known as `value` (p,). Segments slip by
+    `sign`, -1, 0 or 1, (n,). Information and target are out in `room`. Returns the sum
+    of the squares of all right sides, and how many are independent.
     """
     room.information[:] = 0.0
     room.target[:] = 0.0
@@ -198,10 +191,6 @@ def require_slope(cable: Cable) -> None:
     """Refuse a cable whose moving parts do not all have the slope s mu/R.
 
     A coefficient that changes with time, all along, may be followed.
-
-    Raises:
-        CableError: drag that needs no tension, or a coefficient that changes with
-            anything but time.
     """
     cable.require_terms(
         has_slope, "the slope of the logarithm of tension is not that of friction then"
@@ -209,11 +198,7 @@ def require_slope(cable: Cable) -> None:
 
 
 def require_bend_between(cable: Cable, sensors: Sensors) -> None:
-    """Refuse sensors between which friction does not show.
-
-    Raises:
-        CableError: fewer than two, one off the cable, or no bend between them.
-    """
+    """Refuse sensors between which friction does not show."""
     _require_two_sensors(sensors)
     if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
         raise CableError(
@@ -254,17 +239,9 @@ class SlopeFit:
     ) -> None:
         """Prepare.
 
-        Args:
-            cable: the cable.
-            sensors: at least two.
-            design: change of the logarithm of tension, from the proximal end to every
-                node, per parameter in motion towards distal (n + 1, p).
-            fit: the recursion.
-            memory: of the misfit, in samples.
-
-        Raises:
-            CableError: fewer than two sensors, one off the cable, or as
-                `require_slope`.
+        `design` is the change of the logarithm of tension, from the proximal end to
+        every node, per parameter in motion towards distal (n + 1, p), and `memory` that
+        of the misfit, in samples.
         """
         _require_two_sensors(sensors)
         require_slope(cable)
@@ -282,7 +259,6 @@ class SlopeFit:
         self._room = make_scratch(*self._design.shape)
 
     def reset(self) -> None:
-        """Return to the start; the noise stays."""
         self.fit.reset()
         self._squares, self._count = 0.0, 0.0
 

@@ -43,12 +43,7 @@ def checked_sample(
     segments: int,
     leading: tuple[int, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings (*leading, m) and directions of slip (*leading, n) as arrays.
-
-    Raises:
-        CableError: other shapes, a reading that is not finite or not below `MAX_FORCE`,
-            or a direction other than -1, 0 and 1.
-    """
+    """Return readings (*leading, m) and directions of slip (*leading, n) as arrays."""
     tensions = numbers("reading", reading, (*leading, sensors), MAX_FORCE, "N")
     sign = numbers("direction", direction, (*leading, segments))
     if not np.all((sign == 0.0) | (np.abs(sign) == 1.0)):
@@ -58,11 +53,7 @@ def checked_sample(
 
 
 def checked_noise(deviation: ArrayLike, sensors: int) -> FloatArray:
-    """Return the standard deviations of the sensors as a new array (m,) [N].
-
-    Raises:
-        CableError: not one positive number per sensor.
-    """
+    """Return the standard deviations of the sensors as a new array (m,) [N]."""
     noise = numbers("noise", deviation, (sensors,), MAX_FORCE, "N")
     if not np.all(noise > 0.0):
         raise CableError(
@@ -73,11 +64,7 @@ def checked_noise(deviation: ArrayLike, sensors: int) -> FloatArray:
 
 
 def rows(**columns: ArrayLike) -> Iterator[tuple[FloatArray, ...]]:
-    """Return an iterator over the samples of recorded columns.
-
-    Raises:
-        CableError: columns that are no numbers, or of unequal length.
-    """
+    """Return an iterator over the samples of recorded columns."""
     arrays = {name: numbers(name, column) for name, column in columns.items()}
     for name, array in arrays.items():
         if array.ndim == 0:

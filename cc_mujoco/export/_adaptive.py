@@ -26,10 +26,7 @@ _FRICTION = friction.INDEX["friction"]
 def memory_size(cables: int, most: int, sensors: int) -> int:
     """Return how many numbers the memory has behind those of `predictive`.
 
-    Args:
-        cables: How many there are.
-        most: Segments of the longest.
-        sensors: Along a cable.
+    `most` are the segments of the longest cable.
     """
     return (
         1 + cables * (sensors + friction_slope.ESTIMATE_SIZE) + most + 4 * sensors + 2
@@ -45,7 +42,6 @@ def _deviations_place(shape: IntArray) -> int:
 
 @internal
 def _sensor_count(shape: IntArray) -> int:
-    """Return the number of sensors along a cable."""
     return int(shape[3 + 2 * shape[0]])
 
 

@@ -56,13 +56,7 @@ cmake -S . -B build && cmake --build build
 
 
 def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
-    """Return the C header.
-
-    Args:
-        plan: What is exported.
-        what: Of which controller, for what scene.
-        notes: What is known of it, a line each.
-    """
+    """Return the C header."""
     told = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"

@@ -52,9 +52,7 @@ class Export:
     def run(self) -> None:
         """Write; print what was written and how to build it.
 
-        Raises:
-            CableError: Something is wrong, or in simulation the controller puts energy
-                into a passive wearer.
+        A controller that puts energy into a passive wearer in simulation is refused.
         """
         from cc_mujoco.device._device_files import locate
 

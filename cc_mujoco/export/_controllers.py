@@ -243,17 +243,9 @@ class AxisPlan:
     ) -> AxisPlan:
         """Plan a controller with its default gains.
 
-        Args:
-            name: Of the controller.
-            drive: The axis.
-            cables: Names of its cables.
-            prefix: Beginning of the names of readings and gains.
-            decoupled: Whether it reads the torques of its own cables.
-            iterations: See `PredictiveCompensation`; others take none.
-
-        Raises:
-            CableError: There is no such controller, it cannot be exported, or it needs
-                cables and there are none.
+        Names of readings and gains begin with `prefix`. With `decoupled` it reads the
+        torques of its own cables. For `iterations` see `PredictiveCompensation`; others
+        take none.
         """
         if name.endswith(POLICY_ENDING):
             return cls._of_policy(name, drive, prefix, decoupled)

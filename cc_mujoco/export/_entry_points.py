@@ -57,7 +57,6 @@ _EXPONENT = friction.INDEX["tension_exponent"]
 
 @reinterpret_part
 def part(numbers: FloatArray, first: int, count: int) -> FloatArray:
-    """Return a part of a memory."""
     return numbers[first : first + count]
 
 
@@ -78,7 +77,6 @@ def tables_of(
 
 @reinterpret_part
 def whole_part(numbers: IntArray, first: int, count: int) -> IntArray:
-    """Return a part of some whole numbers."""
     return numbers[first : first + count]
 
 
@@ -92,10 +90,8 @@ def whole_rows_of(numbers: IntArray, first: int, rows: int, columns: int) -> Int
 def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
     """Return the places of numbers in the memory, given the most segments of a cable.
 
-    Returns:
-        First numbers of what the laws need to compute with, of the packed parameters,
-        the states, the states after a step, the scratch; and how many numbers there
-        are.
+    First numbers of what the laws need to compute with, of the packed parameters, the
+    states, the states after a step, the scratch; and how many numbers there are.
     """
     scratch = CABLES + _CABLE_ROWS * cables
     packed = scratch + SCRATCH_ROWS * cables
@@ -128,14 +124,8 @@ def wrong_motor(
 ) -> int:
     """Return 1 + the index of an impossible motor parameter, 0 if there is none.
 
-    Args:
-        parameters: of a controller; those of its cables are behind the first `count`.
-        least: of every parameter.
-        most: of every parameter.
-        count: how many there are.
-        ratio: place of the ratio.
-        low: place of the least torque.
-        high: place of the greatest.
+    There are `count` of a controller; those of its cables are behind. `ratio`, `low`
+    and `high` are the places of the ratio, the least and the greatest torque.
     """
     wrong = first_out_of_range(0, count, parameters, least, most)
     if wrong != 0:
@@ -201,7 +191,6 @@ def wrong_gains(
 
 
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the gains of a controller without a model."""
     _store_parameters(memory, parameters)
     memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
     memory[SPRING + guard.REST] = parameters[compiled_laws.REST_TORQUE]
@@ -254,10 +243,8 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
 def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
     """Return 1 + the place of a reading that no sensor can mean, 0 if there is none.
 
-    Args:
-        readings: of all axes.
-        count: how many there are.
-        guarded: of every reading 1 where the guard of its axis looks at it, else 0.
+    `guarded` is 1 for every reading of all axes where the guard of its axis looks at
+    it.
     """
     for i in range(count):
         if guarded[i] == 0 and not guard.is_reading(readings[i]):
@@ -283,7 +270,6 @@ def admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
 def step_proportional_integral(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     seen = admitted(memory, readings)
     memory[FIRST_STEP] = 0.0
     law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
@@ -357,19 +343,16 @@ def _step_model(
 def step_model_based(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, tables, readings, _MODEL)
 
 
 def step_stiction(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, tables, readings, _STICTION)
 
 
 def step_disturbance(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     return _step_model(memory, shape, tables, readings, _DISTURBANCE)

@@ -102,7 +102,6 @@ def wrong_limits(
 
 
 def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the limits of motor and joint."""
     for i in range(guard.LIMITS):
         memory[OWN_MEMORY + i] = parameters[i]
 
@@ -110,7 +109,6 @@ def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) ->
 def step_forward(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     memory[FIRST_STEP] = 0.0
     gains = part(memory, OWN_MEMORY, guard.LIMITS)
     return compiled_laws.feed_forward(gains, readings[0])
@@ -119,7 +117,6 @@ def step_forward(
 def step_tuned(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     seen = entry_points.admitted(memory, readings)
     signals = part(memory, CABLES, tuned_feedback.SIGNAL_SIZE)
     if memory[FIRST_STEP] != 0.0:
@@ -147,13 +144,8 @@ def _begun(
 ) -> FloatArray:
     """Complete the gains, begin where that is due; return a copy of what is measured.
 
-    Args:
-        memory: of the controller; the law's is behind the gains.
-        tables: begin with the gains behind `DriveLimits`.
-        gains: how many there are.
-        size: numbers that the law keeps.
-        first: place of the guard among them.
-        readings: of the axis.
+    `tables` begin with the `gains` behind `DriveLimits`. In the memory the `size`
+    numbers of the law are behind the gains, `first` of them the guard.
     """
     for i in range(guard.LIMITS, gains):
         memory[OWN_MEMORY + i] = tables[i - guard.LIMITS]
@@ -170,7 +162,6 @@ def _begun(
 def step_inverse(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     gains, size = backlash_inverse.GAINS, backlash_inverse.MEMORY_SIZE
     seen = _begun(memory, tables, gains, size, backlash_inverse.GUARD, readings)
     spring = gains - guard.LIMITS
@@ -186,7 +177,6 @@ def step_inverse(
 def step_gaussian(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     gains, size, states = gaussian.GAINS, shape[0], gaussian.STATES
     seen = _begun(memory, tables, gains, size, gaussian.GUARD, readings)
     spring = gains - guard.LIMITS

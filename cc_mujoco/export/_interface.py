@@ -19,12 +19,7 @@ from cc_mujoco.native._kinds import python_function
 
 
 def controller_source(plan: ExportPlan, what: str) -> str:
-    """Return the controller as C99, without what it includes.
-
-    Args:
-        plan: What is exported.
-        what: Of which controller, for what scene.
-    """
+    """Return the controller as C99, without what it includes."""
     library = CLibrary({}, native_library.PACKAGE.parent)
     writer = _Interface(plan, library)
     text = "\n".join(writer.lines())

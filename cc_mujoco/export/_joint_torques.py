@@ -49,7 +49,6 @@ class JointTorques:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Whole numbers of `own_readings`."""
         joints = 0 if self.coupling is None else self.coupling.safe.size
         counts = self.readings, len(self.rows), joints
         by_row = np.transpose(self.rows).ravel().tolist()
@@ -58,7 +57,6 @@ class JointTorques:
 
     @property
     def tables(self) -> tuple[float, ...]:
-        """Real numbers of `own_readings`."""
         if self.coupling is None:
             return ()
         _, least, most, safe, scales = self.coupling

@@ -99,12 +99,8 @@ def measure(plan: ExportPlan) -> Measures:
 def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
     """Return the stack that the functions of a controller need [bytes].
 
-    Args:
-        folder: Of the export.
-        compiler: Command of gcc with its flags.
-
-    Returns:
-        None where the compiler does not tell, or the depth is not bounded.
+    None where the compiler, a command of gcc with its flags, does not tell, or the
+    depth is not bounded.
     """
     with tempfile.TemporaryDirectory() as place:
         made = Path(place) / "controller.o"

@@ -114,7 +114,6 @@ class Damped(Task):
     """[N m s/rad]."""
 
     def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
-        """Return the torque of both [N m]; see `Task.torque`."""
         return self.task.torque(angle, velocity, phase) - self.damping * velocity
 
 
@@ -127,7 +126,6 @@ class _Centred(Task):
     """[rad]."""
 
     def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
-        """Return the torque [N m]; see `Task.torque`."""
         return self.task.torque(angle - self.centre, velocity, phase)
 
 
@@ -218,12 +216,9 @@ def extracted_energy(
 
 
 def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerEnergy:
-    """Return energy and motion, from columns of episodes (samples, wearers).
+    """Return energy and motion, from `PORT_COLUMNS` (samples, wearers).
 
-    Args:
-        columns: `PORT_COLUMNS` by name.
-        step: From sample to sample [s].
-        skip: Physics steps from sample to sample.
+    `step` is the time from sample to sample [s], `skip` the physics steps.
     """
     series = [columns[name] for name in PORT_COLUMNS]
     first = round((MOVE_TIME + SETTLE_TIME) / step)
@@ -291,12 +286,8 @@ def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
 def task_of(device: Device, axis: Axis, name: str, damping: float = 0.0) -> Task:
     """Return the virtual environment: a spring that suits the axis, or nothing.
 
-    Args:
-        device: Whose axis it is.
-        axis: The axis.
-        name: Of `PASSIVITY_TASKS`.
-        damping: Of a virtual damper besides, over what is critical for a spring that
-            suits and the inertia of the joint [-].
+    `name` is one of `PASSIVITY_TASKS`. The `damping` of a virtual damper is over what
+    is critical for such a spring and the inertia of the joint [-].
     """
     task: Task = Transparent()
     if name == "spring":
@@ -518,12 +509,8 @@ def activity(
     hands of a spring; it finds more than that, and no search proves anything. What was
     found is kept by controller, model, description and code.
 
-    Args:
-        device: Name, file or the device.
-        law: Name of a controller, which knows the cables.
-        variant: Of the scene, to be played in its place.
-        axis: Name of the axis; the only one by default.
-        progress: Called with the simulated time [s], up to `EPISODE_TIME`.
+    `variant` is played in place of the scene, `axis` is the only one by default, and
+    `progress` is called with the simulated time [s], up to `EPISODE_TIME`.
     """
     device = find_device(device)
     own = device.description.axis(axis)

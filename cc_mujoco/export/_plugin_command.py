@@ -24,11 +24,7 @@ class WritePlugin:
     """Write C99 and a CMake file instead of a library."""
 
     def run(self) -> None:
-        """Compile and write; print the path.
-
-        Raises:
-            CableError: The library cannot be built on this machine or written there.
-        """
+        """Compile and write; print the path."""
         from cc_mujoco.export import write_plugin, write_plugin_source
 
         if self.source:

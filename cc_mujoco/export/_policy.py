@@ -76,7 +76,6 @@ def wrong_policy(
 
 
 def store_policy(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the parameters of a policy."""
     for i in range(N_PARAMETERS):
         memory[_PARAMETERS + i] = parameters[i]
 
@@ -154,12 +153,8 @@ def _share(
 ) -> float:
     """Return the network's output; see `control.Network`.
 
-    Args:
-        shape: Of the policy.
-        tables: Of the policy.
-        memory: Of the controller.
-        first: Place of the observation in it, which is overwritten.
-        other: Place of as many numbers.
+    The observation begins at `first` in the memory and is overwritten; at `other` as
+    many numbers are free.
     """
     size, far = shape[_WIDTHS], tables[_FAR]
     mean = _UNITS + shape[_COLUMNS]
@@ -193,7 +188,6 @@ def _share(
 def step_policy(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     columns, history = shape[_COLUMNS], shape[_HISTORY]
     begins = memory[entry_points.FIRST_STEP] != 0.0
     _look(shape, tables, readings, begins, memory)

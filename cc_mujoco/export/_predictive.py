@@ -39,12 +39,8 @@ def places(
 ) -> tuple[int, int, int, int, int, int]:
     """Return the places of numbers in the memory, like `_entry_points.places`.
 
-    Args:
-        cables: How many there are.
-        most: Segments of the longest.
-        sections: Of all of them.
-        delays: That may be.
-        knots: Of a plan.
+    `most` are the segments of the longest cable, `sections` those of all of them,
+    `delays` what may be, and `knots` those of a plan.
     """
     state = kernel.state_size(most)
     kept = planner_memory.FRICTION + cables
@@ -72,7 +68,6 @@ def longest_cable(shape: IntArray) -> tuple[int, int]:
 
 @internal
 def memory_places(shape: IntArray) -> tuple[int, int, int, int, int, int]:
-    """Return the places of numbers in the memory; see `places`."""
     cables = shape[0]
     most, sections = longest_cable(shape)
     return places(cables, most, sections, shape[1 + 2 * cables], shape[2 + 2 * cables])
@@ -132,7 +127,6 @@ def wrong_plan(
 
 
 def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the tuning and the cables."""
     for i in range(TUNING_SIZE):
         memory[_TUNING_START + i] = parameters[i]
     cables = shape[0]
@@ -150,7 +144,6 @@ def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> N
 def step_plan(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    """Return the motor torque of the next step [N m]."""
     cables = shape[0]
     _, sections = longest_cable(shape)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections

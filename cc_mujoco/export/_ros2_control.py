@@ -54,7 +54,6 @@ def _quoted(names: Iterable[str]) -> str:
 
 
 def source(plan: ExportPlan) -> str:
-    """Return the plugin in C++."""
     states: list[str] = []
     reads: list[str] = []
     for place, axis in enumerate(plan.axes):

@@ -84,11 +84,7 @@ DRIVE_NODES = {"odrive": range(63), "moteus": range(1, 128), "dynamixel": range(
 
 
 def address_of(table: Table) -> Address:
-    """Return the address in a table that has the key `address`.
-
-    Raises:
-        CableError: It cannot be, or the table has a key or a value that cannot.
-    """
+    """Return the address in a table that has the key `address`."""
     address = table.text("address") or ""
     if address.startswith(_CAN_PREFIX):
         return _can(table, address.removeprefix(_CAN_PREFIX))

@@ -64,15 +64,8 @@ class CanPort:
     ) -> None:
         """Open the bus, unless it is open already; nothing is sent yet.
 
-        Args:
-            place: The bus.
-            identifiers: Of the frames to receive.
-            fd: Whether frames are those of CAN FD, else of classical CAN.
-            buses: Those that are open, to which this one is added.
-
-        Raises:
-            CableError: python-can is not installed, the interface is unknown, cannot be
-                opened, has no CAN FD, or is open as the other kind.
+        Frames of `identifiers` are received; with `fd` frames are those of CAN FD, else
+        of classical CAN. `buses` are those that are open, to which this one is added.
         """
         self.ignored: Counter[str] = Counter()
         self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
@@ -144,7 +137,6 @@ class CanPort:
         self._failure_counts["sent to"] = 0
 
     def close(self) -> None:
-        """Leave the bus; the last one closes it."""
         for identifier in self._identifiers:
             self._waiting.pop(identifier, None)
         if self._waiting:

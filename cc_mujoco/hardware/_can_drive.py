@@ -28,14 +28,8 @@ class CanDrive(ABC):
     ) -> None:
         """Open the bus, unless it is open already; nothing is sent yet.
 
-        Args:
-            place: The bus.
-            node: Number of the drive on it, see `DRIVE_NODES`.
-            buses: Those that are open, see `CanPort`.
-            now: Clock of the host [s].
-
-        Raises:
-            CableError: As `CanPort`.
+        `node` is the number of the drive on it, see `DRIVE_NODES`; for `buses` see
+        `CanPort`, `now` is the clock of the host [s].
         """
         heard = self.identifiers(node)
         self._port = CanPort(place, heard, fd=self.fd, buses=buses)
@@ -47,9 +41,7 @@ class CanDrive(ABC):
 
     @staticmethod
     @abstractmethod
-    def identifiers(node: int) -> list[int]:
-        """Return the identifiers of the frames that a drive sends."""
+    def identifiers(node: int) -> list[int]: ...
 
     def close(self) -> None:
-        """See `MotorDrive`."""
         self._port.close()

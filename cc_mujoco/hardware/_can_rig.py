@@ -11,15 +11,7 @@ class CanLink:
     """A packet in a CAN FD frame; frames with other identifiers are left alone."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        Args:
-            address: On the bus.
-            buses: Those that are open, see `CanPort`.
-
-        Raises:
-            CableError: As `CanPort`.
-        """
+        """Open the bus, unless it is open already; nothing is sent yet."""
         self._address = address
         self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
         self.ignored, self.where = self._port.ignored, self._port.where
@@ -44,13 +36,5 @@ class CanRig(PacketRig):
     """A rig on a CAN FD bus."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        Args:
-            address: On the bus.
-            buses: Those that are open, see `CanPort`.
-
-        Raises:
-            CableError: As `CanPort`.
-        """
+        """Open the bus, unless it is open already; nothing is sent yet."""
         super().__init__(CanLink(address, buses))

@@ -47,11 +47,7 @@ class RunRig:
     def run(self) -> int:
         """Run; print why it ended and how punctual it was.
 
-        Returns:
-            The exit code; not 0 if the run ended before its time.
-
-        Raises:
-            CableError: Something is wrong before the rig is touched.
+        Returns an exit code other than 0 if the run ended before its time.
         """
         if self.plan is not None:
             return self._trials(self.plan)
@@ -129,7 +125,6 @@ class RunRig:
         return 0
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:
-        """Return those that are to be played now."""
         from cc_mujoco.datasets._run_log import truncation_reason
 
         if self.trial is not None:
@@ -279,11 +274,7 @@ def _write_report(
 
 
 def _wait_until_ready(trial: str) -> None:
-    """Wait until somebody has made the rig ready.
-
-    Raises:
-        CableError: The terminal was closed.
-    """
+    """Wait until somebody has made the rig ready."""
     try:
         input("make the rig ready, then press the return key: ")
     except EOFError:

@@ -27,23 +27,14 @@ from cc_mujoco.hardware._udp_rig import UdpRig
 
 
 def rig_address(table: Table) -> Address | None:
-    """Return the address in a table, None where it has a class.
-
-    Raises:
-        CableError: As `address_of`.
-    """
+    """Return the address in a table, None where it has a class."""
     return address_of(table) if "address" in table.content else None
 
 
 def connect_rig(table: Table, buses: CanBuses) -> Rig:
     """Make the rig of a table with an address or a class; nothing is sent yet.
 
-    Args:
-        table: `[rig]`, or that of the sensors at the joint.
-        buses: Open CAN buses that it shares with other rigs.
-
-    Raises:
-        CableError: It cannot be made.
+    `buses` are open CAN buses that it shares with other rigs.
     """
     address = rig_address(table)
     if address is None:
@@ -64,16 +55,7 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
 
 
 def require_distinct(pair: str, one: Table, other: Table) -> None:
-    """Refuse two axes whose commands would reach the same motor.
-
-    Args:
-        pair: How to call them in a sentence.
-        one: The table `[rig]` of the first.
-        other: That of the second.
-
-    Raises:
-        CableError: They have the same address, identifiers or class with its keys.
-    """
+    """Refuse two axes whose commands would reach the same motor."""
     if one.content == other.content:
         raise CableError(
             f"{pair} have the same rig; give each its own address, or keys, in its "

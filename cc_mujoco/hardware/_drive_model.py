@@ -18,13 +18,8 @@ from cc_mujoco.device._moment_arm import MeasuredWinding
 def device_of(scene: str | Device, folder: Path) -> Device:
     """Return the device of a rig.
 
-    Args:
-        scene: Name of a built-in scene, a file (`knee.xml`, `knee.device.toml`), or the
-            device itself.
-        folder: That a file is relative to.
-
-    Raises:
-        CableError: There is no such scene, or it is no device.
+    `scene` is the name of a built-in scene, a file (`knee.xml`, `knee.device.toml`)
+    relative to `folder`, or the device itself.
     """
     if isinstance(scene, Device):
         return scene
@@ -33,15 +28,7 @@ def device_of(scene: str | Device, folder: Path) -> Device:
 
 
 def axis_model(device: Device, axis: str | None = None) -> AxisModel:
-    """Return an axis of a device on its model.
-
-    Args:
-        device: The device.
-        axis: Name of the axis; the only one by default.
-
-    Raises:
-        CableError: There is no such axis, or none is named and there are several.
-    """
+    """Return an axis of a device on its model, by its name unless there is one axis."""
     description = device.description
     place = description.axes.index(description.axis(axis))
     return DeviceModel(description, bare_model(device).compile()).axes[place]
@@ -96,11 +83,7 @@ class Windings:
     """Windings of cables that pull no round pulley, by the joints a rig measures."""
 
     def __init__(self, axes: Sequence[AxisModel]) -> None:
-        """Find the joints that wind the cables of each axis.
-
-        Args:
-            axes: Axes that the rig drives, and whose joints it measures.
-        """
+        """Find the joints that wind the cables of each axis."""
         measured = {axis.axis.joint: place for place, axis in enumerate(axes)}
         self._windings: list[tuple[MeasuredWinding, list[int]] | None] = []
         self.unmeasured: list[tuple[str, ...]] = []

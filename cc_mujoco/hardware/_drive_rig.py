@@ -54,13 +54,11 @@ class Enabling:
     """Status of a drive between the request to enable its motor and its answer."""
 
     def __init__(self, now: Now) -> None:
-        """Begin without a request."""
         self._now = now
         self._since: float | None = None
         self._enabled = False
 
     def request(self) -> None:
-        """Note that the motor is to be enabled."""
         if self._since is None:
             self._since = self._now()
 
@@ -83,14 +81,7 @@ class DriveRig:
     """
 
     def __init__(self, drive: MotorDrive, joint: Rig, gear: float, zero: float) -> None:
-        """Take both; nothing is sent yet.
-
-        Args:
-            drive: Of the motor.
-            joint: Of which readings of the joint are used, and its own fault or stop.
-            gear: See `DriveAddress`.
-            zero: See `DriveAddress`.
-        """
+        """Take both; nothing is sent yet."""
         self._drive, self._joint = drive, joint
         self._gear, self._zero = gear, zero
         self._motor: MotorState | None = None

@@ -74,7 +74,6 @@ def crc16(data: bytes) -> int:
 
 
 def instruction(node: int, kind: int, parameters: bytes) -> bytes:
-    """Return an instruction packet."""
     # A header inside the packet gets one byte more.
     body = (bytes([kind]) + parameters).replace(HEADER[:3], _STUFFED)
     head = HEADER + struct.pack("<BH", node, len(body) + 2) + body
@@ -95,9 +94,8 @@ def write_instruction(node: int, address: int, value: bytes) -> bytes:
 def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
     """Take the next whole status packet of a servo out of what was received.
 
-    Returns:
-        Its error byte and its parameters; None if no more is there. Damaged packets and
-        those of others are skipped.
+    Returns its error byte and its parameters; None if no more is there. Damaged packets
+    and those of others are skipped.
     """
     while (start := received.find(HEADER)) >= 0:
         del received[:start]
@@ -132,17 +130,11 @@ class Dynamixel:
         torque_per_ampere: float,
         now: Now = time.perf_counter,
     ) -> None:
-        """Open the port; nothing is sent yet.
+        """Open the port, such as `/dev/ttyUSB0`; nothing is sent yet.
 
-        Args:
-            port: Serial port, such as `/dev/ttyUSB0`.
-            node: ID of the servo, 0 to 252.
-            baud_rate: Of the servo [1/s].
-            torque_per_ampere: Of its shaft [N m/A].
-            now: Clock of the host [s].
-
-        Raises:
-            CableError: pyserial is not installed, or the port cannot be opened.
+        `node` is the ID of the servo, 0 to 252, `baud_rate` is in 1/s,
+        `torque_per_ampere` is that of its shaft [N m/A], and `now` the clock of the
+        host [s].
         """
         self.ignored: Counter[str] = Counter()
         self.where = f"Dynamixel {node} on {port}"
@@ -160,7 +152,6 @@ class Dynamixel:
         self._failures = 0
 
     def read(self) -> MotorState | None:
-        """See `MotorDrive`."""
         try:
             self._received += self._port.read(4096)
         except OSError as error:  # those of pyserial are
@@ -171,7 +162,6 @@ class Dynamixel:
         return newest
 
     def write(self, torque: float) -> None:
-        """See `MotorDrive`."""
         if (
             self._requested is not None
             and self._now() - self._requested_at < REPLY_TIME
@@ -194,11 +184,9 @@ class Dynamixel:
         self._send(writes, _MOVING if self._confirmed else _WHOLE)
 
     def stop(self) -> None:
-        """See `MotorDrive`."""
         self._send([(GOAL_CURRENT, b"\0\0"), (TORQUE_ENABLE, b"\0")], None)
 
     def close(self) -> None:
-        """See `MotorDrive`."""
         self._port.close()
 
     def _current(self, torque: float) -> bytes:

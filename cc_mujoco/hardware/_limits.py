@@ -35,7 +35,6 @@ class Limits:
     """Time in which the torque goes to zero after a stop [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse limits that cannot be."""
         for name in ("torque", "torque_rate", "motor_speed"):
             require_parameter(self, name, 1e-9, 1e9, "")
         low, high = self.joint_range
@@ -85,15 +84,7 @@ class Limiter:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        """Begin at zero torque.
-
-        Args:
-            limits: That are kept.
-            period: Between two torques [s].
-
-        Raises:
-            CableError: A stop cannot be as fast as requested.
-        """
+        """Begin at zero torque; `period` is the time between two torques [s]."""
         self._limit = limits.torque
         self._max_torque_step = limits.torque_rate * period
         self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0

@@ -43,12 +43,6 @@ class Ending(Exception):
     """Reason why a run ends, in one sentence, with the exit code."""
 
     def __init__(self, sentence: str, code: int = 3) -> None:
-        """Keep both.
-
-        Args:
-            sentence: Why.
-            code: Of the process; 3 says that something was amiss.
-        """
         super().__init__(sentence)
         self.code = code
 
@@ -58,21 +52,18 @@ class Rows(Protocol):
 
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
-    ) -> None:
-        """See `RunLog.row`."""
+    ) -> None: ...
 
 
 class TimeHistogram:
     """Histogram of times: bins of a microsecond, up to 20 ms."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._bins: NDArray[np.int64] = np.zeros(20_001, dtype=np.int64)
         self.longest = 0.0
         """[s]"""
 
     def add(self, time: float) -> None:
-        """Count a time [s]."""
         self.longest = max(self.longest, time)
         self._bins[min(max(int(time * 1e6), 0), 20_000)] += 1
 
@@ -84,7 +75,6 @@ class TimeHistogram:
         return float(np.searchsorted(total, math.ceil(share * total[-1])) + 1) * 1e-6
 
     def quantiles(self) -> dict[str, float]:
-        """Return the median, quantiles and longest [us]; nothing of no cycle."""
         if not self._bins.any():
             return {}
         found = {f"p{p:g}_us": self.quantile(p / 100) * 1e6 for p in (50, 99, 99.9)}
@@ -172,7 +162,6 @@ class _AxisState:
         return f"axis {self.axis.name}: {text}" if self.prefix else text
 
     def read(self) -> None:
-        """Take the newest reading."""
         self.fresh = self.axis.rig.read()
         self.seen = self.fresh or self.seen
 
@@ -201,18 +190,11 @@ class Loop:
     ) -> None:
         """Prepare; nothing is sent yet.
 
-        Args:
-            axes: What is driven, at least one; of several each has a name.
-            law: The controller, with the period of the loop. Of several axes it sees
-                columns that begin with the name of the axis, as that of
-                `control.axes_controller`, and returns the torque of every motor.
-            clock: That the cycles follow.
-            log: Takes the rows.
-            stop: Called twice a cycle; returns whether to end, and why.
-            windings: How far the joints wind cables that pull no round pulley.
-
-        Raises:
-            CableError: A stop cannot be as fast as requested.
+        Of several `axes` each has a name. `law` has the period of the loop; of several
+        axes it sees columns that begin with the name of the axis, as that of
+        `control.axes_controller`, and returns the torque of every motor. `stop` is
+        called twice a cycle; it returns whether to end, and why. `windings` are how far
+        the joints wind cables that pull no round pulley.
         """
         self._law, self._clock, self._log, self._stop = law, clock, log, stop
         self._windings = windings
@@ -388,11 +370,7 @@ class Loop:
             self._check(one.watch.deadline(missed))
 
     def _amiss(self, now: float) -> str | None:
-        """Return what is amiss in the new readings, in a sentence, or None.
-
-        Args:
-            now: Time by the clock of the host [s].
-        """
+        """Return what is amiss in the new readings, in a sentence, or None."""
         for one in self._axes:
             why = one.watch.reading(one.fresh, one.limiter.torque, now)
             if why is not None:
@@ -418,12 +396,7 @@ class Loop:
     def _control_torques(
         self, time: float, seen: Sequence[Readings]
     ) -> tuple[list[float], list[float]]:
-        """Return the desired torque of each joint, and the controller's request [N m].
-
-        Args:
-            time: Since the loop began [s].
-            seen: The newest reading of each axis.
-        """
+        """Return the desired torque of each joint, and the requested one [N m]."""
         try:
             desired = []
             columns: dict[str, float] = {}
@@ -471,11 +444,7 @@ class Loop:
 
 
 def _floats(torque: Any, count: int) -> list[float]:
-    """Return the torques of a controller, one for each of the motors.
-
-    Raises:
-        CableError: There are more, or fewer.
-    """
+    """Return the torques of a controller, one for each of the motors."""
     if count == 1:
         return [float(torque)]
     if np.shape(torque) != (count,):

@@ -117,11 +117,9 @@ class Moteus(CanDrive):
 
     @staticmethod
     def identifiers(node: int) -> list[int]:
-        """See `CanDrive`."""
         return [node << 8]
 
     def read(self) -> MotorState | None:
-        """See `MotorDrive`."""
         newest: dict[int, float] | None = None
         for frame in pending(self._port.receive):
             found = registers(bytes(frame.data))
@@ -137,7 +135,6 @@ class Moteus(CanDrive):
         return MotorState(self._now(), angle, velocity, self._status(newest[MODE]))
 
     def write(self, torque: float) -> None:
-        """See `MotorDrive`."""
         if not self._heard:
             self.stop()
             return
@@ -145,7 +142,6 @@ class Moteus(CanDrive):
         self._send(torque_command(torque))
 
     def stop(self) -> None:
-        """See `MotorDrive`."""
         self._send(stop_command())
 
     def _send(self, data: bytes) -> None:

@@ -44,7 +44,6 @@ _CLEAR_TIME = 0.02
 
 
 def identifier(node: int, command: int) -> int:
-    """Return the identifier of a frame."""
     return node << 5 | command
 
 
@@ -58,11 +57,9 @@ class Odrive(CanDrive):
 
     @staticmethod
     def identifiers(node: int) -> list[int]:
-        """See `CanDrive`."""
         return [identifier(node, each) for each in (HEARTBEAT, ESTIMATES)]
 
     def read(self) -> MotorState | None:
-        """See `MotorDrive`."""
         newest: tuple[float, float] | None = None
         for frame in pending(self._port.receive):
             data = bytes(frame.data)
@@ -81,7 +78,6 @@ class Odrive(CanDrive):
         return MotorState(self._now(), TURN * turns, TURN * speed, self._status())
 
     def write(self, torque: float) -> None:
-        """See `MotorDrive`."""
         if not self._heard:
             # An error of the last run is no fault of this one, unless it remains.
             self._cleared = self._now()
@@ -98,7 +94,6 @@ class Odrive(CanDrive):
         self._send(SET_INPUT_TORQUE, struct.pack("<f", torque if self._heard else 0.0))
 
     def stop(self) -> None:
-        """See `MotorDrive`."""
         self._send(SET_INPUT_TORQUE, struct.pack("<f", 0.0))
         self._send(SET_AXIS_STATE, struct.pack("<I", IDLE))
 

@@ -64,7 +64,6 @@ class Command(NamedTuple):
     echo: int
     """Time stamp of the newest reading that the host had [ns]; 0 before any."""
     torque: float
-    """Torque of the motor [N m]."""
     status: Status
 
 
@@ -85,7 +84,6 @@ def pack_reading(sequence: int, stamp: int, values: Readings) -> bytes:
 
 
 def pack_command(given: Command) -> bytes:
-    """Return the packet of a command."""
     head = (
         COMMAND_MAGIC,
         PROTOCOL_VERSION,

@@ -29,12 +29,7 @@ class Desired(Protocol):
     """Torque at the joint, by time and motion."""
 
     def torque(self, time: float, seen: Readings) -> float:
-        """Return the torque [N m].
-
-        Args:
-            time: Since the loop began [s].
-            seen: What is measured.
-        """
+        """Return the torque [N m] at a time since the loop began [s]."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +80,6 @@ class Virtual:
     task: Task
 
     def torque(self, time: float, seen: Readings) -> float:
-        """See `Desired`."""
         at = time if self.task.of_time else 0.0
         return float(self.task.torque(seen.joint_angle, seen.joint_velocity, at))
 
@@ -93,9 +87,8 @@ class Virtual:
     def named(cls, name: str) -> Virtual:
         """Return the virtual environment of a name.
 
-        Raises:
-            CableError: There is none, it follows a gait, which no rig measures, or an
-                angle, which no rig is given.
+        One that follows a gait, which no rig measures, or an angle, which no rig is
+        given, is refused.
         """
         found = task(name)
         if found.about_reference or found.commands_angle:
@@ -119,13 +112,8 @@ def constant_course(torque: float) -> TorqueTable:
 def course_from_trajectory(name: str, amplitude: float, duration: float) -> TorqueTable:
     """Return a trajectory of `cc-mujoco play` as a course of torque.
 
-    Args:
-        name: Of the trajectory.
-        amplitude: Torque where the trajectory has its amplitude [N m].
-        duration: Of the run [s].
-
-    Raises:
-        CableError: There is no such trajectory.
+    `amplitude` is the torque where the trajectory has its own [N m], `duration` that of
+    the run [s].
     """
     found = look_up("trajectory", name, TRAJECTORIES)
     require_number("duration", duration, 0.01, MAX_DURATION, "s")
@@ -134,11 +122,7 @@ def course_from_trajectory(name: str, amplitude: float, duration: float) -> Torq
 
 
 def course_from_csv(path: Path) -> TorqueTable:
-    """Return a course from a file with the columns `time_s` and `torque_nm`.
-
-    Raises:
-        CableError: It cannot be read or used; names file, row and column.
-    """
+    """Return a course from a file with the columns `time_s` and `torque_nm`."""
     times, torques = read_columns(path, COURSE_COLUMNS)
     return TorqueTable(times, torques)
 
@@ -146,12 +130,7 @@ def course_from_csv(path: Path) -> TorqueTable:
 def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
     """Read the named columns of a table (n,) each.
 
-    Args:
-        path: Of the file, in a form of `_utils.tables`.
-        columns: Their names and what they measure; the first is time and must rise.
-
-    Raises:
-        CableError: It cannot be read or used; names file, row and column.
+    `columns` are their names and what they measure; the first is time and must rise.
     """
     names = tables.column_names(path)
     found = [

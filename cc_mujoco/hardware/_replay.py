@@ -101,15 +101,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
 
 
 def read_rows(path: Path) -> dict[str, Array]:
-    """Return the columns of a log by name (T,) each, from all whole lines.
-
-    Args:
-        path: Of the log.
-
-    Raises:
-        CableError: It cannot be read, has no row, lacks a column or has cells that are
-            no numbers.
-    """
+    """Return the columns of a log by name (T,) each, from all whole lines."""
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
@@ -163,14 +155,8 @@ def as_episode(
 ) -> tuple[mujoco.MjModel, EpisodeLog]:
     """Return the scene, and a run as an episode in it.
 
-    Args:
-        rows: See `read_rows`.
-        scene: Name of a device, or the file of one.
-        path: Of the log, for the errors.
-
-    Raises:
-        CableError: There is no such device or axis, its ratio is not that of the
-            angles, or joints wind its cables that the run did not measure.
+    The ratio of the device must be that of the angles, and the run must have measured
+    the joints that wind its cables.
     """
     device = find_device(scene)
     description = device.description
@@ -272,11 +258,8 @@ def _observed(
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of cables as the model finds them, by motor and joint.
 
-    Args:
-        drive: Of the axis.
-        names: Of its cables.
-        motor: Angle of the motor (T,) [rad].
-        torque: At the joint, with a round pulley (T,) [N m].
+    `motor` is its angle (T,) [rad], `torque` that at the joint with a round pulley (T,)
+    [N m].
     """
     observer = CableModel(drive)
     states = []

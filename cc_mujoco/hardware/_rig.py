@@ -63,11 +63,9 @@ class Connection(Protocol):
 class Link(Connection, Protocol):
     """Carrier of packets between two ends."""
 
-    def receive(self) -> bytes | None:
-        """Return the next packet, or None if there is none."""
+    def receive(self) -> bytes | None: ...
 
-    def send(self, data: bytes) -> None:
-        """Send a packet."""
+    def send(self, data: bytes) -> None: ...
 
 
 def end_safely(
@@ -75,10 +73,7 @@ def end_safely(
 ) -> None:
     """Try to stop a motor `END_PACKETS` times and then close, whatever fails.
 
-    Args:
-        stop: Sends the command that takes the torque away.
-        interval: Time after each [s].
-        close: Called afterwards, in this order.
+    `stop` takes the torque away; `interval` is the time after each [s].
     """
     with contextlib.ExitStack() as ending:  # goes on after any error
         for each in reversed(close):
@@ -97,9 +92,6 @@ def pending(receive: Callable[[], Item | None]) -> Iterator[Item]:
     """Yield what has been received, but no more in a cycle than `MAX_PENDING`.
 
     So a sender without a pause cannot hold up the loop.
-
-    Args:
-        receive: Returns the next packet or frame, or None if there is none.
     """
     for _ in range(MAX_PENDING):
         if (found := receive()) is None:
@@ -114,7 +106,6 @@ class PacketRig:
     """
 
     def __init__(self, link: Link) -> None:
-        """Take a link; nothing is sent yet."""
         self.ignored = link.ignored
         """Packets that were not used: corrupt, repeated, reordered, overtaken; and
         what the link did not carry."""

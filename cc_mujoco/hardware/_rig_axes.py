@@ -32,14 +32,7 @@ class RigAxes:
     """Axes that a rig drives, in the order of the device."""
 
     def __init__(self, settings: Sequence[Settings]) -> None:
-        """Load the device.
-
-        Args:
-            settings: Of every axis, of one file.
-
-        Raises:
-            CableError: There is no such device or axis.
-        """
+        """Load the device."""
         self.device = device = settings[0].device()
         every = device.axis_names
 
@@ -64,12 +57,7 @@ class RigAxes:
         """Axes that are not driven, by the joint that they would measure."""
 
     def controller(self, name: str) -> Controller:
-        """Return a controller of all axes, see `control.axes_controller`.
-
-        Raises:
-            CableError: There is none, or it needs to know how a joint that the rig does
-                not measure winds a cable.
-        """
+        """Return a controller of all axes, see `control.axes_controller`."""
         if len(self.names) == 1 and self.log_names != ("",):
             named = split_by_axis(name, self.names)
             name = named if isinstance(named, str) else named[self.names[0]]
@@ -91,14 +79,7 @@ class RigAxes:
         return law
 
     def desired(self, duration: float) -> list[Desired]:
-        """Return the desired torque of each axis, see `Settings.desired`.
-
-        Args:
-            duration: Of the run [s].
-
-        Raises:
-            CableError: One cannot be made, or is beyond what its motor can give.
-        """
+        """Return the desired torque of each axis, see `Settings.desired`."""
         found = [each.desired(duration) for each in self.settings]
         for name, desired, drive, each in zip(
             self.names, found, self.drives, self.settings, strict=True
@@ -115,7 +96,6 @@ class RigAxes:
     def driven(
         self, rigs: Sequence[Rig], desired: Sequence[Desired]
     ) -> list[DrivenAxis]:
-        """Return the axes for a loop."""
         return [
             DrivenAxis(rig, drive, goal, each.limits, each.watchdog, name)
             for rig, drive, goal, each, name in zip(
@@ -124,11 +104,7 @@ class RigAxes:
         ]
 
     def connect(self) -> list[Rig]:
-        """Make the rig of every axis; those on one CAN bus share it.
-
-        Raises:
-            CableError: One cannot be made; the others are closed.
-        """
+        """Make the rig of every axis; those on one CAN bus share it."""
         buses: CanBuses = {}
         rigs: list[Rig] = []
         with contextlib.ExitStack() as closing:

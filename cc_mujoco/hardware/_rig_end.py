@@ -20,11 +20,6 @@ class UdpEnd:
     """A port of this machine."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open the port.
-
-        Raises:
-            CableError: It is taken, or cannot be.
-        """
         self.name = f"{host}:{port}"
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -49,7 +44,6 @@ class UdpEnd:
             self._socket.sendto(data, to)
 
     def close(self) -> None:
-        """Close the port."""
         self._socket.close()
 
 
@@ -57,7 +51,6 @@ class ServedHost:
     """Host that the rig obeys: its duties as to watchdog, sequence and enabling."""
 
     def __init__(self) -> None:
-        """Begin without a host."""
         self.address: Sender | None = None
         """Address to which readings go."""
         self.enabled = False

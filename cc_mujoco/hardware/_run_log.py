@@ -70,11 +70,9 @@ class AxisRow(NamedTuple):
 
 
 def run_columns(axes: Sequence[str] = ("",)) -> tuple[str, ...]:
-    """Return the columns of a row.
+    """Return the columns of a row; those of axes begin with their names.
 
-    Args:
-        axes: Names of the axes that are driven, with which their columns begin; an
-            empty one of a device with one axis.
+    The name of a device's only axis is empty.
     """
     own = (SAMPLE_TIME, *_AXIS_COLUMNS) if len(axes) > 1 else _AXIS_COLUMNS
     starts = [f"{axis}." if axis else "" for axis in axes]
@@ -139,15 +137,8 @@ class RunLog:
     ) -> None:
         """Begin both files.
 
-        Args:
-            folder: Where; made if need be.
-            about: The settings of the run, as JSON.
-            rows: Of a block.
-            name: Of the files.
-            axes: Names of the axes that are driven; an empty one of a device with one.
-
-        Raises:
-            CableError: As `require_free`.
+        `about` are the settings of the run, as JSON, `rows` those of a block. `axes`
+        are the names of those that are driven; an empty one of a device with one.
         """
         require_free(folder, name)
         rows_file, about_file = files_of(name)
@@ -229,11 +220,7 @@ class RunLog:
             self._write(data)
 
     def _write(self, data: bytes) -> None:
-        """Write whole lines; where a disk is full, those that it takes.
-
-        Raises:
-            CableError: Not all of them could be written; there is no more to come.
-        """
+        """Write whole lines; where a disk is full, those that it takes."""
         done = 0
         try:
             while done < len(data):

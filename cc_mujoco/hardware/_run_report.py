@@ -60,12 +60,7 @@ class ReportedRun:
 
 
 def write_run_report(run: ReportedRun) -> Path:
-    """Write the page of a run beside its log, and return its path.
-
-    Raises:
-        CableError: The log has less than two rows.
-        OSError: The page cannot be written.
-    """
+    """Write the page of a run beside its log, and return its path."""
     rows = read_rows(run.log)
     time = rows["time_s"]
     axes = {
@@ -101,7 +96,6 @@ def write_run_report(run: ReportedRun) -> Path:
 
 
 def _kind(run: ReportedRun) -> str:
-    """Return the class of the page, which colours its edge."""
     if run.outcome.code:
         return "fix-data"
     return "named" if _touched(run) else "none"
@@ -153,7 +147,6 @@ def _sentence(
 
 
 def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) -> Html:
-    """Return torques and angle of an axis over time."""
     start = f"{name}: " if name else ""
     torque = {"measured": rows["joint_torque_nm"], "desired": rows["desired_torque_nm"]}
     commanded = {"commanded": rows["motor_torque_nm"]}
@@ -173,7 +166,6 @@ def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) 
 
 
 def _next(run: ReportedRun, axis: str) -> Html:
-    """Return the command that comes next."""
     folder = run.log.parent
     if run.outcome.code:
         words = ["cc-mujoco", "play", run.scene, "--replay", str(run.log)]
@@ -225,7 +217,6 @@ def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
 
 
 def _timing(run: ReportedRun) -> Html:
-    """Return how punctual a run was."""
     found = run.outcome
     sentences = [
         f"{found.cycles} cycles of {run.period * 1e3:g} ms, {found.missed} missed, "

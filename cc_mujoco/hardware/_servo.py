@@ -38,7 +38,6 @@ class Stiffness:
     """Rate at which the torque grows while there is an error [N m/(rad s)]."""
 
     def __post_init__(self) -> None:
-        """Refuse impossible gains."""
         require_parameter(self, "stiffness", 1e-9, 1e9, "N m/rad")
         require_parameter(self, "damping", 0.0, 1e9, "N m s/rad")
         require_parameter(self, "integral", 0.0, 1e12, "N m/(rad s)")
@@ -71,13 +70,9 @@ class Servo:
     def __init__(
         self, drive: Drive, times: Array, angles: Array, firm: Stiffness | None = None
     ) -> None:
-        """Begin.
+        """Begin a course of motor `angles` at `times` from 0 (n,) [rad, s].
 
-        Args:
-            drive: Of the rig.
-            times: Of the course, rising from 0 (n,) [s].
-            angles: Of the motor (n,) [rad], linear between.
-            firm: How firmly; `Stiffness.of` the drive by default.
+        It is as `firm` as `Stiffness.of` the drive by default.
         """
         self._drive = drive
         self._times, self._angles = times, angles

@@ -364,11 +364,7 @@ def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
 
 
 def _require_distinct(axes: Sequence[Settings]) -> None:
-    """Refuse two axes whose commands would reach the same motor.
-
-    Raises:
-        CableError: They have the same address, identifiers or class with its keys.
-    """
+    """Refuse two axes whose commands would reach the same motor."""
     for one, other in itertools.combinations(axes, 2):
         require_distinct(
             f"{one.path}, axes {one.axis} and {other.axis}", one.rig, other.rig

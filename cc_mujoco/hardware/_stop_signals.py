@@ -22,11 +22,7 @@ class Stops:
     """Stop signals, checked in every cycle; remembers the first that came."""
 
     def __init__(self, keyboard: bool) -> None:
-        """Begin with none.
-
-        Args:
-            keyboard: Whether the return key counts, too.
-        """
+        """Begin with none; with `keyboard` the return key counts, too."""
         self._keyboard = keyboard
         self._found: Ending | None = None
 

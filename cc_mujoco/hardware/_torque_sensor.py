@@ -31,10 +31,8 @@ class TorqueSensor:
     def __init__(self, drive: Drive, readings: int, swing: float) -> None:
         """Prepare, with everything compiled, so that no cycle waits for that.
 
-        Args:
-            drive: Of the rig; its cables must be known.
-            readings: Equal readings of a sensor that may be dead.
-            swing: Of the predicted torque, that a sensor must show [N m].
+        A sensor may be dead after so many equal `readings`, and must show a `swing` of
+        the predicted torque [N m].
         """
         self._model = CableModel(drive)
         self._share = -math.expm1(-drive.period / STATISTICS_TIME)
@@ -50,13 +48,7 @@ class TorqueSensor:
         self._model.reset()
 
     def reading(self, motor: float, joint: float, torque: float) -> str | None:
-        """Return the fault of the sensor in one sentence, or None.
-
-        Args:
-            motor: Angle of the motor [rad].
-            joint: Angle of the joint [rad].
-            torque: Measured at the joint [N m].
-        """
+        """Return the fault of the sensor in one sentence, or None."""
         if self._count == 0:
             self._joint = joint
         predicted = self._predicted(motor, joint - self._joint)

@@ -60,13 +60,6 @@ class Planned:
 
         In a plan the joint is positive where the cable pulls, at the rig as the scene
         has it.
-
-        Args:
-            limits: Of the rig.
-            drive: Of the rig.
-
-        Raises:
-            CableError: It goes, or turns, beyond them.
         """
         low, high = limits.joint_range
         joint = math.copysign(1.0, drive.ratio) * self.joint
@@ -85,11 +78,7 @@ class Planned:
 
 
 def read_plan(folder: str | os.PathLike[str]) -> list[Planned]:
-    """Return the trials of a folder that `cc-mujoco diagnose --plan` wrote.
-
-    Raises:
-        CableError: It has none, or one cannot be read.
-    """
+    """Return the trials of a folder that `cc-mujoco diagnose --plan` wrote."""
     place = Path(folder)
     toml = place / DATASET_FILE
     paths = sorted(place.glob(MOTION_FILE.format("*")))
@@ -115,13 +104,8 @@ def add_trial_facts(plan: Path, trial: str, out: Path, inertia: float) -> None:
 
     That file has only what was recorded: facts of a trial that is not there are an
     error to whoever reads it. Existing entries are not changed. Logs have the torque
-    command of the motor, part of which accelerates its rotor.
-
-    Args:
-        plan: Folder of the plan.
-        trial: Name of the trial.
-        out: Folder of the logs.
-        inertia: Of the motor at its pulley [kg m^2]; 0 is not known.
+    command of the motor, part of which accelerates its rotor, of `inertia` at its
+    pulley [kg m^2]; 0 is not known.
     """
     head, *tables = re.split(
         r"(?m)^(?=\[trials\b)", (plan / DATASET_FILE).read_text(encoding="utf-8")

@@ -13,11 +13,7 @@ class _UdpLink:
     """A packet in a datagram; those of others never reach it."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet.
-
-        Raises:
-            CableError: The address means no machine.
-        """
+        """Open a socket; nothing is sent yet."""
         self.ignored: Counter[str] = Counter()
         self.where = f"{host}:{port}"
         try:
@@ -40,11 +36,9 @@ class _UdpLink:
             return None
 
     def send(self, data: bytes) -> None:
-        """See `Link`."""
         self._socket.send(data)
 
     def close(self) -> None:
-        """See `Link`."""
         self._socket.close()
 
 
@@ -52,9 +46,5 @@ class UdpRig(PacketRig):
     """A rig behind UDP; it answers the sender of its last command."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet.
-
-        Raises:
-            CableError: The address means no machine.
-        """
+        """Open a socket; nothing is sent yet."""
         super().__init__(_UdpLink(host, port))

@@ -47,7 +47,6 @@ class Watchdog:
     stretch of a pair of cables. A single one may be slack and is not looked at."""
 
     def __post_init__(self) -> None:
-        """Refuse impossible settings."""
         for name in ("missed_readings", "missed_deadlines", "frozen_readings"):
             require_parameter(self, name, 1, 1e6, "cycles")
         require_parameter(self, "frozen_torque", 1e-6, 2.0, "of the torque's limit")
@@ -58,14 +57,8 @@ class Watchdog:
 def tension_model(drive: Drive, limit: float, unmeasured: Sequence[str]) -> CableModel:
     """Return the model that predicts tensions, compiled before the first cycle.
 
-    Args:
-        drive: Of the rig.
-        limit: Of the tension [N].
-        unmeasured: Joints that wind the cables and that the rig does not measure.
-
-    Raises:
-        CableError: Joints that are not measured wind the cable too, or the limit is
-            within the pretension [N].
+    `limit` is that of the tension [N]. Joints that wind the cables and that the rig
+    does not measure are refused.
     """
     most = max(each.cable.pretension for each in drive.cables)
     if limit <= most:
@@ -97,16 +90,8 @@ class Watch:
     ) -> None:
         """Begin with the first cycle.
 
-        Args:
-            limits: Of what is measured.
-            watchdog: How long something may be amiss.
-            drive: Of the rig.
-            unmeasured: Joints that wind its cables and that the rig does not measure;
-                all but the driven one by default.
-
-        Raises:
-            CableError: Tension is limited, and the model cannot tell it, or the cables
-                have more to begin with.
+        `unmeasured` are joints that wind its cables and that the rig does not measure;
+        all but the driven one by default.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:

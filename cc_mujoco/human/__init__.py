@@ -10,10 +10,6 @@ _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name of the stub.
-
-    Raises:
-        CableError: It has another name now.
-    """
+    """Return a public name of the stub."""
     require_new_name(name)
     return _attribute(name)

@@ -52,7 +52,6 @@ class Body:
     """Length of a leg from hip to sole [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse bodies that are none of an adult."""
         require_parameter(self, "mass", MIN_MASS, MAX_MASS, "kg")
         require_parameter(self, "leg", MIN_LEG_LENGTH, MAX_LEG_LENGTH, "m")
 

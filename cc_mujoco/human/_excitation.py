@@ -38,7 +38,6 @@ class Sine(Scripted):
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "frequency", 1e-3, 50.0, "Hz")
         require_parameter(self, "fade", 0.01, 1e4, "s")
@@ -72,7 +71,6 @@ class Chirp(Scripted):
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "fade", 0.01, 1e4, "s")
         _require_band(self)
@@ -114,7 +112,6 @@ class Multisine(Scripted):
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "fade", 0.01, 1e4, "s")
         require_parameter(self, "period", 0.01, 1e4, "s")

@@ -52,7 +52,6 @@ class Harmonics:
         return real
 
     def derivative(self) -> Harmonics:
-        """Return the derivative with respect to the phase."""
         return Harmonics(
             tuple(
                 (2 * np.pi * k * b, -2 * np.pi * k * a)

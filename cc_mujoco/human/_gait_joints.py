@@ -54,13 +54,10 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
 
     A joint takes part if its name contains `ankle`, `knee` or `hip` and no word of
     another axis, such as `adduction`. The leg of the first joint that names a side is
-    the first leg. A joint is turned where its range holds the angles of the gait with
-    the opposite sign only, such as a knee whose flexion is positive, and shifted by up
-    to 0.03 rad where it stops short of them, such as a knee that cannot hyperextend.
-
-    Args:
-        joints: Range [rad] by name of the joints that the wearer moves, the driven one
-            first.
+    the first leg. A joint is turned where its range [rad] holds the angles of the gait
+    with the opposite sign only, such as a knee whose flexion is positive, and shifted
+    by up to 0.03 rad where it stops short of them, such as a knee that cannot
+    hyperextend. The driven joint is the first.
     """
     found = []
     lead = ""

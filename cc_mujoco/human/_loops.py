@@ -36,7 +36,6 @@ class Loops(Scripted):
     """Frequency [Hz]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "centre", -10.0, 10.0, "rad")
         require_parameter(self, "frequency", 1e-3, 50.0, "Hz")

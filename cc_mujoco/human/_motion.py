@@ -125,17 +125,9 @@ class SampledMotion:
         rng: np.random.Generator,
         rows: int,
     ) -> None:
-        """Draw all that is random.
+        """Draw all that is random; arguments as of `Trajectory.sample`.
 
-        Args:
-            source: The trajectory.
-            duration: As of `Trajectory.sample`.
-            dt: As of `Trajectory.sample`.
-            rng: As of `Trajectory.sample`.
-            rows: Samples that may be in memory; a motion of no more is sampled once.
-
-        Raises:
-            CableError: As of `Trajectory.sample`.
+        A motion of no more than `rows` samples is sampled once, into memory.
         """
         self._source, self._dt = source, dt
         self._steps = _sample_steps(duration, dt)
@@ -177,7 +169,6 @@ class Scripted(Trajectory):
     """Bound on the absolute angle [rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         require_parameter(self, "amplitude", 0.001, 2 * math.pi, "rad")
 
 
@@ -195,12 +186,7 @@ def minimum_jerk(x: Array) -> Ease:
 
     s is 0 before x = 0 and 1 after x = 1, with continuous first and second derivatives;
     it is the straight reach of least jerk (Flash and Hogan, 1985, J. Neurosci. 5(7)).
-
-    Args:
-        x: Normalised time [-].
-
-    Returns:
-        Integral of s from 0, s, ds/dx and d2s/dx2, each of the shape of `x`.
+    Returns the integral of s from 0, s, ds/dx and d2s/dx2, each of the shape of `x`.
     """
     y = np.clip(x, 0.0, 1.0)
     after = np.maximum(x - 1.0, 0.0)

@@ -34,11 +34,7 @@ class UserTask(Task):
     """The user's task."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of the user's task [N m]; see `Task.torque`.
-
-        Raises:
-            CableError: If it raises, or returns what is no real number.
-        """
+        """Return the torque of the user's task [N m]; see `Task.torque`."""
         with user_errors(f"task {self.name!r}"):
             found: Any = self.own.torque(angle, velocity, phase)
         if np.asarray(found).dtype.kind not in "fiu":

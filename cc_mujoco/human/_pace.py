@@ -59,7 +59,6 @@ class Pace:
     """Walking speed [m/s]."""
 
     def __post_init__(self) -> None:
-        """Refuse speeds that the source does not cover."""
         require_parameter(self, "speed", MIN_SPEED, MAX_SPEED, "m/s")
 
     @cached_property

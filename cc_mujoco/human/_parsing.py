@@ -37,14 +37,8 @@ def given_fields(text: str) -> tuple[str, ...]:
 def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
     """Return the entry of a name, with the parameters that are given behind it.
 
-    Args:
-        kind: What it is, for error messages.
-        text: `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`.
-        registry: Entries by name, frozen dataclasses.
-
-    Raises:
-        CableError: If there is no such name or parameter, or what is given is no
-            number; names what would be right.
+    The text is `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`; entries are
+    frozen dataclasses. `kind` is what an error calls them.
     """
     name, colon, rest = text.partition(":")
     found: Any = look_up(kind, name, registry)
@@ -96,17 +90,9 @@ def user_object(
 ) -> Any:
     """Return the object `MODULE:NAME`, or what it returns where it is a function.
 
-    Args:
-        kind: What it is, for error messages.
-        text: `MODULE:NAME`.
-        registry: Entries by name, for the error message of an unknown one.
-        base: Class of which it must be.
-        wrap: Called with the text and an object of a class of the user; what it returns
-            reports errors of the user's code by file and line.
-
-    Raises:
-        CableError: If there is no such object, its code raises, or it is of another
-            class.
+    It must be of the class `base`. `wrap` is called with the text and an object of a
+    class of the user; what it returns reports errors of the user's code by file and
+    line. `kind` and `registry` are for the error of an unknown name.
     """
     place, _, name = text.partition(":")
     if not name.isidentifier() and text == without_mark(text):
@@ -132,11 +118,7 @@ def is_package_object(given: object) -> bool:
 
 
 def user_classes(given: object) -> tuple[str, ...]:
-    """Return the user's classes of an object and of its fields, as `MODULE:NAME`.
-
-    Args:
-        given: A trajectory or a task, which may hold others, as `Perturbed` does.
-    """
+    """Return the user's classes of an object and of its fields, as `MODULE:NAME`."""
     kind = type(given)
     found = [] if is_package_object(given) else [f"{kind.__module__}:{kind.__name__}"]
     if dataclasses.is_dataclass(given):

@@ -64,7 +64,6 @@ class Perturbed(Disturbed):
     """Mean time from the end of a bump to the next [s]; at least half of it."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no bump."""
         require_parameter(self, "size", 0.0, 3.0, "rad")
         require_parameter(self, "width", 0.01, 10.0, "s")
         require_parameter(self, "pause", 0.01, 1e3, "s")
@@ -113,7 +112,6 @@ class Tremor(Disturbed):
     """Greatest frequency [Hz]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no tremor."""
         require_parameter(self, "size", 0.0, 1.0, "rad")
         require_parameter(self, "low", 0.1, 50.0, "Hz")
         require_parameter(self, "high", self.low, 50.0, "Hz")

@@ -37,7 +37,6 @@ class Sweep(Scripted):
     """Rest at each side [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "move", 0.01, 1e4, "s")
         require_parameter(self, "hold", 0.0, 1e4, "s")
@@ -76,7 +75,6 @@ class Ramp(Scripted):
     """Duration of each corner [s]; at most half a leg."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         require_parameter(self, "leg", 0.01, 1e4, "s")
         require_parameter(self, "corner", 0.001, self.leg / 2, "s")
@@ -118,7 +116,6 @@ class Reach(Scripted):
     """Longest rest at a target [s]; the shortest is none."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         _require_range(self)
         require_parameter(self, "longest_dwell", 0.0, 1e4, "s")
@@ -151,7 +148,6 @@ class Reversals(Scripted):
     """Smallest extent of a move, as a fraction of the amplitude [-]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         _require_range(self)
         require_parameter(self, "smallest", 0.0, 1.0, "of the amplitude")

@@ -91,7 +91,6 @@ class Profiles(Task):
     of_phase = True
 
     def __init__(self, profiles: Sequence[Profile]) -> None:
-        """Put profiles together, in the order of the devices."""
         names = ("onset", "peak_time", "end", "peak_torque")
         self._rows = [np.array([getattr(p, name) for p in profiles]) for name in names]
 

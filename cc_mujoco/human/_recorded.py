@@ -127,9 +127,8 @@ def match_joints(
 ) -> dict[str, Entry]:
     """Return the columns of a device's joints by the names of the joints.
 
-    Args:
-        columns: By the words of their names without quantity and unit.
-        joints: Names of the joints, that which the device drives first.
+    `columns` are by the words of their names without quantity and unit; the joint that
+    the device drives is the first.
     """
     found = {}
     for place, joint in enumerate(joints):
@@ -195,9 +194,7 @@ def _angle_columns(
 ) -> dict[str, str]:
     """Return the columns of angles by joint, that of the driven joint first.
 
-    Raises:
-        CableError: There is none of the driven joint, several are of one joint, or one
-            has no unit.
+    One must be of the driven joint, all have a unit, and no two are of one joint.
     """
     with_unit: dict[Words, list[str]] = {}
     without: dict[Words, list[str]] = {}

@@ -78,11 +78,7 @@ class Task(ABC):
 def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
     """Return the largest torque that a task demands, either way [N m].
 
-    Args:
-        task: The task.
-        centre: Angle about which the joint moves [rad].
-        reach: Largest excursion from there [rad].
-        speed: Largest velocity of the joint [rad/s].
+    The joint moves about `centre` by at most `reach` [rad], and at `speed` [rad/s].
     """
     if task.about_reference:
         centre = reach = 0.0
@@ -109,7 +105,6 @@ class Tunnel(Task):
     """Largest torque [N m]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers or are negative."""
         require_parameter(self, "half_width", 0.0, 10.0, "rad")
         require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
         require_parameter(self, "limit", 0.0, 1e6, "N m")
@@ -127,7 +122,6 @@ class Spring(Task):
     """Stiffness [N m/rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers or are negative."""
         require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -160,7 +154,6 @@ class Assist(Task):
     """Largest torque [N m]; about a quarter of the biological moment of that walk."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers or are negative."""
         require_parameter(self, "peak", 0.0, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -186,7 +179,6 @@ class Swing(Task):
     """Phase from the peak to where the help ends [-]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers or describe no pulse."""
         require_parameter(self, "peak", 0.0, 1e6, "N m")
         require_parameter(self, "middle", 0.0, 1.0, "")
         require_parameter(self, "half_width", 0.01, 0.5, "")
@@ -207,7 +199,6 @@ class Hold(Task):
     """Torque [N m]; by default 2.7 N at 55 mm from a knuckle, in extension."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers."""
         require_parameter(self, "pull", -1e6, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -231,7 +222,6 @@ class Impedance(Task):
     """Damping [N m s/rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse parameters that are not numbers or are negative."""
         require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
         require_parameter(self, "damping", 0.0, 1e6, "N m s/rad")
 

@@ -133,11 +133,7 @@ def read_torque(
 def _torque_column(
     path: Path, names: Sequence[str], joints: Sequence[str]
 ) -> tables.Column:
-    """Return the column of the torque on a joint.
-
-    Raises:
-        CableError: There is none, or there are several.
-    """
+    """Return the column of the torque on a joint."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name in names:
         key, unit = quantity_words(name, TORQUE)

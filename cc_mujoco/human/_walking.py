@@ -103,7 +103,6 @@ class Walk(Scripted):
         return Pace(self.speed)
 
     def __post_init__(self) -> None:
-        """Refuse parameters that describe no motion."""
         super().__post_init__()
         Pace(self.speed)
         require_parameter(self, "period", 0.2, 20.0, "s")

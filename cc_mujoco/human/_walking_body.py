@@ -48,7 +48,6 @@ class WalkingBody:
     """Change of the hips' height of a person who falls [m]."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Look the names up."""
         names = [
             [f"{side}_{part}" for part in WALKING_JOINTS] for side in WALKING_SIDES
         ]

@@ -157,13 +157,10 @@ class WalkingController:
         arrays: Any = np,
         **placement: Any,
     ) -> None:
-        """Tabulate the policies.
+        """Tabulate the policies, one for all worlds or one for each.
 
-        Args:
-            policies: one for all worlds, or one for each.
-            worlds: number of worlds.
-            arrays: module of the arrays, `numpy` or `torch`.
-            placement: of all arrays, such as `dtype` and, with PyTorch, `device`.
+        `arrays` is the module of the arrays, `numpy` or `torch`, `placement` of all of
+        them `dtype` and, with PyTorch, `device`.
         """
         each = [policies] if isinstance(policies, WalkingPolicy) else list(policies)
         own = arrays.arange(worlds) if len(each) > 1 else arrays.zeros(worlds)

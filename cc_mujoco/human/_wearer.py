@@ -48,7 +48,6 @@ class Wearer:
     """D, at least 0 [N m s/rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse an impedance that is not one."""
         require_parameter(self, "stiffness", 1e-6, 1e15, "N m/rad")
         require_parameter(self, "damping", 0.0, 1e15, "N m s/rad")
 

@@ -15,10 +15,8 @@ POSITIVE_EFFICIENCY, NEGATIVE_EFFICIENCY = 0.25, 1.2
 
 
 def metabolic_energy(positive: Any, negative: Any) -> Any:
-    """Return the energy that work takes [J], elementwise.
+    """Return the energy that work takes [J], or power for power [W], elementwise.
 
-    Args:
-        positive: work [J], or power [W] for a power.
-        negative: likewise, at most 0.
+    `negative` is at most 0.
     """
     return positive / POSITIVE_EFFICIENCY - negative / NEGATIVE_EFFICIENCY

@@ -41,9 +41,6 @@ def stride_metrics(log: LogLike) -> Strides:
 
     Strides go from heel strike to heel strike. The first, in which the walk begins, is
     left out.
-
-    Args:
-        log: Of an episode in which the joint walks at the pace of its metadata.
     """
     if PACE not in log.metadata:
         return Strides()

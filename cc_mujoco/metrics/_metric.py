@@ -64,11 +64,6 @@ class ArrayLog:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column.
-
-        Raises:
-            CableError: There is no such column; names the nearest match.
-        """
         if name not in self.columns:
             raise CableError.unknown("column", name, self.columns)
         return self.columns[name]
@@ -150,10 +145,8 @@ def metadata_constant(log: LogLike, key: str) -> float:
 
 
 def rms(values: Array) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def peak(values: Array) -> float:
-    """Return the largest absolute value."""
     return float(np.max(np.abs(values)))

@@ -15,13 +15,7 @@ MEAN_WINDOW = 0.05
 
 
 def moving_mean(values: Array, period: float, window: float = MEAN_WINDOW) -> Array:
-    """Return the mean over a window, where the window fits.
-
-    Args:
-        values: Samples (T,).
-        period: Time between samples [s].
-        window: Its length [s].
-    """
+    """Return the mean over a window [s], where the window fits; `period` in [s]."""
     width = min(max(1, round(window / period)), len(values))
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
 

@@ -85,12 +85,7 @@ def chatter(log: LogLike) -> float:
 
 
 def peak_rate(torque: Array, step: float) -> float:
-    """Return the fastest change of a torque, over `RATE_WINDOW` [N m/s].
-
-    Args:
-        torque: (T,) [N m].
-        step: Time between samples [s].
-    """
+    """Return the fastest change of a torque (T,) [N m], over `RATE_WINDOW` [N m/s]."""
     gap = max(1, round(RATE_WINDOW / step))
     if torque.size <= gap:
         return math.nan

@@ -182,11 +182,7 @@ class CLibrary:
         )
 
     def require(self, function: types.FunctionType) -> Function:
-        """Return a function, which will be translated with all that it calls.
-
-        Raises:
-            CableError: it leaves the subset.
-        """
+        """Return a function, which will be translated with all that it calls."""
         known = self._functions.get(function)
         if known is None:
             try:
@@ -201,11 +197,7 @@ class CLibrary:
         return known
 
     def translate(self) -> list[Function]:
-        """Return what is required and all that it calls, each after what it calls.
-
-        Raises:
-            CableError: it leaves the subset; one line for each place found.
-        """
+        """Return what is required and all that it calls, each after what it calls."""
         errors = []
         while self._waiting:
             function = self._waiting.pop()
@@ -281,7 +273,6 @@ class CLibrary:
         return Value(text, kind, table=name)
 
     def text(self) -> str:
-        """Return the text of the library."""
         functions = self.translate()
         tables = [text for _, text in self._tables.values()]
         texts = [function.text for function in functions]
@@ -374,7 +365,6 @@ class _CWriter(Writer):
     # Whole function
 
     def write(self) -> None:
-        """Write the function in C."""
         before: Any = None
         while before != (self._kinds, self._paths):
             before = dict(self._kinds), {n: set(p) for n, p in self._paths.items()}

@@ -33,13 +33,9 @@ CC_EXPORT void cc_use_python(void *const *found)
 
 
 def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
-    """Return the functions in C that Python calls, and their table.
+    """Return the functions in C that Python calls by their names, and their table.
 
     Python itself runs those that return views of arrays.
-
-    Args:
-        library: to which the functions belong.
-        functions: those that Python calls, by the names that it calls them by.
     """
     called = {
         name: function

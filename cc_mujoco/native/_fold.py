@@ -108,13 +108,10 @@ def fold(
     known: Known,
     constant_result: Callable[[Any], ast.Constant | None],
 ) -> ast.FunctionDef:
-    """Fold constants in a function until nothing more follows.
+    """Fold constants in a function, in place, until nothing more follows.
 
-    Args:
-        node: its syntax tree, changed in place.
-        scope: its names.
-        known: values that are known.
-        constant_result: of another function: what it always returns, else None.
+    `known` are values that are known; `constant_result` returns what another function
+    always returns, else None.
     """
     names = {a.arg for a in node.args.args}
     constants = {

@@ -122,11 +122,7 @@ def short_name(kind: Kind) -> str:
 
 
 def kind_of(annotation: Any) -> Kind:
-    """Return the type that an annotation names.
-
-    Raises:
-        UnknownTypeError: it names none.
-    """
+    """Return the type that an annotation names."""
     if isinstance(annotation, typing.TypeVar):
         annotation = (annotation.__constraints__ or (annotation.__bound__,))[0]
     dims, name = 1, None
@@ -185,11 +181,7 @@ class FunctionTypes:
 
 
 def signature_of(function: types.FunctionType) -> FunctionTypes:
-    """Return the types of a function from its annotations.
-
-    Raises:
-        UnknownTypeError: one is missing or none of a compiled function.
-    """
+    """Return the types of a function from its annotations."""
     try:
         hints = typing.get_type_hints(function, include_extras=True)
     except NameError as error:

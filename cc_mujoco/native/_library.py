@@ -95,11 +95,7 @@ class _Method(ctypes.Structure):
 
 
 def library() -> ctypes.CDLL:
-    """Return the native library of this code, compiled if need be.
-
-    Raises:
-        NativeLibraryError: there is none and no compiler, or it does not load.
-    """
+    """Return the native library of this code, compiled if need be."""
     with _lock:
         return _library()
 
@@ -156,13 +152,8 @@ def _kept_name() -> str:
 def keep(name: str, write: Callable[[Path], object]) -> Path:
     """Return a library in the folder of this user, compiled if it is not there whole.
 
-    Args:
-        name: identifies its code and machine; the file's name has its size, too.
-        write: writes its source in C.
-
-    Raises:
-        NativeLibraryError: there is no compiler, it fails, or the folder cannot be
-            written.
+    `name` identifies its code and machine; the file's name has its size, too. `write`
+    writes its source in C.
     """
     found = _kept(name)
     if found is not None:
@@ -177,11 +168,7 @@ def keep(name: str, write: Callable[[Path], object]) -> Path:
 
 @contextmanager
 def workplace() -> Iterator[Path]:
-    """Give a folder to compile in, beside the libraries that are kept.
-
-    Raises:
-        NativeLibraryError: there is no compiler, or the folder cannot be written.
-    """
+    """Give a folder to compile in, beside the libraries that are kept."""
     compiler()
     try:
         folder().mkdir(parents=True, exist_ok=True)
@@ -242,10 +229,8 @@ def folder() -> Path:
 def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
     """Return what `make` returns, of JSON, made once and kept in the user's folder.
 
-    Args:
-        kind: First word of the file's name.
-        follows: All that it follows from, but the code of this package.
-        make: Function that makes it.
+    `kind` is the first word of the file's name; `follows` is all that it follows from,
+    but the code of this package.
     """
     whole = hashlib.sha256("\0".join([sources_digest(), *follows]).encode())
     path = folder() / f"{kind}-{whole.hexdigest()[:32]}.json"
@@ -342,11 +327,7 @@ def _is_text(node: Any) -> bool:
 
 
 def compiler() -> list[str]:
-    """Return the command of a C compiler, that of the variable `CC` first.
-
-    Raises:
-        NativeLibraryError: there is none.
-    """
+    """Return the command of a C compiler, that of the variable `CC` first."""
     given = os.environ.get("CC", "")
     try:
         chosen = shlex.split(given, posix=os.name != "nt")
@@ -375,11 +356,7 @@ def compiler() -> list[str]:
 
 
 def build(place: Path, write: Callable[[Path], object]) -> Path:
-    """Compile a library in a folder; return its path.
-
-    Raises:
-        NativeLibraryError: there is no compiler, or it fails.
-    """
+    """Compile a library in a folder; return its path."""
     source, made = place / "cc_mujoco.c", place / CARRIED.name
     write(source)
     compile_library(source, made)
@@ -387,11 +364,7 @@ def build(place: Path, write: Callable[[Path], object]) -> Path:
 
 
 def compile_library(source: Path, path: Path) -> None:
-    """Compile a source in C to a shared library.
-
-    Raises:
-        NativeLibraryError: there is no compiler, or it fails.
-    """
+    """Compile a source in C to a shared library."""
     libraries = [] if sys.platform == "win32" else ["-lm"]
     built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
     run([*compiler(), *FLAGS, *built], path)

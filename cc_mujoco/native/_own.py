@@ -19,12 +19,7 @@ from cc_mujoco.native._entries import entries_text
 def own_entries(
     functions: tuple[tuple[str, types.FunctionType], ...],
 ) -> dict[str, Callable[..., Any]]:
-    """Return the functions of one module of another package in C, by their keys.
-
-    Raises:
-        CableError: one leaves the subset.
-        NativeLibraryError: they cannot be compiled.
-    """
+    """Return the functions of one module of another package in C, by their keys."""
     first = functions[0][1]
     made = CLibrary({}, Path(first.__code__.co_filename).parent)
     called = {key: made.require(function) for key, function in functions}

@@ -50,15 +50,7 @@ class WarpSource:
 
 
 def translate(functions: Iterable[Any], known: Known) -> WarpSource:
-    """Translate compiled functions and all that they call.
-
-    Args:
-        functions: compiled functions.
-        known: values that are the same in every call, to be folded.
-
-    Raises:
-        CableError: a function leaves the common subset, with file and line.
-    """
+    """Translate compiled functions and all that they call."""
     library = _Library(known)
     for function in functions:
         library.require(function)

@@ -372,7 +372,6 @@ def _require_arm(model: mujoco.MjModel, data: mujoco.MjData, drive: _Drive) -> N
 def _write(
     spec: mujoco.MjSpec, model: mujoco.MjModel, drive: _Drive, cable: Cable
 ) -> None:
-    """Write a drive into a specification that compiles to `model`."""
     if drive.replace is not None:
         delete_actuator(spec, model, drive.replace)
     _write_path(spec, drive)
@@ -454,11 +453,7 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, name: str) -> None:
 
 
 def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:
-    """Return the name of an element of the specification, given it or its name.
-
-    Raises:
-        CableError: there is none of that name, or it has none.
-    """
+    """Return the name of an element of the specification, given it or its name."""
     name = thing if isinstance(thing, str) else getattr(thing, "name", None)
     if not name:
         raise CableError(

@@ -129,11 +129,7 @@ _WRONG_TIED_GEAR = constant(
 
 @internal
 def find_actuators(model: int, instance: int) -> tuple[int, int, int]:
-    """Count the actuators of an instance.
-
-    Returns:
-        Their number, and the first and the second of them (-1: none).
-    """
+    """Return the number of actuators of an instance, and its first two (-1: none)."""
     count, first, second = 0, -1, -1
     for actuator in range(mj_struct.actuators(model)):
         if mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) == instance:
@@ -185,7 +181,6 @@ def _has_valid_transmission(model: int, actuator: int) -> bool:
 
 @internal
 def is_spatial(model: int, tendon: int) -> bool:
-    """Return whether a tendon is spatial."""
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     return mj_struct.integer(model, mj_struct.WRAP_TYPE, start) != _FIXED_TENDON
 
@@ -194,11 +189,7 @@ def is_spatial(model: int, tendon: int) -> bool:
 def name_actuator(
     message: Bytes, used: int, model: int, actuator: int, whose: Bytes
 ) -> int:
-    """Add which actuator it is: its name, or its place in the model if it has none.
-
-    Returns:
-        The new length.
-    """
+    """Add which actuator it is: its name, or its place in the model if it has none."""
     used = append(message, used, whose)
     name = mj_struct.actuator_name(model, actuator)
     if name.size == 0:
@@ -208,11 +199,7 @@ def name_actuator(
 
 @internal
 def explain(message: Bytes, used: int, model: int, instance: int) -> int:
-    """Add why the ends of an instance cannot be used; nothing where they can.
-
-    Returns:
-        The new length.
-    """
+    """Add why the ends of an instance cannot be used; nothing where they can."""
     count, first, second = find_actuators(model, instance)
     if count != 2:
         used = append(message, used, _USED_BY)
@@ -442,19 +429,11 @@ def find_mouth(
 def read_guides(
     model: int, instance: int, tendon: int, mouth: int, out: Floats
 ) -> bool:
-    """Read the guides of an instance's open path.
+    """Read the guides of an instance's open path; return whether all can be used.
 
-    Args:
-        model: address of the model.
-        instance: the cable.
-        tendon: its route.
-        mouth: as in `open_path.measure_path`.
-        out: out, for every place of the path from the mouth, or from the first one
-            behind the first site: 0 where nothing is given, `ROLLING`, or the radius of
-            a site [m]; not shorter than there are places.
-
-    Returns:
-        Whether every name is one of a site, or of a geom that is a roller, of them.
+    Written to `out` for every place of the path from the mouth, or from the first one
+    behind the first site: 0 where nothing is given, `ROLLING`, or the radius of a site
+    [m]. Every name must be one of a site, or of a geom that is a roller.
     """
     fill(out, 0.0)
     attributes = mj_struct.attributes(model, instance)
@@ -503,11 +482,7 @@ def is_tied(model: int, actuator: int, tendon: int) -> bool:
 def explain_bypass(
     message: Bytes, used: int, model: int, instance: int, tendon: int
 ) -> int:
-    """Append what else pulls the whole tendon of an open cable, if anything.
-
-    Returns:
-        The new length.
-    """
+    """Append what else pulls the whole tendon of an open cable, if anything."""
     for actuator in range(mj_struct.actuators(model)):
         if (
             mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator)
@@ -567,11 +542,7 @@ def in_disabled_group(model: int, instance: int) -> bool:
 def explain_tied(
     message: Bytes, used: int, model: int, instance: int, tendon: int
 ) -> int:
-    """Add which end is tied by a gear that would scale its tension; else nothing.
-
-    Returns:
-        The new length.
-    """
+    """Add which end is tied by a gear that would scale its tension; else nothing."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         own = pulley_radius(model, output_index(model, actuator))
@@ -583,19 +554,12 @@ def explain_tied(
 
 @internal
 def keep_awake(model: int, instance: int, route: int, mouth: int) -> int:
-    """Keep all trees awake that a cable pulls.
+    """Keep all trees awake that a cable pulls; return a body that may sleep, or -1.
 
     MuJoCo does so for trees that an actuator moves. It sees nothing of the pieces of an
-    open path, and nothing that a cable pulls wakes a tree.
-
-    Args:
-        model: address of the model, whose `tree_sleep_policy` changes.
-        instance: index of the cable.
-        route: tendon of an open or mixed path, else -1.
-        mouth: place in its path where the conduit ends.
-
-    Returns:
-        A body in a tree that the model lets sleep by a `sleep` of its own, or -1.
+    open path, and nothing that a cable pulls wakes a tree. `route` is the tendon of an
+    open or mixed path, else -1, `mouth` the place in its path where the conduit ends.
+    The body is in a tree that the model lets sleep by a `sleep` of its own.
     """
     _, first, second = find_actuators(model, instance)
     found = -1
@@ -642,11 +606,7 @@ def _keep_tree_awake(model: int, body: int) -> int:
 
 @internal
 def explain_sleep(message: Bytes, used: int, model: int, body: int) -> int:
-    """Add that a body of `keep_awake` must not be allowed to sleep; nothing for -1.
-
-    Returns:
-        The new length.
-    """
+    """Add that a body of `keep_awake` must not be allowed to sleep; nothing for -1."""
     if body < 0:
         return used
     used = append(message, used, _BODY_PREFIX)

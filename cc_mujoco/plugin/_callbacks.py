@@ -240,13 +240,11 @@ def turn(model: int, data: int, tendon: CInt) -> float:
 
 @callback
 def holds(model: int, data: int, instance: CInt) -> CInt:
-    """Return whether data hold an instance as the model has it."""
     return 1 if packed_block(model, data, instance) != 0 else 0
 
 
 @callback
 def wrap(model: int, data: int, instance: CInt, out: int) -> None:
-    """Wrap angles of the segments of an instance at the last position."""
     block = acting_block(model, data, instance)
     if block == 0 or not update_parameters(block, model, instance):
         return

@@ -173,7 +173,6 @@ def is_explicit(block: int) -> bool:
 
 @internal
 def is_mixed(block: int) -> bool:
-    """Return whether the cable leaves its conduit: `path` is mixed."""
     return equal_text(key_text(block, PATH), _MIXED)
 
 
@@ -216,11 +215,9 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
 
 @internal
 def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
-    """Find the next word of a list of guides.
+    """Return begin and end of the next name in a list of guides, and its word's end.
 
-    Returns:
-        Where its name begins, -1 where there is no word, the end of its name, and the
-        end of the word.
+    The begin is -1 where there is no word.
     """
     begin = start
     while begin < written.size and is_space(written[begin]):
@@ -257,7 +254,6 @@ def _are_guides(written: Bytes) -> bool:
 
 @internal
 def equal_text(a: Bytes, b: Bytes) -> bool:
-    """Return whether two texts are equal."""
     if a.size != b.size:
         return False
     for i in range(a.size):
@@ -268,11 +264,7 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 
 @internal
 def append_key(message: Bytes, used: int, key: int) -> int:
-    """Add the name of a key.
-
-    Returns:
-        The new length.
-    """
+    """Add the name of a key."""
     start = 0
     for _ in range(key):
         while _NAMES[start] != 0:
@@ -286,11 +278,7 @@ def append_key(message: Bytes, used: int, key: int) -> int:
 
 @internal
 def explain(message: Bytes, used: int, block: int, key: int) -> int:
-    """Append why a key cannot be used: its name, its value and the allowed values.
-
-    Returns:
-        The new length.
-    """
+    """Append why a key cannot be used: its name, its value and the allowed values."""
     piece, start = 0, 0
     while piece < 2 * key:
         piece += _REFUSAL_TEXT[start] == 0

@@ -88,11 +88,7 @@ RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 @callback
 def pack(block: int, model: int, instance: int) -> int:
-    """Pack the parameters from the attribute block of the instance.
-
-    Returns:
-        Whether they can be used.
-    """
+    """Pack the parameters of the instance; return whether they can be used."""
     attributes = mj_struct.attributes(model, instance)
     n = load_word(block + SEGMENTS)
     values = np.empty(config.SCALARS)
@@ -202,10 +198,7 @@ def origin(block: int, model: int, data: int, instance: int) -> tuple[int, float
 
     The committed state, a time step ago; at the later stages of RK4 that of the first
     one. So a motion that turns at the start of the step is followed to there and back.
-
-    Returns:
-        Address of the state, and half a step, a step or, where there was no first
-        stage, up to two.
+    The time is half a step, a step or, where there was no first stage, up to two.
     """
     state, step = mj_struct.state(model, data, instance), mj_struct.timestep(model)
     if mj_struct.integrator(model) != RK4:
@@ -295,13 +288,10 @@ def evaluate(
     yield_distal: float,
     dt: float,
 ) -> bool:
-    """Evaluate from the committed state at address `state`, unless that is known.
+    """Evaluate from the committed state, unless done; return if all is finite.
 
     The parameters must be up to date. Arguments as in `cable._kernel.step` and
     `cable._pack.expect_yielding`.
-
-    Returns:
-        Whether the new state, in the block, is finite.
     """
     n = load_word(block + SEGMENTS)
     old = old_at(block, n)
@@ -413,13 +403,10 @@ def _wound_ratio(prm: Floats, tension: float) -> float:
 def _even_tension(prm: Floats, path: float, rope: float, wound: float) -> float:
     """Return the even tension of a cable at rest [N], negative where it is slack.
 
-    Args:
-        prm: packed parameters.
-        path: length of an open path [m]; 0 for a cable in its conduit.
-        rope: unstretched length of the cable on an open path and of what was wound up,
-            less the stretch of the springs at its ends; of another its stretch, with
-            those springs [m].
-        wound: length of rope that drums have wound up, as stretched [m].
+    `path` is the length of an open path, 0 in a conduit. `rope` is the unstretched
+    length of the cable on an open path and of what was wound up, less the stretch of
+    the springs at its ends; of another cable its stretch, with those springs. `wound`
+    is the stretched length of rope that drums have wound up. All in metres.
     """
     if not np.isfinite(path + rope + wound):
         return np.nan

@@ -32,13 +32,11 @@ class Engine:
     """A function of MuJoCo: compiled code calls it by its name."""
 
     def __init__(self, name: str, result: Any, *arguments: Any) -> None:
-        """Name a function and the types of its result and arguments for `ctypes`."""
         self.name = name
         self._call = ctypes.CFUNCTYPE(result, *arguments)((name, LIBRARY))
         self.arguments, self.result = arguments, result
 
     def __call__(self, *given: Any) -> Any:
-        """Call it from Python."""
         return self._call(*given)
 
 
@@ -123,17 +121,14 @@ load_real, store_real = _access(ctypes.c_double)
 
 
 def copy(source: int, target: int, size: int) -> None:
-    """Copy `size` bytes from one address to another."""
     ctypes.memmove(target, source, size)
 
 
 def clear(address: int, size: int) -> None:
-    """Set `size` bytes to zero."""
     ctypes.memset(address, 0, size)
 
 
 def same(a: int, b: int, size: int) -> bool:
-    """Return whether `size` bytes at two addresses are equal."""
     return ctypes.string_at(a, size) == ctypes.string_at(b, size)
 
 
@@ -199,13 +194,11 @@ def borrow_rows(data: int, rows: int, columns: int) -> FloatMatrix:
 
 @internal
 def fill(target: Floats, value: float) -> None:
-    """Set all numbers of an array."""
     target[:] = value
 
 
 @internal
 def assign(target: Floats, source: Floats) -> None:
-    """Copy an array into one of its size."""
     target[:] = source
 
 
@@ -218,7 +211,6 @@ def add(target: Floats, source: Floats, factor: float) -> None:
 
 @internal
 def dot(a: Floats, b: Floats) -> float:
-    """Return the scalar product."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -227,7 +219,6 @@ def dot(a: Floats, b: Floats) -> float:
 
 @internal
 def equal(a: Floats, b: Floats) -> bool:
-    """Return whether two arrays hold the same numbers."""
     for i in range(a.size):
         if a[i] != b[i]:
             return False
@@ -236,7 +227,6 @@ def equal(a: Floats, b: Floats) -> bool:
 
 @internal
 def is_zero(a: Floats) -> bool:
-    """Return whether an array is all 0."""
     for i in range(a.size):
         if a[i] != 0.0:
             return False
@@ -254,11 +244,7 @@ def text(address: int) -> Bytes:
 
 @internal
 def append(message: Bytes, used: int, part: Bytes) -> int:
-    """Append text to a message, truncated to its capacity; nothing outside of it.
-
-    Returns:
-        The new length.
-    """
+    """Append text, truncated to the capacity of a message; return the new length."""
     for i in range(part.size):
         if 0 <= used < message.size - 1:
             message[used] = part[i]
@@ -271,9 +257,6 @@ def quote(message: Bytes, used: int, part: Bytes) -> int:
     """Add text in quotes, at most `MAX_QUOTED` bytes of it and no split character.
 
     What is no character in UTF-8 becomes a question mark.
-
-    Returns:
-        The new length.
     """
     used = append(message, used, _QUOTE)
     at = 0
@@ -310,11 +293,7 @@ def _character_size(part: Bytes, at: int) -> int:
 
 @internal
 def append_integer(message: Bytes, used: int, value: int) -> int:
-    """Add a number in decimal digits.
-
-    Returns:
-        The new length.
-    """
+    """Add a number in decimal digits."""
     digits = np.zeros(20, np.uint8)
     start, negative = digits.size, value < 0
     while start > 1:
@@ -334,11 +313,7 @@ def append_integer(message: Bytes, used: int, value: int) -> int:
 
 @internal
 def append_thousandths(message: Bytes, used: int, value: float, unit: Bytes) -> int:
-    """Add a number of a base unit in its thousandth, rounded down to three digits.
-
-    Returns:
-        The new length.
-    """
+    """Add a number of a base unit in its thousandth, rounded down to three digits."""
     if value < 0.0:
         used = append(message, used, _MINUS)
     value, exponent = abs(value), 0

@@ -53,11 +53,7 @@ _NEVER_TOUCHED_END = constant(
 def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
     """Mark the places of a path that are sites, or geoms that it touches in some pose.
 
-    Args:
-        model: address of the model.
-        data: address of the data, left as it was.
-        tendon: index of a spatial tendon.
-        touched: in and out, 1 where that is so, for every place of the path.
+    `touched` is 1 there, in and out. The data are left as they were.
     """
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     missing = 0
@@ -151,11 +147,7 @@ def _random_pose(
 
 @internal
 def explain(message: Bytes, used: int, model: int, tendon: int, place: int) -> int:
-    """Add that a path never touches the geom at a place of it.
-
-    Returns:
-        The new length.
-    """
+    """Add that a path never touches the geom at a place of it."""
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     geom = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + place)
     used = append(message, used, _NEVER_TOUCHED)

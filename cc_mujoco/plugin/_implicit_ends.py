@@ -223,12 +223,8 @@ def newmark_terms(model: int, stiffness: float, mobility: float) -> tuple[float,
 def predict_acceleration(model: int, data: int, kind: int, area: int) -> None:
     """Find the acceleration of the step, with all tensions as they are.
 
-    Args:
-        model: address of the model.
-        data: address of the data, with all that MuJoCo evaluates before plugins of
-            actuators, and all open cables led along their paths.
-        kind: MuJoCo's number of the plugin.
-        area: address of `area_size` bytes, of the first cable.
+    `data` has all that MuJoCo evaluates before plugins of actuators, and all open
+    cables led along their paths; `area` is that of the first cable (`area_size` bytes).
     """
     nv = mj_struct.dofs(model)
     found, force = floats(area + 8, nv), floats(area + 8 + 8 * nv, nv)
@@ -473,15 +469,8 @@ def _solve_constrained(
 ) -> None:
     """Compute the acceleration under smooth forces and constraints, with its factor.
 
-    Args:
-        model: address of the model.
-        data: address of the data.
-        count: number of scalar constraints.
-        base: inertia (nv * nv,).
-        force: smooth forces (nv,).
-        factor: out, of what inertia and active constraints make (nv * nv,).
-        found: out, acceleration (nv,).
-        right: scratch (nv,).
+    `base` is the inertia and `factor`, out, that of inertia and active constraints (nv
+    * nv,); `force`, `found` (out) and `right` (scratch) are (nv,).
     """
     nv = mj_struct.dofs(model)
     sparse = is_sparse(model) != 0

@@ -93,7 +93,6 @@ The displacements in the kernel's state are those that the step looked ahead to.
 
 @internal
 def save_sizes(block: int, model: int, instance: int) -> None:
-    """Save for what model a block is made, see `fits`."""
     _, first, second = attachments.find_actuators(model, instance)
     store_word(block + INSTANCE, instance)
     store_word(block + END_ACTUATORS, first)
@@ -265,7 +264,6 @@ def invalidate(block: int) -> None:
 
 @internal
 def is_open(block: int) -> bool:
-    """Return whether the cable leaves its conduit or has none."""
     return load_word(block + GUIDED) < load_word(block + SEGMENTS)
 
 

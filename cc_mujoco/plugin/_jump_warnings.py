@@ -188,13 +188,9 @@ def has_jumped(
 ) -> bool:
     """Return whether something moved further within a step than its velocity makes it.
 
-    Args:
-        model: address.
-        speed: the larger of its speeds before and after the step [m/s].
-        moved: by how much [m].
-        by_hand: whether `qpos` has been touched since the last step.
-        carried: by how much mocap bodies can have moved it [m].
-        soft: stretch of the cable at its present tension [m].
+    `speed` is the larger of those before and after the step [m/s]. It `moved` so far,
+    mocap bodies can have `carried` it so far, and `soft` is the stretch of the cable at
+    its present tension [m]. `by_hand`: `qpos` was touched since the last step.
     """
     step = mj_struct.timestep(model)
     if by_hand:
@@ -205,11 +201,7 @@ def has_jumped(
 
 @internal
 def explain(message: Bytes, used: int, what: int) -> int:
-    """Add that an end or the path jumped, but not how far.
-
-    Returns:
-        The new length.
-    """
+    """Add that an end or the path jumped, but not how far."""
     used = append(message, used, _JUMPING_PARTS[what])
     used = append(message, used, _JUMPED)
     if what == PATH:
@@ -219,9 +211,5 @@ def explain(message: Bytes, used: int, what: int) -> int:
 
 @internal
 def append_distance(message: Bytes, used: int, moved: float) -> int:
-    """Add how far it jumped [m].
-
-    Returns:
-        The new length.
-    """
+    """Add how far it jumped [m]."""
     return append_millimetres(message, used, abs(moved))

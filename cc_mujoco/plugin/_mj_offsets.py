@@ -140,13 +140,7 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
 
     `mjData.plugin_state` is empty in the probe and `plugin_data` has no address in
     Python; the fields on both sides of them do, and the latter must hold an address.
-
-    Args:
-        paths: offsets and sizes that compiled code uses, see `place`.
-        enumerators: values that it was compiled with, as of `mjtTrn.mjTRN_JOINT`.
-
-    Raises:
-        NativeLibraryError: something differs, so the plugin cannot run on this MuJoCo.
+    Offsets and sizes of `paths` and the values of `enumerators` must agree.
     """
     model = mujoco.MjModel.from_xml_string(_PROBE_XML)
     data = mujoco.MjData(model)

@@ -235,7 +235,6 @@ def disabled_groups(model: int) -> int:
 
 @internal
 def time(data: int) -> float:
-    """Return the simulation time [s]."""
     return load_real(data + _TIME)
 
 
@@ -247,31 +246,26 @@ def signature(model: int) -> int:
 
 @internal
 def dofs(model: int) -> int:
-    """Return the number of degrees of freedom."""
     return load_word(model + _NV)
 
 
 @internal
 def positions(model: int) -> int:
-    """Return the number of generalised coordinates."""
     return load_word(model + _NQ)
 
 
 @internal
 def bodies(model: int) -> int:
-    """Return the number of bodies."""
     return load_word(model + _NBODY)
 
 
 @internal
 def joints(model: int) -> int:
-    """Return the number of joints."""
     return load_word(model + _NJNT)
 
 
 @internal
 def mocaps(model: int) -> int:
-    """Return the number of mocap bodies."""
     return load_word(model + _NMOCAP)
 
 
@@ -283,25 +277,21 @@ def is_movable(model: int, body: int) -> bool:
 
 @internal
 def plugins(model: int) -> int:
-    """Return the number of instances of all plugins."""
     return load_word(model + _NPLUGIN)
 
 
 @internal
 def actuators(model: int) -> int:
-    """Return the number of actuators."""
     return load_word(model + _NACTUATOR)
 
 
 @internal
 def tendons(model: int) -> int:
-    """Return the number of tendons."""
     return load_word(model + _NTENDON)
 
 
 @internal
 def equalities(model: int) -> int:
-    """Return the number of equality constraints."""
     return load_word(model + _NEQ)
 
 
@@ -318,37 +308,31 @@ def _name(model: int, field: int, index: int) -> Bytes:
 
 @internal
 def plugin_name(model: int, instance: int) -> Bytes:
-    """Name of a plugin instance."""
     return _name(model, _PLUGIN_NAME, instance)
 
 
 @internal
 def actuator_name(model: int, actuator: int) -> Bytes:
-    """Name of an actuator."""
     return _name(model, _ACTUATOR_NAME, actuator)
 
 
 @internal
 def tendon_name(model: int, tendon: int) -> Bytes:
-    """Name of a tendon."""
     return _name(model, _TENDON_NAME, tendon)
 
 
 @internal
 def body_name(model: int, body: int) -> Bytes:
-    """Name of a body."""
     return _name(model, _BODY_NAME, body)
 
 
 @internal
 def site_name(model: int, site: int) -> Bytes:
-    """Name of a site."""
     return _name(model, _SITE_NAME, site)
 
 
 @internal
 def geom_name(model: int, geom: int) -> Bytes:
-    """Name of a geom."""
     return _name(model, _GEOM_NAME, geom)
 
 

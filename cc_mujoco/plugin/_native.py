@@ -41,12 +41,7 @@ def write(path: str) -> None:
 
 
 def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
-    """Return a library in C99 with the plugin, for every known MuJoCo.
-
-    Args:
-        functions: those that it holds, beside what they call.
-        with_python: whether Python calls them.
-    """
+    """Return a library in C99 with the plugin, for every known MuJoCo."""
     made = CLibrary(_functions(), native_library.PACKAGE.parent)
     entries: dict[str, Function] = {}
     for function in functions:

@@ -28,13 +28,11 @@ _MAX_LIMBS = 280
 
 @internal
 def is_digit(character: int) -> bool:
-    """Return whether a character is 0..9."""
     return 48 <= character <= 57
 
 
 @internal
 def is_space(character: int) -> bool:
-    """Return whether a character is a blank, tab or line break."""
     return character == 32 or 9 <= character <= 13
 
 

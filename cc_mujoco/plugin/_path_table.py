@@ -48,14 +48,8 @@ def compute_path_table(
 ) -> CoupledPath:
     """Compute the course of a cable's path as a joint turns.
 
-    Args:
-        model: with the cable.
-        cable: its name.
-        joint: a hinge; no other joint may move the path, see `moving_joints`.
-        angles: (angles,) of the joint, by equal steps from 0 or below up [rad].
-
-    Raises:
-        CableError: the model has no such cable.
+    `joint` is a hinge; no other may move the path, see `moving_joints`. `angles` go by
+    equal steps from 0 or below up [rad].
     """
     walk = _Walk(model, cable)
     place = int(model.joint(joint).qposadr[0])
@@ -86,14 +80,8 @@ def compute_recorded_path(
 ) -> CoupledPath:
     """Compute the course of a cable's path along poses, by the number of the pose.
 
-    Args:
-        model: with the cable.
-        cable: its name.
-        joint: the hinge by whose angle the slopes are.
-        poses: (poses, nq), from near `qpos0` on by small steps.
-
-    Raises:
-        CableError: the model has no such cable.
+    The slopes are by the angle of `joint`, a hinge. `poses` (poses, nq) go from near
+    `qpos0` on by small steps.
     """
     walk = _Walk(model, cable)
     place = int(model.joint(joint).qposadr[0])
@@ -129,14 +117,7 @@ def moving_joints(
 ) -> list[str]:
     """Return the joints that move the path or distal end of a cable in some pose.
 
-    Args:
-        model: with the cable.
-        cable: its name.
-        poses: number of poses that are tried.
-        pulled: leave out joints that only bend its conduit, which it does not pull.
-
-    Raises:
-        CableError: the model has no such cable.
+    With `pulled` without those that only bend its conduit, which it does not pull.
     """
     walk = _Walk(model, cable)
     random = np.random.default_rng(0)
@@ -172,11 +153,6 @@ class _Walk:
     """
 
     def __init__(self, model: mujoco.MjModel, cable: str) -> None:
-        """Lay the cable in `qpos0`.
-
-        Raises:
-            CableError: the model has no such cable.
-        """
         known = instances(model)
         if cable not in known:
             raise CableError.unknown("cable", cable, known)
@@ -190,9 +166,7 @@ class _Walk:
     def lay(self, pose: FloatArray, stay: bool = False) -> float:
         """Lay the cable along its path in a pose; return its distal displacement.
 
-        Args:
-            pose: (nq,).
-            stay: let the next pose be compared with the one before, not with this one.
+        With `stay` the next pose is compared with the one before, not with this one.
         """
         self._data.qpos[:] = pose
         mujoco.mj_fwdPosition(self._model, self._data)

@@ -77,15 +77,6 @@ class Reader:
     """Reader of one cable of a model, with its lookups done once."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
-        """Look the cable up.
-
-        Args:
-            model: the model.
-            name: the cable.
-
-        Raises:
-            CableError: the model has no cable of that name.
-        """
         index = _instance(model, name)
         cable = cable_of(model, index, name)
         self.name = name
@@ -222,11 +213,7 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
 
 
 def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Require that data have the sizes of a model.
-
-    Raises:
-        CableError: they are of another model.
-    """
+    """Require that data have the sizes of a model."""
     own = model.nq, model.nv, model.nbody, model.ntendon, model.nplugin
     poses = data.qpos.size, data.qvel.size, len(data.xpos)
     found = *poses, data.ten_length.size, data.nplugin
@@ -239,11 +226,7 @@ def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
-    """Return the instance of a cable that data hold as the model has it.
-
-    Raises:
-        CableError: the model has no such cable, or the data are of another model.
-    """
+    """Return the instance of a cable that data hold as the model has it."""
     index = _instance(model, name)
     require_kind("data", data, mujoco.MjData)
     require_data_of(model, data)

@@ -101,7 +101,6 @@ def register() -> None:
 
 
 def _text(library: ctypes.CDLL, name: str) -> str:
-    """Return a text that a library holds."""
     found = ctypes.c_char.in_dll(library, name)
     return ctypes.string_at(ctypes.addressof(found)).decode()
 
@@ -141,11 +140,7 @@ def file_of(address: int) -> str | None:
 
 
 def _require_same_code(file: str) -> ctypes.CDLL:
-    """Return a loaded library of the plugin if it was made of these sources.
-
-    Raises:
-        NativeLibraryError: it was made of others.
-    """
+    """Return a loaded library of the plugin if it was made of these sources."""
     library = ctypes.CDLL(file)
     try:
         made_of = _text(library, native_library.DIGEST_NAME)
@@ -171,9 +166,7 @@ def plugin_capabilities() -> int:
 def add_plugin(name: str, entries: Mapping[str, str]) -> None:
     """Hand a plugin of the native library over to MuJoCo, without a configuration.
 
-    Args:
-        name: of the plugin, which MuJoCo must not have yet.
-        entries: symbols of the library by the names of callbacks in `mjpPlugin`.
+    `entries` are symbols of the library by the names of callbacks in `mjpPlugin`.
     """
     plugin = PluginRecord()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))

@@ -28,12 +28,7 @@ from cc_mujoco.plugin._routing import follow
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
-    """Return how the cables are led whose path or bends a tendon gives.
-
-    Args:
-        model: a model with the plugin.
-        cables: its cables, by name.
-    """
+    """Return how the cables are led whose path or bends a tendon gives."""
     led = {
         name: cable
         for name, cable in cables.items()

@@ -139,11 +139,8 @@ def shortest_piece_step(
 ) -> float:
     """Return the limit of the pieces of a cable over the poses of its tendon [s].
 
-    Args:
-        model: the model.
-        data: a simulation; its `qpos` is left at the last pose.
-        name: the cable, on an open path.
-        rest: pose of all joints that do not move its tendon (nq,).
+    The `qpos` of `data` is left at the last pose. `rest` is the pose of all joints that
+    do not move its tendon (nq,).
     """
     # Compiled code takes seconds to load, and few need these.
     from cc_mujoco.plugin._readings import route_tendon

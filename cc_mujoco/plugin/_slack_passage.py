@@ -64,10 +64,7 @@ def evaluate_prediction(
     """Evaluate a cable with implicit ends from the committed state at address `state`.
 
     `aim` is the result of `predict_ends` (9,), `dt` the time since that state [s]. The
-    parameters must be up to date.
-
-    Returns:
-        Whether the new state, in the block, is finite.
+    parameters must be up to date. Return whether the new state is finite.
     """
     n = load_word(block + SEGMENTS)
     new, used, left = new_at(block, n), np.empty(4), np.empty(2)

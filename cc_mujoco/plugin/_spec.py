@@ -27,13 +27,7 @@ _UNKNOWN_KEY = re.compile(rf"unrecognized attribute 'plugin:(.*?)' for plugin {P
 
 
 def add_element(owner: Any, kind: str, **fields: Any) -> Any:
-    """Add an element that takes nothing from the defaults of its model.
-
-    Args:
-        owner: specification or body.
-        kind: `"actuator"`, `"geom"`, `"joint"`, `"site"` or `"tendon"`.
-        fields: values of its fields that differ from those of MuJoCo.
-    """
+    """Add an element that takes nothing from the defaults of its model."""
     element = getattr(owner, f"add_{kind}")()
     for field, value in (pristine_fields(kind) | fields).items():
         setattr(element, field, value)
@@ -61,11 +55,6 @@ def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> N
     """Delete an actuator, and what keyframes have of it.
 
     MuJoCo 3 would leave its controls and activations to the actuators behind it.
-
-    Args:
-        spec: specification.
-        model: what it compiles to.
-        index: of the actuator.
     """
     parts = {
         "ctrl": (model.actuator_ctrladr[index], model.actuator_ctrlnum[index]),
@@ -85,16 +74,7 @@ def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> N
 
 
 def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
-    """Return an element of a specification by its name, or by its index without one.
-
-    Args:
-        kind: word for such elements, as `"tendon"`.
-        which: name or index.
-        elements: all of that kind, in the order of the specification.
-
-    Raises:
-        CableError: there is none.
-    """
+    """Return an element of a specification by its name, or by its index without one."""
     count = len(elements)
     named = {x.name: x for x in elements if x.name}
     if isinstance(which, str) and which in named:
@@ -121,11 +101,7 @@ def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
 
 
 def require_spec(spec: Any) -> None:
-    """Refuse what is no specification.
-
-    Raises:
-        CableError: it is none.
-    """
+    """Refuse what is no specification."""
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(
             "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
@@ -158,22 +134,13 @@ def muted_warnings() -> Iterator[None]:
 
 
 def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
-    """Return the specification in an MJCF file.
-
-    Raises:
-        CableError: the path is no UTF-8 text, which MuJoCo needs.
-        ValueError: the file cannot be read, in MuJoCo's words.
-    """
+    """Return the specification in an MJCF file."""
     require_utf8(os.fspath(path))
     return mujoco.MjSpec.from_file(os.fspath(path))
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a specification.
-
-    Raises:
-        CableError: it cannot be compiled, with the reason in one sentence.
-    """
+    """Compile a specification."""
     with plain_errors():
         return spec.compile()
 

@@ -272,7 +272,6 @@ class TendonReport:
     skipped: dict[str, str]
 
     def __str__(self) -> str:
-        """Return a table for every tendon."""
         return "\n\n".join((*map(str, self.tendons), self._foot()))
 
     def overview(self) -> str:

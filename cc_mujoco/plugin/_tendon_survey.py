@@ -56,13 +56,9 @@ class PathSurvey(NamedTuple):
 def survey(
     model: mujoco.MjModel, data: mujoco.MjData, tendon: int, poses: FloatArray
 ) -> PathSurvey:
-    """Measure the path of a spatial tendon without pulleys.
+    """Measure the path of a spatial tendon without pulleys in `poses` (k, nq).
 
-    Args:
-        model: the model.
-        data: a simulation; its `qpos` is left at the last pose.
-        tendon: index of the tendon.
-        poses: values of `qpos` (k, nq).
+    The `qpos` of `data` is left at the last pose.
     """
     places = int(model.tendon_num[tendon]) - 2
     found = PathSurvey(
@@ -111,15 +107,9 @@ def piece_timesteps(
 ) -> FloatArray:
     """Return time steps below which the pieces of a tendon would be stable (k,) [s].
 
-    As a cable on an open path of its own, with the segments that it has by default, and
-    without others.
-
-    Args:
-        model: the model.
-        data: a simulation; its `qpos` is left at the last pose.
-        tendon: index of a spatial tendon without pulleys.
-        axial_stiffness: EA of the cable [N].
-        poses: values of `qpos` (k, nq).
+    As a cable of `axial_stiffness` EA [N] on an open path of its own, with the segments
+    that it has by default, and without others. The `qpos` of `data` is left at the last
+    of the `poses` (k, nq).
     """
     found = np.full(len(poses), math.inf)
     for i, pose in enumerate(poses if model.nv else ()):
@@ -163,13 +153,8 @@ def path_guides(
 ) -> FloatArray:
     """Return the guides of a cable on an open path, see `attachments.read_guides`.
 
-    For every place of the tendon between its ends (p,); 0 before its mouth.
-
-    Args:
-        model: the model.
-        instance: the plugin instance of the cable.
-        tendon: its route.
-        mouth: name of the site at which its conduit ends, empty where it has none.
+    For every place of the tendon between its ends (p,); 0 before its mouth, the site of
+    that name.
     """
     found = np.zeros(int(model.tendon_num[tendon]) - 2)
     _read_guides(
@@ -226,14 +211,8 @@ def sweep(
 ) -> FloatArray:
     """Return poses that cover the ranges of some joints (k, nq), `rest` first.
 
-    Equalities between joints are ignored, so some poses may be out of reach.
-
-    Args:
-        model: the model.
-        rest: pose of all other joints (nq,).
-        joints: the joints that move, by index.
-        reach: how far a slide without a range goes, to either side [m]; a hinge
-            without one makes half a turn to either side.
+    Equalities between joints are ignored, so some poses may be out of reach. A slide
+    without a range goes `reach` to either side [m], a hinge half a turn.
     """
     low, high = np.zeros((2, model.nv))
     dofs: list[int] = []

@@ -330,14 +330,7 @@ def _plan(
     requests: list[_Request],
     guides: Any,
 ) -> _Plan:
-    """Plan the winches and cables of tendons.
-
-    Args:
-        start: the specification; it is not changed.
-        original: the same, compiled.
-        requests: the tendons.
-        guides: as in `add_friction`.
-    """
+    """Plan the winches and cables of tendons."""
     burdens = [find_burden(start, original, request.tendon) for request in requests]
     at_guides, tried = _checked_guides(guides, burdens), start.copy()
     lines: list[list[str]] = []
@@ -419,7 +412,6 @@ def _plan(
 
 
 def _write(spec: mujoco.MjSpec, original: mujoco.MjModel, plan: _Plan) -> None:
-    """Write what was planned."""
     if spec.keys:
         compile_spec(spec)  # from now on its keyframes follow what is added
     for burden in plan.burdens:
@@ -506,13 +498,7 @@ def _lay(
 ) -> tuple[_Laid, mujoco.MjModel]:
     """Return the cables of branches, as long and as bent as their paths in `qpos0`.
 
-    Args:
-        spec: the specification without these cables; it is not changed.
-        model: the same, compiled.
-        ends: the branches.
-
-    Returns:
-        The cables, and the model with them.
+    Also the model with them; `spec` is not changed.
     """
     laid = []
     for end in ends:
@@ -548,12 +534,7 @@ def _lay(
 def _checked_guides(
     given: Any, burdens: Collection[Burden]
 ) -> tuple[tuple[str, Any], ...]:
-    """Return the guides of tendons, by name.
-
-    Raises:
-        CableError: One is not between the ends of a branch, or is neither a roller nor
-            a site with a radius.
-    """
+    """Return the guides of tendons, by name."""
     if not isinstance(given, Mapping):
         raise CableError(
             f"guides is {given!r}; it must be a dict such as {{'tip': 0.01, 'palm': "

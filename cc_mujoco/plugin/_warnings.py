@@ -158,11 +158,7 @@ _PER_LENGTH, _NO_BEND, _NO_TRAVEL, _NO_PULLEY, _NO_WRAP = 0, 1, 2, 3, 4
 
 @internal
 def begin_message(message: Bytes, model: int, instance: int) -> int:
-    """Begin a message with the instance that it is about.
-
-    Returns:
-        The length of the message.
-    """
+    """Begin a message with the instance that it is about; return its length."""
     used = append(message, 0, _MESSAGE_START)
     used = quote(message, used, mj_struct.plugin_name(model, instance))
     return append(message, used, _MESSAGE_START_END)
@@ -292,9 +288,8 @@ def refuse_open_path(
 ) -> tuple[int, int]:
     """Find out why a cable cannot lie open along a tendon.
 
-    Returns:
-        The key that cannot be used or `VALID`, and the length of the message, which
-        holds what `_config.explain` cannot report.
+    Return the key that cannot be used or `VALID`, and the length of the message, which
+    holds what `_config.explain` cannot report.
     """
     if path.has_branches(model, tendon):
         return config.PATH, start
@@ -345,12 +340,9 @@ def has_no_passive(model: int) -> bool:
 def _no_effect_reason(arcs: int, places: int, mouth: int, tied: int, key: int) -> int:
     """Return why a key of an open cable is without effect, or -1.
 
-    Args:
-        arcs: number of geoms, and of sites with a radius, that rub in its open path.
-        places: number of sites and geoms between the ends that rub.
-        mouth: place of the conduit's mouth in it, 0: none.
-        tied: 1 where the proximal end is tied to the tendon, plus 2 for the distal end.
-        key: index of a key that is not 0.
+    `arcs` geoms and sites with a radius and `places` of all kinds rub in its path.
+    `mouth` is the place of the conduit's mouth in it, 0: none. `tied` is 1 where the
+    proximal end is tied to the tendon, plus 2 for the distal end.
     """
     if mouth == 0 and places == 0 and key == config.FRICTION:
         return _NO_BEND

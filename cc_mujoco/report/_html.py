@@ -136,13 +136,10 @@ def page(
 ) -> str:
     """Return the whole page.
 
-    Args:
-        title: of the window.
-        kind: class of the body, which sets the colour of the verdict.
-        content: of the body.
-        style: sheet that adds to the common one.
-        scripts: JavaScript, run in this order; without, the page may run none.
-        data: JSON for the scripts, by the id of the element that will hold it.
+    `kind` is the class of the body, which sets the colour of the verdict, and `style` a
+    sheet that adds to the common one. `scripts` are run in this order; without, the
+    page may run none. `data` is JSON for them, by the id of the element that will hold
+    it.
     """
     held = [
         Html(

@@ -36,14 +36,10 @@ def time_plot(
     curves: Mapping[str, Array],
     limits: Sequence[float] = (),
 ) -> Html:
-    """Return curves over time as SVG.
+    """Return at most two curves over time (T,) [s] as SVG; the first lies below.
 
-    Args:
-        title: Quantity and unit, above the axes.
-        time: Time (T,) [s].
-        curves: At most two curves (T,) by name; the first lies below. Values that are
-            not finite are gaps.
-        limits: Values marked by a dotted line, where they are in reach of the curves.
+    Values that are not finite are gaps. `limits` are marked by a dotted line, where
+    they are in reach of the curves.
     """
     finite = [c[np.isfinite(c)] for c in curves.values() if np.isfinite(c).any()]
     values = np.concatenate(finite) if finite else np.zeros(1)

@@ -31,14 +31,9 @@ def plot(
 ) -> rrb.TimeSeriesView:
     """Show lines over the whole of their time, with the legend before them.
 
-    Args:
-        origin: Path of what is shown.
-        name: Title.
-        time: Of the samples, rising [s], (T,).
-        lines: Values, each (T,).
-        contents: Paths of what is shown, all below the origin unless given.
-        reach: Low and high end of the axis; see `axis` unless given.
-        room: See `LEGEND_SHARE`; less where the plot is as wide as the window.
+    `time` (T,) rises [s]; `lines` are (T,). `contents` are paths of what is shown, all
+    below the `origin` unless given. For `reach` see `axis`, for `room` `LEGEND_SHARE`;
+    it is less where the plot is as wide as the window.
     """
     fixed = reach and rrb.ScalarAxis(range=reach, zoom_lock=False)
     return rrb.TimeSeriesView(
@@ -52,15 +47,7 @@ def plot(
 
 
 def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
-    """Return an axis over the whole time and a legend before it.
-
-    Args:
-        time: Of the samples, rising [s], (T,).
-        room: See `LEGEND_SHARE`.
-
-    Returns:
-        The axis, or None if no time passes.
-    """
+    """Return an axis over the whole time and a legend before it, if any passes."""
     start, end = float(time[0]), float(time[-1])
     if not end > start:
         return None
@@ -70,12 +57,7 @@ def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
 
 
 def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:
-    """Return an axis with `axis_limits`, or None for Rerun's own choice, all samples.
-
-    Args:
-        time: Of the samples, rising [s], (T,).
-        lines: Values, each (T,).
-    """
+    """Return an axis with `axis_limits`, or None for Rerun's own choice."""
     found = axis_limits(time, lines)
     return None if found is None else rrb.ScalarAxis(range=found, zoom_lock=False)
 
@@ -84,14 +66,8 @@ def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | No
     """Return limits of an axis without the start of the lines if it would flatten them.
 
     A motor that is not where the motion begins catches up within moments, and may need
-    many times the torque of all that follows.
-
-    Args:
-        time: Of the samples, rising [s], (T,).
-        lines: Values, each (T,).
-
-    Returns:
-        Low and high, or None where all samples together show them well.
+    many times the torque of all that follows. None where all samples together show the
+    lines (T,) well.
     """
     values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
     later = values[:, time - time[0] > START_TIME]

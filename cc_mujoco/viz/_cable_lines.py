@@ -88,12 +88,7 @@ class CableLine:
     """Places of its points, as shares of its length (P,)."""
 
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return its points (P, 3) [m].
-
-        Args:
-            model: Compiled model.
-            data: Pose, up to date as by `mj_tendon`.
-        """
+        """Return its points (P, 3) [m] in a pose up to date as by `mj_tendon`."""
         if isinstance(self.source, _Straight):
             return resample(self.source.path(model, data), self.fine)
         return resample(tendon_points(model, data, self.source), self.fine)
@@ -127,9 +122,7 @@ class CableLine:
 def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]:
     """Return the lines to draw, those of a cable one after another.
 
-    Args:
-        model: Compiled model.
-        cables: Names of cables; those that the model lacks are left out.
+    Names that the model lacks are left out.
     """
     described = plugin.from_mjcf(model)
     wanted = [cable for cable in cables if cable in described]

@@ -36,10 +36,8 @@ class Capsules:
     ) -> None:
         """Take their measures, hide their tendons in the model, and colour the others.
 
-        Args:
-            model: Compiled model, changed in place.
-            cables: Names of cables; see `cable_lines`.
-            highest: Tension of the brightest colour [N].
+        The model is changed in place; `highest` is the tension of the brightest colour
+        [N].
         """
         self.highest = highest
         """Tension of the brightest colour [N]."""
@@ -59,12 +57,10 @@ class Capsules:
         data: mujoco.MjData,
         tensions: Mapping[str, Array] | None = None,
     ) -> None:
-        """Add them to a scene.
+        """Add them to a scene that has room for all of them.
 
-        Args:
-            scene: Where to; has room for all of them.
-            data: Pose of the model, up to date as by `mj_fwdPosition`.
-            tensions: Tension at the nodes of each cable (n,) [N]; grey without.
+        The pose is up to date as by `mj_fwdPosition`. `tensions` are those at the nodes
+        of each cable (n,) [N]; grey without.
         """
         for line in self._lines:
             points = line.points(self._model, data)

@@ -25,14 +25,9 @@ def state_rows(
 ) -> tuple[tuple[str, str], ...]:
     """Name and value of all that changes.
 
-    Args:
-        knobs: What is wanted.
-        columns: Of an episode log, at this time.
-        cables: Names of the cables to report on.
-        controller: Name of the one that runs.
-        pretension: That the cables were laid with, over that of the scene.
-        factor: Simulated over real time; NaN before it is known.
-        highest: Tension of the brightest colour [N].
+    `columns` are those of an episode log, at this time. `pretension` is that of the
+    cables over that of the scene, `factor` simulated over real time, NaN before it is
+    known, and `highest` the tension of the brightest colour [N].
     """
     torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
     return (
@@ -57,14 +52,8 @@ def view_rows(
 ) -> tuple[tuple[str, str], ...]:
     """Name and value of all that changes in a scene that nobody controls.
 
-    Args:
-        knobs: What is wanted.
-        scene: Its name.
-        time: Simulated time [s].
-        ends: Tension at the motor and at the joint, by cable [N].
-        pretension: That the cables were laid with, over that of the scene.
-        factor: Simulated over real time; NaN before it is known.
-        highest: Tension of the brightest colour [N].
+    `ends` are the tensions at the motor and at the joint, by cable [N], `time` is
+    simulated [s]; other arguments as in `state_rows`.
     """
     return (
         ("scene", scene),

@@ -78,13 +78,7 @@ def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
 def write_side_by_side(
     path: str | os.PathLike[str], episodes: Sequence[LabelledEpisode], about: str
 ) -> None:
-    """Write a `.rrd` file that holds all episodes, each under its name.
-
-    Args:
-        path: File to write; an older one stays until the new one is whole.
-        episodes: What is shown.
-        about: What they are, in Markdown.
-    """
+    """Write a `.rrd` file that holds all episodes, each under its name."""
     digest = hashlib.sha256(about.encode())
     for episode in episodes:
         digest.update(f"{episode.name}/{recording_id(episode.log)}/".encode())
@@ -99,14 +93,7 @@ def write_side_by_side(
 
 
 def common_limits(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, float]:
-    """Return the limits of one axis for lines of several episodes, see `axis_limits`.
-
-    Args:
-        groups: Of each episode the time [s], (T,), and values, each (T,).
-
-    Returns:
-        Low and high.
-    """
+    """Return limits of one axis for lines of several episodes, see `axis_limits`."""
     ends = []
     for time, lines in groups:
         found = axis_limits(time, lines)

@@ -48,9 +48,7 @@ def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
 def node_shares(shares: Array, nodes: int) -> Array:
     """Return where along the line the nodes are that have tensions.
 
-    Args:
-        shares: Of `conduit_shares`.
-        nodes: How many there are; parts of a line in the open are what they stand for.
+    Parts of a line in the open are what its `nodes` stand for.
     """
     return shares if shares.size == nodes else 0.5 * (shares[:-1] + shares[1:])
 
@@ -61,15 +59,10 @@ def fine_shares(shares: Array) -> Array:
 
 
 def part_tensions(shares: Array, fine: Array, tension: Array) -> Array:
-    """Return the tension of each part of a line.
+    """Return the tension of each part of a line (..., P-1) [N].
 
-    Args:
-        shares: Of `conduit_shares`.
-        fine: Where the parts end, as shares of the route (P,).
-        tension: At the nodes (..., n) [N].
-
-    Returns:
-        Tensions (..., P-1) [N].
+    `shares` are those of `conduit_shares`, `fine` where the parts end, as shares of the
+    route (P,), and `tension` is that at the nodes (..., n) [N].
     """
     nodes, middle = node_shares(shares, tension.shape[-1]), 0.5 * (fine[:-1] + fine[1:])
     low = np.clip(np.searchsorted(nodes, middle) - 1, 0, nodes.size - 2)
@@ -138,14 +131,10 @@ def log_conduit(
 ) -> None:
     """Log one conduit as a line whose segments carry the colour of their tension.
 
-    Args:
-        rec: Where to, in an open recording.
-        place: Name of the cable, and of the rope at an end.
-        time: Times of the frames (T,), s.
-        points: Ends of the parts of the line in some frames (t, P, 3), m.
-        tension: Tensions of its parts in some frames (t, P-1), N.
-        highest: Tension of the brightest colour, N.
-        radius: Radius of the line, m.
+    `place` is the name of the cable, and of the rope at an end. Of some frames of
+    `time` (T,) [s], `points` returns the ends of the parts of the line (t, P, 3) [m]
+    and `tension` their tensions (t, P-1) [N]; `highest` is that of the brightest
+    colour.
     """
     path = rr.new_entity_path([WORLD, "conduit", *place])
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)

@@ -19,7 +19,6 @@ class Branch:
     """Path under which all of it lies, escaped; empty for the recording's own root."""
 
     def log(self, path: str, what: Any, *, static: bool = False) -> None:
-        """Log something at a path below the root."""
         self.rec.log(self._full_path(path), what, static=static)
 
     def send_columns(

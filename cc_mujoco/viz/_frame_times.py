@@ -25,12 +25,7 @@ def frame_slices(count: int) -> Iterator[slice]:
 def frame_samples(
     time: NDArray[np.float64], rate: float = FRAME_RATE
 ) -> NDArray[np.intp]:
-    """Return the sample nearest to each frame; an episode has at least one frame.
-
-    Args:
-        time: Of the samples, rising [s], (T,).
-        rate: Frames per simulated second [1/s].
-    """
+    """Return the sample nearest to each frame; an episode has at least one frame."""
     count = max(1, round(float(time[-1] - time[0]) * rate))
     wanted = time[0] + np.arange(count) / rate
     after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
@@ -41,11 +36,5 @@ def frame_samples(
 
 
 def frame_rate(time: NDArray[np.float64], rate: float, most: int) -> float:
-    """Return a rate of frames, lowered where an episode would have too many [1/s].
-
-    Args:
-        time: Of the samples, rising [s], (T,).
-        rate: Frames per simulated second of an episode that is not long [1/s].
-        most: Largest number of frames.
-    """
+    """Return a rate of frames, lowered where an episode would have too many [1/s]."""
     return min(rate, most / max(float(time[-1] - time[0]), 1e-9))

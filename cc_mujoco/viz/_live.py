@@ -51,14 +51,9 @@ def live(
 ) -> None:
     """Play in a window until it is closed.
 
-    Args:
-        env: One of this package's environments, without ranges of its own.
-        name: Of the controller to begin with, as `control._controller` takes it.
-        seed: Of every reset and of the noise of the sensors.
-        screen: What opens the window; called as `Screen` is.
-
-    Raises:
-        CableError: If the controller cannot be made, or there is no screen.
+    `env` has no ranges of its own, `name` is that of the first controller, as
+    `control._controller` takes it, `seed` that of every reset and of the noise of the
+    sensors, and `screen` is called as `Screen` is.
     """
     inner: Any = env.unwrapped
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
@@ -80,11 +75,7 @@ class Exchangeable(Controller):
     def __init__(
         self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
     ) -> None:
-        """Make the first; see `control.axes_controller`.
-
-        Raises:
-            CableError: If it cannot be made.
-        """
+        """Make the first; see `control.axes_controller`."""
         super().__init__(drives[0])
         self._drives, self._prefixes = drives, prefixes
         self.switch_controller(name)
@@ -101,16 +92,10 @@ class Exchangeable(Controller):
         self._law, self.name = law, name
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """See `Controller.reset`."""
         with controller_errors(self.name):
             self._law.reset(where)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """See `Controller.torque`.
-
-        Raises:
-            CableError: If the controller raises.
-        """
         with controller_errors(self.name):
             return self._law.torque(observation)
 
@@ -121,15 +106,6 @@ class Show:
     def __init__(
         self, env: Any, law: Exchangeable, knobs: Knobs, window: Any, seed: int
     ) -> None:
-        """Prepare.
-
-        Args:
-            env: One of this package's environments.
-            law: Drives the motor.
-            knobs: Settings made with the keys.
-            window: A `Screen`.
-            seed: Of every episode.
-        """
         self._env, self._exo = env, env.unwrapped.exo
         self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
         self.steps: int = self._exo.steps
@@ -142,7 +118,6 @@ class Show:
 
     @property
     def ended(self) -> bool:
-        """True if there are to be no more episodes."""
         return self._knobs.quit or not self._window.open
 
     def episode(self) -> None:
@@ -170,12 +145,7 @@ class Show:
         return self._columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Obey the keys and go a step; see `DrivenDevice.advance`.
-
-        Raises:
-            Over: If the episode shall begin anew, or none shall be.
-            CableError: If the simulation diverges.
-        """
+        """Obey the keys and go a step; see `DrivenDevice.advance`."""
         self._turn()
         self._window.push(self._env.unwrapped.data)
         self._columns = self._single.advance(torque)

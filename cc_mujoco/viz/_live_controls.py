@@ -58,13 +58,7 @@ class Knobs:
         controller: str = "",
         names: Iterable[str] = CONTROLLERS,
     ) -> None:
-        """Begin with the scene as it is.
-
-        Args:
-            cables: Those of the scene, by name.
-            controller: Name of the one to begin with; any. None drives by default.
-            names: Controllers to choose from.
-        """
+        """Begin with the scene as it is; without a name no controller drives."""
         self._cables = cables
         known = tuple(names)
         own = () if controller in known else (controller,)
@@ -119,12 +113,7 @@ class Knobs:
         )
 
     def slide(self, which: int, value: float) -> None:
-        """Take a slider's place; beyond its ends it stays there.
-
-        Args:
-            which: Of `sliders`.
-            value: Where it is.
-        """
+        """Take a slider's place; beyond its ends it stays there."""
         _, low, high = self.sliders[which]
         value = min(max(value, low), high)
         if which == 0:
@@ -152,12 +141,8 @@ class Knobs:
     def options(self, pretension: float | None = None) -> dict[str, float]:
         """Return the plant's options for a reset of the environment.
 
-        Args:
-            pretension: Over that of the scene; the one that is wanted by default.
-
-        Returns:
-            `CABLE.NAME` of friction, static friction and pretension; never empty, so
-            that a reset takes back what was changed since the last.
+        `CABLE.NAME` of friction, static friction and pretension, over that of the
+        scene; never empty, so that a reset takes back what was changed since the last.
         """
         scale = self.pretension if pretension is None else pretension
         found = {}

@@ -36,12 +36,9 @@ class TriangleMesh(NamedTuple):
 def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     """Return the triangles of a geom in its own frame.
 
-    Args:
-        model: Compiled model.
-        geom: Number of the geom. Height fields and signed distance fields are their
-            bounding boxes.
-        reach: Of what there is to see [m]: half the side at which a larger plane is cut
-            off, and what decides how finely a round shape is drawn.
+    Height fields and signed distance fields are their bounding boxes. `reach` of what
+    there is to see [m] is half the side at which a larger plane is cut off, and decides
+    how finely a round shape is drawn.
     """
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]
     if kind == SHAPE.mjGEOM_MESH:
@@ -74,7 +71,6 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
 
 
 def join_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
-    """Return several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     faces = [m.triangles + start for m, start in zip(meshes, starts, strict=True)]
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
@@ -97,9 +93,8 @@ def _ball(halves: Array, reach: float) -> TriangleMesh:
 def _revolve(profiles: list[Array], size: float) -> TriangleMesh:
     """Turn profiles about z; each is smooth, and edges are between them.
 
-    Args:
-        profiles: Radius and height of points (P, 2), the lowest first.
-        size: Radius over the reach of what there is to see.
+    They have radius and height of points (P, 2), the lowest first; `size` is the radius
+    over the reach of what there is to see.
     """
     sides = ROUND_SIDES[int(size > LARGE_RADIUS)]
     turn = np.arange(sides) * (2.0 * np.pi / sides)

@@ -66,11 +66,7 @@ HEADLESS_BACKENDS = (("EGL", "mujoco.egl"), ("OSMesa", "mujoco.osmesa"))
 
 
 def require_opengl() -> None:
-    """Find out, before long work, whether a `OffscreenRenderer` can be opened.
-
-    Raises:
-        CableError: If there is no OpenGL.
-    """
+    """Find out, before long work, whether a `OffscreenRenderer` can be opened."""
     _context(8, 8).free()
 
 
@@ -109,15 +105,10 @@ class OffscreenRenderer:
     ) -> None:
         """Aim the camera at the moving parts, and draw the static ones.
 
-        Args:
-            model: Compiled model; MuJoCo's free camera looks on if it has no other.
-            cables: Names of cables; those with a route are drawn.
-            highest: Tension of the brightest colour [N].
-            poses: Some of those that will be drawn (T, nq), to have all in the picture.
-            size: Height and width of the pictures [pixels].
-
-        Raises:
-            CableError: If there is no OpenGL.
+        MuJoCo's free camera looks on if the model has no other. Cables with a route are
+        drawn; `highest` is the tension of the brightest colour [N]. `poses` (T, nq)
+        will be drawn, and all of them are in the picture of `size`, height and width
+        [pixels].
         """
         self._model = model = copy.copy(model)
         self._capsules = Capsules(model, cables, highest)
@@ -160,7 +151,6 @@ class OffscreenRenderer:
         self._drawing = self._open()
 
     def __enter__(self) -> OffscreenRenderer:
-        """Return itself."""
         return self
 
     def __exit__(
@@ -169,7 +159,6 @@ class OffscreenRenderer:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Free OpenGL."""
         self._drawing.free()
         self._gl.free()
 

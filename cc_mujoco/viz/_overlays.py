@@ -40,12 +40,7 @@ class Strips:
     """Frames of a video of an episode without the scene."""
 
     def __init__(self, log: EpisodeLog, highest: float) -> None:
-        """Draw them.
-
-        Args:
-            log: The episode.
-            highest: Tension of the brightest colour [N].
-        """
+        """Draw them."""
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
         self._whole, self.rows = _draw_surroundings(log, highest, 1.0)
         self._faded_frame, _ = _draw_surroundings(log, highest, FUTURE_OPACITY)
@@ -57,14 +52,9 @@ class Strips:
         return round(PLOT_SPAN[0] + share * (PLOT_SPAN[1] - PLOT_SPAN[0]))
 
     def frame(self, scene: Picture, time: float) -> Picture:
-        """Put a frame together.
+        """Put a frame (720, 1280, 3) together, which the next call changes.
 
-        Args:
-            scene: Picture of the scene, of the size in `SCENE_RECTANGLE`.
-            time: The moment that it shows [s].
-
-        Returns:
-            The frame (720, 1280, 3), which the next call changes.
+        `scene` is its picture, of the size in `SCENE_RECTANGLE`, at `time` [s].
         """
         frame, column = self._frame, self.column(time)
         low, high = sorted((self._column, column))

@@ -28,31 +28,18 @@ class RealTimePacer:
         now: Callable[[], float] = wall.perf_counter,
         sleep: Callable[[float], object] = wall.sleep,
     ) -> None:
-        """Prepare.
-
-        Args:
-            now: Time on the wall [s], never going back.
-            sleep: Lets it go on by so much [s].
-        """
+        """Prepare; `now` never goes back and `sleep` lets it go on by so much [s]."""
         self._now, self._sleep = now, sleep
         self.factor = math.nan
         """Ratio of simulated to real time of late; NaN before there is any."""
 
     def begin(self, time: float) -> None:
-        """Restart the pace here, after an interruption.
-
-        Args:
-            time: Simulated time [s].
-        """
+        """Restart the pace here, after an interruption."""
         self._time = self._since = time
         self._wall_time = self._interval_start = self._now()
 
     def keep(self, time: float) -> None:
-        """Wait until the wall has come as far.
-
-        Args:
-            time: Simulated time [s], later than that of `begin`.
-        """
+        """Wait until the wall has come as far."""
         now = self._now()
         ahead = (time - self._time) - (now - self._wall_time)
         if ahead > MAX_LEAD:

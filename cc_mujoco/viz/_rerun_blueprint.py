@@ -24,12 +24,7 @@ ENDS = ("motor", "joint")
 
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
-    """Lay out an episode that is logged at the root.
-
-    Args:
-        log: The episode.
-        model: The model that it was played on.
-    """
+    """Lay out an episode that is logged at the root."""
     scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
     if log.axes:
@@ -101,14 +96,7 @@ def _cable_plots(log: EpisodeLog, cables: Sequence[str]) -> list[View]:
 def lines(
     log: EpisodeLog, name: str, origin: str, paths: Sequence[str] = ()
 ) -> rrb.TimeSeriesView:
-    """Return a plot of lines of the episode.
-
-    Args:
-        log: The episode.
-        name: Title.
-        origin: First parts of the paths of the lines.
-        paths: Those that are shown, all of them unless given.
-    """
+    """Return a plot of lines of the episode, all below the origin unless given."""
     shown = line_values(log, origin, paths)
     contents = [rr.new_entity_path(path.split("/")) for path in paths]
     return plot(f"/{origin}", name, log["time_s"], shown, contents=contents)
@@ -129,11 +117,8 @@ def scene_view(
 ) -> rrb.Spatial3DView:
     """Return a view of the scene of an episode.
 
-    Args:
-        log: The episode.
-        model: The model that it was played on.
-        root: Path under which it is logged.
-        name: Of the view; scene, trajectory and, of a single axis, task unless given.
+    `root` is the path under which it is logged. Its name has scene, trajectory and, of
+    a single axis, task unless given.
     """
     position, target = viewpoint(model)
     eye = rrb.EyeControls3D(

@@ -86,9 +86,7 @@ def state_changes(
 ) -> tuple[NDArray[np.intp], NDArray[np.integer]]:
     """Return the samples at which a state begins, and which state it is.
 
-    Args:
-        time: Of the samples, rising [s], (T,).
-        state: Position in `END_STATES` of each, (T,).
+    `time` (T,) rises [s], `state` is the position in `END_STATES` (T,).
     """
     begun = np.flatnonzero(np.diff(state, prepend=-1))
     lasts = np.diff(time[begun], append=time[-1])
@@ -121,13 +119,9 @@ def write_recording(
     model: mujoco.MjModel,
     metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
-    """Write an episode as a `.rrd` file.
+    """Write an episode as a `.rrd` file; an older one stays until it is whole.
 
-    Args:
-        path: File to write; an older one stays until the new one is whole.
-        log: The episode.
-        model: The model that the episode was played on.
-        metrics: Numbers to show on the page about the episode.
+    The page about the episode shows the `metrics`.
     """
     opening = blueprint(log.thinned(MAX_SAMPLES), model)
     with recording(path, recording_id(log), opening) as rec:
@@ -138,14 +132,7 @@ def write_recording(
 def log_episode(
     rec: Branch, log: EpisodeLog, model: mujoco.MjModel, highest: float
 ) -> None:
-    """Log all that an episode is.
-
-    Args:
-        rec: Where to, in an open recording.
-        log: The episode.
-        model: The model that the episode was played on.
-        highest: Tension of the brightest colour [N].
-    """
+    """Log all that an episode is."""
     log_lanes(rec, log)
     log = log.thinned(MAX_SAMPLES)
     frames = _frames(log["time_s"])
@@ -163,11 +150,6 @@ def recording(
     Memory holds what is logged at once: Rerun writes to a pipe, and a thread moves it
     on to the file, for Rerun's own writer waits for ever when the disk is full. On
     Windows, which has no such pipe, all of it is held until the end.
-
-    Args:
-        path: Of the file.
-        identity: Of the recording.
-        blueprint: How it opens.
     """
     with replacing(path) as partial, strict():
         rec = rr.RecordingStream(

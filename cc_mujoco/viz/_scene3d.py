@@ -30,12 +30,7 @@ _SHAPE = mujoco.mjtGeom
 
 
 def log_static(rec: Branch, model: mujoco.MjModel) -> None:
-    """Log every visible geom once.
-
-    Args:
-        rec: Where to, in an open recording.
-        model: Compiled model; its reference pose places what cannot move.
-    """
+    """Log every visible geom once; the reference pose places what cannot move."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -61,15 +56,7 @@ def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
 
 
 def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
-    """Return where all bodies are, m, and how they are turned, real part first.
-
-    Args:
-        model: Compiled model.
-        qpos: Generalized coordinates of the frames (T, nq).
-
-    Returns:
-        Positions (T, nbody, 3) and quaternions (T, nbody, 4).
-    """
+    """Return positions (T, nbody, 3) [m] and quaternions (T, nbody, 4) of bodies."""
     position = np.empty((len(qpos), model.nbody, 3))
     quaternion = np.empty((len(qpos), model.nbody, 4))
     data = mujoco.MjData(model)
@@ -81,14 +68,7 @@ def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
 
 
 def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
-    """Log the pose of every body that can move.
-
-    Args:
-        rec: Where to, in an open recording.
-        model: Compiled model.
-        time: Times of the frames (T,), s.
-        qpos: Generalized coordinates of the frames (T, nq).
-    """
+    """Log the pose of every body that can move, at `time` (T,) [s], `qpos` (T, nq)."""
     moving = np.flatnonzero(model.body_weldid != 0)
     for some in frame_slices(len(time)):
         position, quaternion = body_poses(model, qpos[some])
@@ -146,13 +126,7 @@ def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
 
 
 def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
-    """Return the colour that MuJoCo draws: the material's unless the thing has one.
-
-    Args:
-        model: Compiled model.
-        rgba: Colour of the geom or tendon (4,).
-        material: Its material, -1 for none.
-    """
+    """Return the colour that MuJoCo draws: the material's unless the thing has one."""
     if material < 0 or not np.allclose(rgba, DEFAULT_RGBA):
         return np.array(rgba, dtype=float)
     color = np.array(model.mat_rgba[material], dtype=float)

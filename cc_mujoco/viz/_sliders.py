@@ -23,13 +23,7 @@ class Sliders:
     """Knobs as the last controls of a model that is shown."""
 
     def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:
-        """Add them to a scene.
-
-        Args:
-            knobs: What is turned.
-            spec: Of the scene, which needs a joint; it is changed.
-            own: Whether the actuators of the scene have sliders, too.
-        """
+        """Add them to a scene with a joint; `own` keeps those of its actuators."""
         self.controls: NDArray[np.float64] | None = None
         """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs

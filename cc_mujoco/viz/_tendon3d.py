@@ -28,14 +28,9 @@ def log_tendons(
     qpos: Array,
     skipped: Collection[int],
 ) -> None:
-    """Log every visible spatial tendon in its own colour.
+    """Log every visible spatial tendon that is not skipped in its own colour.
 
-    Args:
-        rec: Where to, in an open recording.
-        model: Compiled model.
-        time: Times of the frames (T,), s.
-        qpos: Generalized coordinates of the frames (T, nq).
-        skipped: Tendons that are drawn otherwise.
+    At `time` (T,) [s] in the poses `qpos` (T, nq).
     """
     for tendon, rgba in visible_tendons(model, skipped):
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
@@ -60,7 +55,6 @@ def visible_tendons(
 
 
 def is_spatial(model: mujoco.MjModel, tendon: int) -> bool:
-    """Return whether a tendon is spatial."""
     kind = model.wrap_type[model.tendon_adr[tendon]]
     return bool(kind != mujoco.mjtWrap.mjWRAP_JOINT)
 
@@ -98,13 +92,7 @@ def tendon_paths(
 
 
 def tendon_points(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
-    """Return the points of a tendon (P, 3) [m].
-
-    Args:
-        model: Compiled model.
-        data: Pose, up to date as by `mj_tendon`.
-        tendon: Which.
-    """
+    """Return the points of a tendon (P, 3) [m], up to date as by `mj_tendon`."""
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     part = slice(start, start + count)
     real = data.wrap_obj.reshape(-1)[part] != PULLEY_POINT

@@ -45,11 +45,7 @@ FRAMES_AT_ONCE = 600
 
 
 def require_video() -> None:
-    """Find out, before an episode is played, whether a video can be made of it.
-
-    Raises:
-        CableError: If PyAV, its encoder or OpenGL is missing.
-    """
+    """Find out, before an episode is played, whether a video can be made of it."""
     _av()
     require_opengl()
 
@@ -60,16 +56,9 @@ def write_video(
     model: mujoco.MjModel,
     progress: Callable[[float], object] | None = None,
 ) -> None:
-    """Write the video of an episode as MP4.
+    """Write the video of an episode as MP4; an older file stays until it is whole.
 
-    Args:
-        path: File to write; an older one stays until the new one is whole.
-        log: The episode.
-        model: The model that the episode was played on.
-        progress: Called with the simulated time [s] of what is done, first with 0.
-
-    Raises:
-        CableError: If PyAV or OpenGL is missing, or the file cannot be written.
+    `progress` is called with the simulated time [s] of what is done, first with 0.
     """
     av = _av()
     progress = progress or (lambda time: None)

@@ -30,15 +30,7 @@ from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tensio
 
 
 def scene_file(scene: str) -> Path:
-    """Return the file of a scene.
-
-    Args:
-        scene: Path of an MJCF file or of the description of a device, or a name of the
-            package's scenes.
-
-    Raises:
-        CableError: There is neither.
-    """
+    """Return the file of a scene: path of an MJCF file or description, or name."""
     if Path(scene).suffix.lower() == ".toml":
         path = find_device(scene).path
         assert path is not None  # it was read from a file
@@ -59,9 +51,6 @@ def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
     """Return the file of a scene, see `scene_file`, its specification and its model.
 
     The model has room for other configurations of its cables.
-
-    Raises:
-        CableError: The scene cannot be loaded.
     """
     path = scene_file(scene)
     try:
@@ -73,15 +62,7 @@ def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
 
 
 def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:
-    """Simulate a scene in a window until it is closed.
-
-    Args:
-        scene: Path of an MJCF file, or a name of the package's scenes.
-        screen: What opens the window; called as `Screen` is.
-
-    Raises:
-        CableError: The scene cannot be loaded or has no joint, or there is no screen.
-    """
+    """Simulate a scene in a window, made by `screen`, until it is closed."""
     path, spec, model = read_scene(scene)
     if model.ntendon:
         print(plugin.tendon_report(model).overview())
@@ -94,13 +75,7 @@ class Viewing:
     """A scene that is simulated as keys and sliders demand."""
 
     def __init__(self, path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-        """Prepare.
-
-        Args:
-            path: File of the scene.
-            spec: Of the scene; it is changed.
-            model: The scene.
-        """
+        """Prepare."""
         self._name, self._model = path.name, model
         self._data = mujoco.MjData(model)
         self._cables = plugin.from_mjcf(model)

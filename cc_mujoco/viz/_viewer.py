@@ -58,12 +58,7 @@ class Frame(NamedTuple):
 def require_screen(what: str = "--live") -> None:
     """Find out, before long work, whether a `Screen` can be opened.
 
-    Args:
-        what: Command or option that needs it, for the message.
-
-    Raises:
-        CableError: If there is no display, no GLFW or no OpenGL on it; on macOS, if
-            this is not mjpython.
+    `what` is the command or option that needs it, for the message.
     """
     if sys.platform == "linux" and not any(map(os.environ.get, DISPLAY_VARIABLES)):
         raise CableError(
@@ -132,12 +127,10 @@ class Screen:
     ) -> None:
         """Open the window, as the first camera of the model sees it.
 
-        Args:
-            model: Compiled model, of which a copy is shown.
-            cables: Names of cables; those with a route are coloured.
-            highest: Tension of the brightest colour at first [N]; it rises with them.
-            press: Called with each key, as GLFW numbers it, in the window's thread.
-            sliders: With their model, of the same scene, which is shown instead.
+        A copy of the model is shown, and cables with a route are coloured. `highest` is
+        the tension of the brightest colour at first [N]; it rises with them. `press` is
+        called with each key, as GLFW numbers it, in the window's thread. The model of
+        `sliders`, of the same scene, is shown instead.
         """
         self._model = shown = copy.copy(model) if sliders is None else sliders.model
         self._sliders = sliders
@@ -168,7 +161,6 @@ class Screen:
         self._draw_thread.start()
 
     def __enter__(self) -> Screen:
-        """Return itself."""
         return self
 
     def __exit__(
@@ -177,7 +169,6 @@ class Screen:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the window."""
         self._left.set()
         self._draw_thread.join(LAST_FRAME_TIMEOUT)
         self._viewer.close()
@@ -187,7 +178,6 @@ class Screen:
 
     @property
     def open(self) -> bool:
-        """Return whether the window is open."""
         return bool(self._viewer.is_running())
 
     @property
@@ -200,11 +190,7 @@ class Screen:
         self._frame = frame
 
     def push(self, data: mujoco.MjData) -> None:
-        """Let the mouse push the simulation, as in MuJoCo's viewer.
-
-        Args:
-            data: Of the model that was given; `xfrc_applied` is written.
-        """
+        """Let the mouse push the simulation by `xfrc_applied`, as MuJoCo's viewer."""
         mouse = self._mouse
         if mouse.active or self._mouse_was_active:
             data.xfrc_applied[:] = 0.0

@@ -66,17 +66,7 @@ def write_page(
     model: mujoco.MjModel,
     metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
-    """Write the page of an episode.
-
-    Args:
-        path: File to write; an older one stays until the new one is whole.
-        log: The episode.
-        model: The model that the episode was played on.
-        metrics: Numbers to show below.
-
-    Raises:
-        CableError: If plotly is missing or the file cannot be written.
-    """
+    """Write the page of an episode with metrics below, whole or not at all."""
     library = _plotly()
     highest, count = highest_tension(log), len(log)
     log = log.thinned(MAX_SAMPLES)

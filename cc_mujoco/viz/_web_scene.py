@@ -38,12 +38,7 @@ CAMERA_MARGIN = 1.06
 
 
 def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
-    """Return an array as a page reads it.
-
-    Args:
-        values: Any shape.
-        kind: `f4`, or `i4` for whole numbers.
-    """
+    """Return an array as a page reads it, as `f4`, or `i4` for whole numbers."""
     numbers = np.ascontiguousarray(values, dtype=f"<{kind}")
     text = base64.b64encode(numbers.tobytes()).decode("ascii")
     return {"dtype": kind, "shape": list(numbers.shape), "bdata": text}
@@ -52,19 +47,13 @@ def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
 def web_scene(
     log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
 ) -> dict[str, Any]:
-    """Describe the visible objects and their motion.
+    """Describe the visible objects and their motion at some samples (F,).
 
-    Args:
-        log: The episode.
-        model: The model that the episode was played on.
-        samples: Those to show (F,).
-
-    Returns:
-        `meshes`: triangles of one colour and body, -1 for what stands still; `poses`
-        (F, bodies, 12), rows of rotation and position of each moving body; `lines`:
-        points (1 or F, P, 3), with the tension at their nodes (F, n) and the node, with
-        fractions, at each point if they are cables; `box` (3, 2) around everything [m];
-        `camera` in the page's terms.
+    `meshes`: triangles of one colour and body, -1 for what stands still; `poses` (F,
+    bodies, 12), rows of rotation and position of each moving body; `lines`: points (1
+    or F, P, 3), with the tension at their nodes (F, n) and the node, with fractions, at
+    each point if they are cables; `box` (3, 2) around everything [m]; `camera` in the
+    page's terms.
     """
     qpos = log.rows("qpos", samples)
     moving = np.flatnonzero(model.body_weldid != 0)

@@ -27,18 +27,12 @@ _ELEMENTS = {wp.float32: "wp::float32", wp.float64: "wp::float64"}
 def functions(
     real: Any, terms: frozenset[str], yields: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
-    """Return the Warp functions for cables.
+    """Return the Warp functions for cables by name.
 
-    Args:
-        real: `wp.float32` or `wp.float64`.
-        terms: names of the parameters whose terms may be on; the others are off in
-            every cable and world, and nothing of them is compiled.
-        yields: whether ends may give way within a step, see `_pack.expect_yielding`.
-        paths: what is known of their paths; as it is, they are guided.
-
-    Returns:
-        Those of `_variants.FUNCTIONS`, of `PATH_FUNCTIONS` where a tendon leads one of
-        the cables, and what they call, by name.
+    `real` is `wp.float32` or `wp.float64`. Of `terms` those of some parameters may be
+    on; the others are off in every cable and world, and nothing of them is compiled.
+    With `yields` ends may give way within a step, see `_pack.expect_yielding`. Those of
+    `PATH_FUNCTIONS` are there where a tendon leads one of the cables.
     """
     wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
     library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))

@@ -137,7 +137,6 @@ class AttachedCables:
         interleaved = _is_interleaved(device)
 
         def matrix(width: int, *planes: int, height: int = rows) -> Any:
-            """Return zeros, a row for each thread."""
             if not interleaved:
                 return wp.zeros((*planes, height, width), dtype=float, device=device)
             whole = wp.zeros((*planes, width, height), dtype=float, device=device)

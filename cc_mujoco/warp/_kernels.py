@@ -83,13 +83,7 @@ class CableRows:
 def kernels(
     terms: frozenset[str], implicit: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
-    """Return the kernels for cables with these terms.
-
-    Args:
-        terms: parameters whose terms may be on.
-        implicit: whether ends look ahead, see `plugin/_implicit_ends.py`.
-        paths: what is known of their paths; as it is, they are guided.
-    """
+    """Return the kernels for cables with these terms."""
     own = functions(wp.float32, terms, implicit, paths)
     begin_step, solve_step, finish_step = (
         own.begin_step, own.solve_step, own.finish_step,
@@ -363,13 +357,7 @@ def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
 
 
 def write_rows(target: Any, rows: Any, given: Any) -> None:
-    """Write rows of an array (n, k) on a device; the others keep their bits.
-
-    Args:
-        target: `wp.array` to change.
-        rows: numbers of the rows (m,).
-        given: what they become (m, k).
-    """
+    """Write rows (m,) of a `wp.array` (n, k); the others keep their bits."""
     if given.size:
         wp.launch(
             _write,

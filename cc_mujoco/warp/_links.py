@@ -21,7 +21,6 @@ class Poses:
     """The `Pose` of a model and its data, made anew where an array is another one."""
 
     def __init__(self) -> None:
-        """Make none yet."""
         self._arrays: list[Any] = []
         self._pose: Any = None
 
@@ -44,14 +43,7 @@ def links_of(
     bodies: NDArray[np.int32],
     device: Any,
 ) -> tuple[Any, int]:
-    """Return the `Links` of some tendons, and the most that one of them has.
-
-    Args:
-        model: the compiled model.
-        tendons: those that lead cables.
-        bodies: of the places of all tendons.
-        device: of Warp.
-    """
+    """Return the `Links` of tendons that lead cables, and the most of one."""
     starts, numbers, carriers = np.zeros((3, model.ntendon), np.int32)
     places = np.full(bodies.size, -1, np.int32)
     linked: list[int] = []

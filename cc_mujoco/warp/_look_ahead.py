@@ -36,13 +36,8 @@ class LookAhead:
     ) -> None:
         """Make the arrays.
 
-        Args:
-            d: the data.
-            rows: `CableRows` of the cables.
-            fresh: not 0 where a cable has not taken a step yet (rows,).
-            ends: what each actuator holds, see `add_forces`.
-            kernel: of `look_ahead_kernel`.
-            led: those that a tendon leads.
+        `fresh` is not 0 where a cable has not taken a step yet (rows,), `ends` is what
+        each actuator holds, see `add_forces`, and `led` are those that a tendon leads.
         """
         self._rows, self._fresh, self._led = rows, fresh, led
         self.kernels = {

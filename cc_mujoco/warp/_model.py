@@ -23,11 +23,7 @@ _POSITIONS = (
 
 
 def require_supported(integrator: int) -> None:
-    """Refuse an integrator with which cables cannot run in mujoco_warp.
-
-    Raises:
-        CableError: with what takes its place.
-    """
+    """Refuse an integrator with which cables cannot run in mujoco_warp."""
     if integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise CableError(
             "cables in mujoco_warp take one evaluation a step; set the integrator to "
@@ -36,11 +32,7 @@ def require_supported(integrator: int) -> None:
 
 
 def require_routes(cables: Mapping[str, Cable], routes: Mapping[str, Route]) -> None:
-    """Refuse cables that a tendon leads where it is not known how.
-
-    Raises:
-        CableError: with what takes their place.
-    """
+    """Refuse cables that a tendon leads where it is not known how."""
     for name, cable in cables.items():
         for key, usual in (("bend", BENDS[0]), ("path", PATHS[0])):
             if name not in routes and getattr(cable, key) != usual:
@@ -64,11 +56,7 @@ def require_plain(
 
 
 def require_shared_positions(m: mjw.Model) -> None:
-    """Refuse worlds that differ in positions on which paths in `qpos0` depend.
-
-    Raises:
-        CableError: with what lays cables in the pose of each world.
-    """
+    """Refuse worlds that differ in positions on which paths in `qpos0` depend."""
     for name in _POSITIONS:
         if getattr(m, name).shape[0] > 1:
             raise CableError(

@@ -113,13 +113,7 @@ def _draw(
 
 @lru_cache(maxsize=16)
 def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleNamespace:
-    """Return the kernels for led cables with these terms.
-
-    Args:
-        terms: parameters whose terms may be on.
-        yields: see `functions`.
-        kind: what of the paths may change.
-    """
+    """Return the kernels for led cables with these terms."""
     own = functions(wp.float32, terms, yields, kind)
     bend, measure, lay, contacts = own.bend, own.measure, own.lay, own.contacts
     keep_conduit, save_path, set_path = own.keep_conduit, own.save_path, own.set_path

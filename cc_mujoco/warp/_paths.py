@@ -49,14 +49,9 @@ class LedCables:
     ) -> None:
         """Make the arrays.
 
-        Args:
-            model: the compiled model.
-            cables: all of them.
-            routes: of each, None where no tendon leads it.
-            worlds: number of worlds.
-            matrix: makes an array of so many columns, and of planes before it.
-            device: of Warp.
-            kernels: arguments of `path_kernels`.
+        `routes` are None where no tendon leads the cable. `matrix` makes an array of so
+        many columns, and of planes before it; `kernels` are arguments of
+        `path_kernels`.
         """
         own = path_kernels(*kernels)
         self._own = own
@@ -158,14 +153,9 @@ class LedCables:
     def pull(
         self, rows: Any, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any
     ) -> None:
-        """Add the forces of the pieces to those on the degrees of freedom.
+        """Add the forces of the pieces to those on the degrees of freedom (worlds, nv).
 
-        Args:
-            rows: `CableRows`.
-            is_pending: whether tensions are those after the step, and not before it.
-            m: the model.
-            d: the data.
-            total: in and out (worlds, nv).
+        With `is_pending` the tensions are those after the step, not before it.
         """
         if not self._has_open:
             return

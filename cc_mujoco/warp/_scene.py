@@ -17,11 +17,7 @@ from cc_mujoco.warp._model import require_supported
 def held_cables(
     source: mujoco.MjSpec | mujoco.MjModel,
 ) -> tuple[mujoco.MjModel, dict[str, HeldCable], dict[str, Route]]:
-    """Return the compiled scene, its cables with their ends, and the tendons' routes.
-
-    Raises:
-        CableError: a configuration cannot be used.
-    """
+    """Return the compiled scene, its cables with ends, and the tendons' routes."""
     cables = from_mjcf(source)
     option = source.opt if isinstance(source, mujoco.MjModel) else source.option
     require_supported(int(option.integrator))

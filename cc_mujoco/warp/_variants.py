@@ -76,14 +76,7 @@ def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
 def known_values(
     terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
 ) -> Known:
-    """Return what is known of cables before any step.
-
-    Args:
-        terms: parameters whose terms may be on.
-        yields: whether ends may give way within a step, see `_pack.expect_yielding`.
-        single: whether numbers are of single precision.
-        paths: what is known of their paths; as it is, they are guided.
-    """
+    """Return what is known of cables before any step."""
     packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
     values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
     if paths.bends is not None:

@@ -35,7 +35,6 @@ class AddedCables:
     parts: tuple[AddedCables, ...] = ()
 
     def __str__(self) -> str:
-        """Return the lines."""
         return "\n".join(self.lines)
 
 

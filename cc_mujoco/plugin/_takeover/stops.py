@@ -27,12 +27,6 @@ def keep_constraints(
     its own, and what the light winch has of speed would count as the momentum of that:
     limits and dry friction therefore stop a winch within a step, as a spring and a
     dashpot do.
-
-    Args:
-        spec: the specification with the winches.
-        model: the same, compiled.
-        original: the specification as it was, compiled.
-        burdens: what the winches took over.
     """
     before, after = _inverse_weights(original), _inverse_weights(model)
     tendon_of = {burden.winch: burden.tendon for burden in burdens}

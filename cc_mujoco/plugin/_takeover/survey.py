@@ -89,7 +89,6 @@ class Burden:
 
     @property
     def has_pulleys(self) -> bool:
-        """Return whether the path has branches."""
         return self.branches[0].name != self.tendon
 
     @property
@@ -107,14 +106,8 @@ class Burden:
 def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burden:
     """Return what acts on a spatial tendon as a whole.
 
-    Args:
-        spec: the specification.
-        model: the same, compiled.
-        tendon: name of the tendon.
-
-    Raises:
-        CableError: the tendon belongs to a cable already, or an equality couples it
-            to itself.
+    Refuse a tendon that belongs to a cable already, or that an equality couples to
+    itself.
     """
     own = spec.tendon(tendon)
     _refuse_second_cable(spec, tendon)
@@ -176,7 +169,6 @@ def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
 
 
 def _branches(tendon: Any) -> tuple[TendonBranch, ...]:
-    """Return the branches of a spatial tendon."""
     parts: list[tuple[float, list[tuple[str, str]]]] = [(1.0, [])]
     pulleys = 0
     for wrap in tendon.path:

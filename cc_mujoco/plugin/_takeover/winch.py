@@ -146,11 +146,9 @@ def plan_winches(
 ) -> Taken:
     """Choose the winches of tendons, light but stable at the time step of the model.
 
-    Args:
-        spec: specification in which the branches have tendons already; not changed.
-        original: the specification as it was, compiled.
-        burdens: what each winch takes over, and radius [m] and inertia [kg m^2] of its
-            drum; None for a light slide.
+    In `spec`, which is not changed, the branches have tendons already; `original` is
+    the model before. `burdens` have radius [m] and inertia [kg m^2] of each drum, None
+    for a light slide.
     """
     branched = any(burden.has_pulleys for burden in burdens)
     model = compile_spec(spec.copy()) if branched else original
@@ -190,13 +188,8 @@ def _stable_winch(
 ) -> Winch:
     """Return a winch with inertia and damping that bear what acts on it.
 
-    Args:
-        original: the specification as it was, compiled.
-        burden: what the winch takes over.
-        trial: the winch, with the inertia that each of its branches moves.
-        given: radius [m] and inertia [kg m^2] of a drum; None for a light slide.
-        stiffness: of what acts on it [N/m].
-        drag: the same [N s/m].
+    `trial` has the inertia that each of its branches moves, `given` are as in
+    `plan_winches`, `stiffness` [N/m] and `drag` [N s/m] those of what acts on it.
     """
     step, integrator = original.opt.timestep, original.opt.integrator
     explicit = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4)
@@ -329,11 +322,8 @@ def write_winches(
 ) -> None:
     """Write the winches of tendons and move to them what acts on the tendons.
 
-    Args:
-        spec: the specification to change; the branches have tendons already.
-        original: the specification as it was, compiled.
-        taken: the winches, and what each takes over.
-        probing: leave out limits, dry friction, equalities and sensors.
+    In `spec` the branches have tendons already; `original` is the model before. With
+    `probing` without limits, dry friction, equalities and sensors.
     """
     for burden, winch in taken:
         _write_winch(spec, original, burden, winch, probing)
@@ -420,11 +410,7 @@ def _move_actuator(
 
 
 def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float] | None:
-    """Return the range of the actuators' sum in which they pull, None for any.
-
-    Raises:
-        CableError: their gears have both signs, so that there is no such range.
-    """
+    """Return the range of the actuators' sum in which they pull, None for any."""
     if not can_push(original, burden):
         return None
     out = original.actuator_outadr[list(burden.actuators)]

@@ -42,11 +42,7 @@ class DrivenCable:
     """Spatial tendon instead of a pulley: the free rope from the conduit to a lever."""
 
     def __post_init__(self) -> None:
-        """Require one kind of distal end.
-
-        Raises:
-            CableError: neither or both are given, or a joint without a pulley.
-        """
+        """Require one kind of distal end."""
         if (self.joint is None) == (self.tendon is None):
             raise CableError("a DrivenCable needs either a joint or a tendon")
         if (self.joint is None) != (self.pulley is None):
@@ -76,11 +72,7 @@ class CableActuatorCfg(ActuatorCfg):
     else in the pose `qpos0`, and the world starts with what that pose makes of it."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no drive.
-
-        Raises:
-            CableError: no cables, a negative lag, or targets that are no joints.
-        """
+        """Refuse what is no drive."""
         super().__post_init__()
         if self.transmission_type != TransmissionType.JOINT:
             raise CableError("the targets of CableActuatorCfg are joints of motors")

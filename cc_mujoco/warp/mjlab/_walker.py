@@ -54,11 +54,7 @@ class Walker(ActionTerm):
     """Term of a `WalkCfg`."""
 
     def __init__(self, cfg: WalkCfg, env: Any) -> None:
-        """Find joints and sensors, and tabulate the poses to start from.
-
-        Raises:
-            CableError: The period of the muscles is not a whole number of time steps.
-        """
+        """Find joints and sensors, and tabulate the poses to start from."""
         super().__init__(cfg=cfg, env=env)
         model = env.sim.mj_model
         self._every = round(MUSCLE_PERIOD / model.opt.timestep)

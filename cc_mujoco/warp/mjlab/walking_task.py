@@ -98,11 +98,7 @@ def _robot() -> EntityCfg:
 
 
 def environment(play: bool = False) -> ManagerBasedRlEnvCfg:
-    """Return the configuration of the environment.
-
-    Args:
-        play: whether one person walks on and on.
-    """
+    """Return the configuration of the environment; in play a person walks on."""
     ankles = SceneEntityCfg("robot", joint_names=(".*_ankle",))
     drums = SceneEntityCfg("robot", joint_names=MOTORS)
     terms = {

@@ -104,11 +104,12 @@ class Block:
         return f"{place}, study" if self.seconds or self.real_time else place
 
     def brief(self) -> Block:
-        """Return the block with episodes of half a second, which are soon played."""
+        """Return the block with episodes of half a second and few designs."""
         code = re.sub(r"\bduration=[\d.]+", "duration=0.5", self.code)
         if self.kind == "sh":
             code = re.sub(r" --duration \S+", "", code)
             code = re.sub(r"cc-mujoco (play|whatif) ", r"\g<0>--duration 0.5 ", code)
+            code = re.sub(r"(--vary \w+=[\d.]+:[\d.]+):\d+", r"\1:2", code)
         return dataclasses.replace(self, code=code)
 
     def commands(self, program: str) -> list[list[str]]:

@@ -466,7 +466,8 @@ def log_file(
     Memory holds `PIECE_ROWS` samples, however long the episode is.
 
     Args:
-        path: File to write; an older one stays until this is whole.
+        path: File to write, with the ending `.parquet`; an older one stays until this
+            is whole.
         cables: Names of the cables whose columns every sample brings.
         metadata: JSON-serializable description of the episode.
         prefixes: Beginnings of the columns of each axis.
@@ -474,6 +475,8 @@ def log_file(
     Raises:
         CableError: If nothing was recorded or the file cannot be written.
     """
+    if Path(path).suffix.lower() != ".parquet":
+        raise CableError(f"a log is a Parquet file; {path} must end in .parquet.")
     with replacing(path) as partial:
         file = LogFile(partial, cables, metadata, prefixes)
         try:

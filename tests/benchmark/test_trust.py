@@ -152,7 +152,7 @@ def test_the_key_of_a_run_is_published_in_its_results_alone(
 ) -> None:
     command = [
         "benchmark", "wrist", "--conditions", "ordinary-rough", "--seeds",
-        "1", "--duration", "1.05", "--controllers", CHEAT,
+        "1", "--duration", "1.05", "--controllers", CHEAT, "--workers", "1",
     ]  # fmt: skip
     found = []
     for name, more in (("one", ()), ("two", ()), ("three", ("--key",))):

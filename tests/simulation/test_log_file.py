@@ -141,6 +141,8 @@ def test_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="nothing was recorded"):
         write(path, 0)
     assert np.array_equal(EpisodeLog.open(path)["time_s"], old)
+    with pytest.raises(CableError, match=r"must end in \.parquet"):
+        write(tmp_path / "notes.txt", 3)
 
 
 def test_file_is_for_one_plant(tmp_path: Path) -> None:

@@ -95,9 +95,6 @@ def read(path: Path) -> Any:
 def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
     """Fit all profiles.
 
-    Args:
-        folder: Where the two tables are.
-
     Returns:
         Period [s]; coefficients by name, shape (HARMONICS + 1, 2), rounded as they are
         written, in rad and N m; RMS errors by name, of angles in degrees.

@@ -53,8 +53,7 @@ Lesson = tuple[Singles, Singles, Array]
 
 HOLD, HISTORY = 2, 10
 """Default samples for which an action is held, and earlier frames that are seen."""
-TEACHER = "predictive"
-"""Default teacher."""
+TEACHER = "predictive"  # default teacher
 RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 """Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
 show less of what the teacher knows, and its mean becomes a cautious one."""
@@ -68,10 +67,8 @@ teacher swings a finger with more of `viscous`."""
 BANDWIDTH = 400.0
 """Default bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
 slower plan leaves of a tremor, too."""
-WIDTHS = 128, 128
-"""Units of the hidden layers."""
-RATE, LAST_RATE = 1e-3, 3e-4
-"""Rate of the optimiser in the first round and in the last."""
+WIDTHS = 128, 128  # units of the hidden layers
+RATE, LAST_RATE = 1e-3, 3e-4  # rate of the optimiser in the first round and in the last
 OUTLIER = 0.3
 """Error from which on the loss grows linearly, in standard deviations of the teacher's
 torques."""
@@ -109,8 +106,6 @@ def teacher(
     """Return a controller that knows the plants that an environment has now.
 
     Args:
-        env: The environment.
-        law: Name of the controller.
         hold: Samples for which an action is held.
         bandwidth: Of the plans of `predictive` [rad/s].
     """
@@ -153,7 +148,6 @@ class Classroom:
 
         Args:
             env: That holds no action and begins episodes by itself (`SameStep`).
-            seed: Of plants, motions and noise.
             history: Earlier frames that the student sees.
             hold: Samples for which an action is held.
             teach: Maker of the teacher; see `teacher`.
@@ -264,8 +258,7 @@ class Student:
         """Return the actions after observations (n, size)."""
         with self._torch.no_grad():
             found = self._layers(self._scaled(seen)).numpy()
-        action: Singles = found * self._unit + self._middle
-        return action
+        return found * self._unit + self._middle
 
     def _scaled(self, seen: Singles) -> Any:
         return self._torch.from_numpy((seen - self._mean) / self._deviation)
@@ -283,9 +276,7 @@ class Student:
         Args:
             seen: Observations (samples, size).
             taught: Actions (samples, axes).
-            steps: Of the optimiser.
             rates: Of the optimiser at the first step and at the last.
-            batch: Samples in a step.
 
         Returns:
             The mean loss.

@@ -13,8 +13,7 @@ from pathlib import Path
 import markdown2
 
 ROOT = Path(__file__).resolve().parents[1]
-REFERENCE = "cc_mujoco.html"
-"""Page of the public names, as pdoc calls it."""
+REFERENCE = "cc_mujoco.html"  # page of the public names, as pdoc calls it
 LINK = re.compile(r'(href|src)="([^"#]*)(#[^"]*)?"')
 LEFT_OUT = {"build", "dist", "runs"}
 STYLE = """

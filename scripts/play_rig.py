@@ -47,10 +47,8 @@ from cc_mujoco.hardware._rig_end import Sender, ServedHost, UdpEnd
 from rig import make_rig
 from rig.makes import MAKES
 
-PERIOD = 0.002
-"""Time between two readings, by default [s]."""
-LONGEST = 600.0
-"""Time for which a device is played [s]."""
+PERIOD = 0.002  # time between two readings, by default [s]
+LONGEST = 600.0  # time for which a device is played [s]
 STATE = (
     "motor_angle_rad",
     "motor_velocity_rad_s",
@@ -103,8 +101,7 @@ class CanEnd:
 class Played(Protocol):
     """Simulated motors, cables and joints of a rig."""
 
-    period: float
-    """Length of a step [s]."""
+    period: float  # length of a step [s]
 
     def advance(self, torques: Sequence[float]) -> None:
         """Go on by a period with a torque of every motor [N m]."""
@@ -233,11 +230,7 @@ def serve(ends: Sequence[End], played: Played) -> None:
 
 
 def ends_of(axes: Sequence[Settings]) -> list[End]:
-    """Return this end of the link of every axis.
-
-    Raises:
-        CableError: One has no address.
-    """
+    """Return this end of the link of every axis."""
     buses: CanBuses = {}
     found: list[End] = []
     for each in axes:

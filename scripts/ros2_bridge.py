@@ -27,8 +27,7 @@ from cc_mujoco.hardware import Readings, Status
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._rig_end import ServedHost, UdpEnd
 
-INTERVAL = 0.5e-3
-"""Time between two looks for commands [s]."""
+INTERVAL = 0.5e-3  # time between two looks for commands [s]
 
 
 class Bridge:

@@ -38,12 +38,10 @@ from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
 
-HAND = Wearer(40.0, 1.0)
-"""Wearer of the bench, of which `wearer` is a multiple."""
+HAND = Wearer(40.0, 1.0)  # wearer of the bench, of which `wearer` is a multiple
 
 
-BENCH = "bench"
-"""Name of the bench of the diagnosis study."""
+BENCH = "bench"  # name of the bench of the diagnosis study
 
 
 @cache
@@ -77,14 +75,10 @@ def device_of(scene: str) -> Device:
 class Sines(Task):
     """Torque that runs by itself, and a spring."""
 
-    sizes: tuple[float, ...]
-    """Amplitudes of the sines [N m]."""
-    lines: tuple[float, ...]
-    """Periods of each in one of the phase."""
-    shifts: tuple[float, ...]
-    """Phase of each [rad]."""
-    stiffness: float
-    """Torque over angle [N m/rad], of either sign."""
+    sizes: tuple[float, ...]  # amplitudes of the sines [N m]
+    lines: tuple[float, ...]  # periods of each in one of the phase
+    shifts: tuple[float, ...]  # phase of each [rad]
+    stiffness: float  # torque over angle [N m/rad], of either sign
 
     def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
         """Return the desired torque [N m]; see `Task.torque`."""
@@ -209,7 +203,6 @@ def make(
     """Return the vector environments of the training.
 
     Args:
-        options: Of the command line.
         ranges: In place of those of `randomised`, by name.
         observed: Arguments of the environments that say what is observed.
         played: Parts, those of `PLAYED` by default.

@@ -39,14 +39,12 @@ from cc_mujoco.human._work import metabolic_energy
 Array = NDArray[np.float64]
 
 POPULATION = 16
-EPISODE = 5.0
-"""Time for which a candidate walks [s]."""
+EPISODE = 5.0  # time for which a candidate walks [s]
 HARNESS = (300.0, 1500.0, 150.0)
 """Damping of the speed [N s/m], stiffness [N m/rad] and damping of the pitch."""
 YIELD, GONE = 0.85, 0.02
 """Factor by which the harness yields, and share of it that is no more."""
-PUSH, PUSH_TIME = 120.0, 0.15
-"""Force at the trunk [N], and its duration [s]."""
+PUSH, PUSH_TIME = 120.0, 0.15  # force at the trunk [N], and its duration [s]
 STARTING = WalkingPolicy(
     stiffness=np.array([250.0, 200.0, 150.0]),
     damping=np.array([10.0, 8.0, 5.0]),

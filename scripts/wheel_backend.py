@@ -90,12 +90,7 @@ def build_wheel(
     config_settings: Settings = None,
     metadata_directory: str | None = None,
 ) -> str:
-    """Build the wheel, add the library to it and return its name.
-
-    Raises:
-        SystemExit: The file of the setting `library` is not of these sources, the
-            setting `target` is unknown, or the library of a target does not compile.
-    """
+    """Build the wheel, add the library to it and return its name."""
     choice, target = _choices(config_settings)
     name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
     if choice == "none":
@@ -208,9 +203,6 @@ def _pack(plain: Path, library: bytes, place: str, tag: str) -> str:
     """Replace a wheel by one that holds a library as well, and return its name.
 
     Args:
-        plain: The wheel.
-        library: Content of the library.
-        place: Its place in the wheel.
         tag: Tag of the systems that it is for.
     """
     tag = f"py3-none-{tag}"

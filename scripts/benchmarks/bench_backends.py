@@ -20,12 +20,10 @@ from unittest.mock import patch
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from turns import Array, spread
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.simulation._warp_worlds import WarpWorlds
-
-Array = NDArray[np.float64]
 
 ID = "cc_mujoco/Device-v1"
 DRAWN = {"friction": (0.05, 0.2), "wearer": (0.5, 2.0), "delay": (0, 3)}
@@ -36,8 +34,7 @@ PLANTS: dict[str, dict[str, Any]] = {
     "drawn, break-away": {"randomise": {**DRAWN, "break_away": (1.0, 3.0)}},
 }
 COLUMNS = ("joint_angle_rad", "joint_torque_nm", "tension")
-ROUNDS = 7
-"""Turns that each backend takes."""
+ROUNDS = 7  # turns that each backend takes
 
 
 def main() -> None:
@@ -121,10 +118,8 @@ def aimed(env: Any, info: dict[str, Any]) -> Array:
 
 def gathered(info: dict[str, Any], name: str) -> Array:
     """Return a quantity of all axes or cables."""
-    if name == "tension":
-        keys = [key for key in info if key[0] != "_" and key.endswith("_nodes_n")]
-    else:
-        keys = [key for key in info if key[0] != "_" and key.endswith(name)]
+    end = "_nodes_n" if name == "tension" else name
+    keys = [key for key in info if key[0] != "_" and key.endswith(end)]
     return np.concatenate([info[key].reshape(len(info[key]), -1) for key in keys], 1)
 
 
@@ -135,11 +130,11 @@ def print_rates(arguments: argparse.Namespace) -> None:
     for device in arguments.devices:
         for count in arguments.envs:
             rates, host = speeds(device, count, arguments.steps)
-            low, ratio, high = np.quantile(rates[:, 1] / rates[:, 0], (0.25, 0.5, 0.75))
             mujoco, warp = np.median(rates, axis=0)
+            ratio = spread(rates[:, 1] / rates[:, 0])
             print(
-                f"| {device} | {count} | {mujoco:,.0f} | {warp:,.0f} | {ratio:.2f} "
-                f"({low:.2f} to {high:.2f}) | {1e6 * host:.1f} |",
+                f"| {device} | {count} | {mujoco:,.0f} | {warp:,.0f} | {ratio} | "
+                f"{1e6 * host:.1f} |",
                 flush=True,
             )
 

@@ -12,29 +12,28 @@ runs on one thread and on two. Prints ratios; bare times are of this machine onl
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
+import tyro
 from mujoco.batch import Batch
+from turns import by_turns
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 
-ROUNDS = 101
-"""Turns that each contestant takes."""
+ROUNDS = 101  # turns that each contestant takes
 
 
-def main() -> None:
-    """Print the ratios."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=1000, help="steps per turn")
-    parser.add_argument("--simulations", type=int, default=64, help="in a batch")
-    arguments = parser.parse_args()
-    steps, count = arguments.steps, arguments.simulations
+def main(steps: int = 1000, simulations: int = 64) -> None:
+    """Print the ratios.
 
+    Args:
+        steps: steps per turn.
+        simulations: in a batch.
+    """
     cables = mujoco.MjSpec.from_file(str(scene_path("wrist"))).compile()
     segments = [c.segments for c in plugin.from_mjcf(cables).values()]
     rivals = {"cables": cables, "ideal": ideal(False), "equality": ideal(True)}
@@ -48,13 +47,13 @@ def main() -> None:
 
     for name in ("cables", "ideal"):
         batches = {
-            str(threads): batched(rivals[name], count, threads, steps)
+            str(threads): batched(rivals[name], simulations, threads, steps)
             for threads in (1, 2)
         }
         rates = compare(batches)
         goal = "   (goal 1.8)" if name == "cables" else ""
         print(
-            f"batch of {count}, {name}, threads 2 / 1  "
+            f"batch of {simulations}, {name}, threads 2 / 1  "
             f"{ratio(rates['2'], rates['1']):.2f}{goal}"
         )
 
@@ -129,11 +128,8 @@ def batched(
 
 def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
     """Return the steps per second of each contestant in all rounds but the first."""
-    rates: dict[str, list[float]] = {name: [] for name in contestants}
-    for _ in range(ROUNDS + 1):
-        for name, turn in contestants.items():
-            rates[name].append(1.0 / turn())
-    return {name: np.array(found[1:]) for name, found in rates.items()}
+    spent = by_turns(contestants, ROUNDS, first=1)
+    return {name: 1.0 / times for name, times in spent.items()}
 
 
 def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
@@ -142,4 +138,4 @@ def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

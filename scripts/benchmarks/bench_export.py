@@ -79,9 +79,7 @@ def readings(
     """Return the plan of a controller and its readings in an episode (steps, readings).
 
     Args:
-        env: The device.
         drives: Of every axis, as the controller believes it.
-        name: Of the controller.
         duration: Of the episode [s].
     """
     device = env.exo.device

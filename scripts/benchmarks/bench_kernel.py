@@ -12,14 +12,18 @@ and what a step with each of some terms costs over one without, over the same mo
 
 from __future__ import annotations
 
-import argparse
 import os
+import sys
 import time
+from pathlib import Path
 
 # Dense systems of this size are slower on several threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+import tyro
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cc_mujoco.cable import Cable, packed_parameters, replay, rest_state
 from cc_mujoco.cable import _kernel as K
@@ -65,12 +69,8 @@ def worst_step(cable: Cable) -> tuple[float, float]:
     """
     proximal, distal = motions()
     n = cable.segments
-    prm, work, state = (
-        packed_parameters(cable),
-        np.empty(K.work_size(n)),
-        rest_state(cable),
-    )
-    new = state.copy()
+    prm, state = packed_parameters(cable), rest_state(cable)
+    work, new = np.empty(K.work_size(n)), state.copy()
 
     def cost(u_proximal: float, u_distal: float) -> float:
         begin = time.perf_counter()
@@ -85,12 +85,9 @@ def worst_step(cable: Cable) -> tuple[float, float]:
     return max(costs), float(np.median(costs))
 
 
-def main() -> None:
+def main(segments: int = 50) -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--segments", type=int, default=50)
-    options = parser.parse_args()
-    n = options.segments
+    n = segments
     costs(2, steps=5, general_steps=2)  # compiles
     found = costs(n, steps=300, general_steps=15)
     worst, median = worst_step(CABLE.replace(segments=n))
@@ -117,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

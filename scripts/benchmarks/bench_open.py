@@ -14,6 +14,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import tyro
+from turns import by_turns, quickest
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
@@ -75,12 +76,7 @@ def main(segments: int = 20, steps: int = 1000, rounds: int = 101) -> None:
         rounds: turns of each version.
     """
     turns = {name: player(scene(name, segments), steps) for name in VERSIONS}
-    spent: dict[str, list[float]] = {name: [] for name in VERSIONS}
-    for _ in range(rounds):
-        for name, turn in turns.items():
-            spent[name].append(turn())
-    # The quickest turns: what else the machine does only adds.
-    cost = {name: float(np.quantile(found, 0.1)) for name, found in spent.items()}
+    cost = quickest(by_turns(turns, rounds))
     alone = {name: cost[name] - cost["none"] for name in cost}
     rows = {
         "cost of the cable, open / fixed bends": alone["open"] / alone["fixed"],

@@ -11,11 +11,11 @@ search may find more than the grid has.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
 import pyarrow as pa
+import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -37,15 +37,13 @@ ENDS = {
     "pretension": "2:40",
 }
 GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
-SHARE = 20
-"""Designs of the grid for one of the search."""
+SHARE = 20  # designs of the grid for one of the search
 
 
 def front(table: pa.Table) -> Array:
     """Return the costs of the Pareto set within the limits, (designs, 2)."""
     cost = objective_costs(table, read_objectives(GOALS), read_limits(LIMITS))
-    best: Array = cost[pareto_rows(cost)]
-    return best
+    return cost[pareto_rows(cost)]
 
 
 def hypervolume(cost: Array, reference: Array) -> float:
@@ -56,23 +54,29 @@ def hypervolume(cost: Array, reference: Array) -> float:
     return float(np.sum((reference[0] - inside[:, 0]) * -np.diff(floor)))
 
 
-def main() -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--levels", type=int, default=22, help="of every variable")
-    parser.add_argument("--duration", type=float, default=2.0, help="of an episode [s]")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--controllers", nargs="+", default=["none"])
-    arguments = parser.parse_args()
-    count = arguments.levels ** len(ENDS)
+def main(
+    levels: int = 22,
+    duration: float = 2.0,
+    seeds: int = 3,
+    controllers: tuple[str, ...] = ("none",),
+) -> None:
+    """Print a table.
+
+    Args:
+        levels: of every variable.
+        duration: of an episode [s].
+        seeds: of searches and hypercubes.
+        controllers: that every design is played with.
+    """
+    count = levels ** len(ENDS)
     few = count // SHARE
-    how = {"duration": arguments.duration, "controllers": arguments.controllers}
+    how = {"duration": duration, "controllers": list(controllers)}
     measured = [*GOALS, "slack_margin"]
     with tqdm(total=count, unit="design", **progress_options()) as bar:
         begin = time.perf_counter()
         grid = study(
             "wrist",
-            {name: f"{ends}:{arguments.levels}" for name, ends in ENDS.items()},
+            {name: f"{ends}:{levels}" for name, ends in ENDS.items()},
             metrics=measured,
             progress=lambda done: bar.update(done - bar.n),
             **how,
@@ -83,7 +87,7 @@ def main() -> None:
     area = hypervolume(whole, reference)
     print(f"grid: {count} designs, {len(whole)} in the front, {spent:.0f} s")
     print("designs   seed   search   its time   Latin hypercube")
-    for seed in range(arguments.seeds):
+    for seed in range(seeds):
         begin = time.perf_counter()
         searched = optimise("wrist", ENDS, GOALS, LIMITS, evaluations=few, seed=seed,
                             **how)  # fmt: skip
@@ -96,4 +100,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -9,12 +9,13 @@ the cable alone costs; bare times are of this machine only.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
+import tyro
+from turns import by_turns, quickest
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
@@ -68,32 +69,26 @@ def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
     return turn
 
 
-def main() -> None:
-    """Print the ratios."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--steps", type=int, default=1000, help="steps per turn")
-    parser.add_argument("--rounds", type=int, default=101, help="turns of each version")
-    parser.add_argument("--segments", type=int, default=30)
-    arguments = parser.parse_args()
+def main(steps: int = 1000, rounds: int = 101, segments: int = 30) -> None:
+    """Print the ratios.
+
+    Args:
+        steps: steps per turn.
+        rounds: turns of each version.
+        segments: of the cable.
+    """
     terms = {
         "Coulomb friction": {},
         "with viscous friction": {"viscous_friction": 10.0},
     }
     for name, term in terms.items():
-        more = term | {"segments": arguments.segments}
-        turns = {
-            bend: walker(scene(bend, more), arguments.steps)
-            for bend in (None, "fixed", "route")
-        }
-        spent: dict[str | None, list[float]] = {bend: [] for bend in turns}
-        for _ in range(arguments.rounds):
-            for bend, turn in turns.items():
-                spent[bend].append(turn())
-        # Processor time of the quickest turns: what else the machine does only adds.
-        cost = {bend: np.quantile(found, 0.1) for bend, found in spent.items()}
+        more = term | {"segments": segments}
+        bends = (None, "fixed", "route")
+        turns = {bend: walker(scene(bend, more), steps) for bend in bends}
+        cost = quickest(by_turns(turns, rounds))
         cable = {bend: cost[bend] - cost[None] for bend in cost}
         whole = cost["fixed"] / cost["route"]
-        print(f"ankle scene, {arguments.segments} segments, {name}:")
+        print(f"ankle scene, {segments} segments, {name}:")
         print(f"  steps per second, moving / fixed route   {whole:.2f}")
         print(
             "  cost of the cable alone, moving / fixed  "
@@ -104,4 +99,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -19,6 +19,7 @@ import mujoco_warp as mjw
 import numpy as np
 import tyro
 import warp as wp
+from turns import by_turns, spread
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.warp import AttachedCables, attach, without_plugin
@@ -51,7 +52,7 @@ def main(
 
 def _row(spec: mujoco.MjSpec, worlds: int, steps: int, rounds: int) -> str:
     plain = without_plugin(spec).compile()
-    turns: list[Callable[[], None]] = []
+    turns: list[Callable[[], float]] = []
     compiling, memory = [], 0
     for attached in (False, True):
         m, d = mjw.put_model(plain), mjw.make_data(plain, nworld=worlds)
@@ -62,17 +63,11 @@ def _row(spec: mujoco.MjSpec, worlds: int, steps: int, rounds: int) -> str:
         wp.synchronize()
         compiling.append(time.perf_counter() - begin)
         turns.append(_turn(m, d, steps))
-    rates = np.empty((rounds, 2))
-    for i in range(rounds):
-        for j, turn in enumerate(turns):
-            begin = _now()
-            turn()
-            rates[i, j] = worlds * steps / (_now() - begin)
-    low, ratio, high = np.quantile(rates[:, 1] / rates[:, 0], (0.25, 0.5, 0.75))
-    free, held = np.median(rates, axis=0)
+    spent = by_turns(dict(enumerate(turns)), rounds)
+    free, held = (np.median(worlds * steps / times) for times in spent.values())
     return (
-        f"| {worlds} | {free:,.0f} | {held:,.0f} | {ratio:.2f} ({low:.2f} to "
-        f"{high:.2f}) | {memory / worlds / 1e3:.1f} | {compiling[1]:.1f} |"
+        f"| {worlds} | {free:,.0f} | {held:,.0f} | {spread(spent[0] / spent[1])} | "
+        f"{memory / worlds / 1e3:.1f} | {compiling[1]:.1f} |"
     )
 
 
@@ -84,21 +79,23 @@ def _now() -> float:
     return time.perf_counter()
 
 
-def _turn(m: mjw.Model, d: mjw.Data, steps: int) -> Callable[[], None]:
-    """Return a function that takes the steps."""
+def _turn(m: mjw.Model, d: mjw.Data, steps: int) -> Callable[[], float]:
+    """Return a function that takes the steps and returns their time [s]."""
     graph = None
     if wp.get_device().is_cuda:
         with wp.ScopedCapture() as capture:
             mjw.step(m, d)
         graph = capture.graph
 
-    def play() -> None:
+    def play() -> float:
+        begin = _now()
         for i in range(steps):
             d.ctrl.fill_(0.3 * np.sin(0.05 * i))
             if graph is None:
                 mjw.step(m, d)
             else:
                 wp.capture_launch(graph)
+        return _now() - begin
 
     return play
 

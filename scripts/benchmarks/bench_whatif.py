@@ -12,16 +12,18 @@ machine only.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
+import tyro
 from mujoco.batch import Batch
+from turns import by_turns
 
 from cc_mujoco.control import controller
 from cc_mujoco.design import Execution, Plan, carry_out, episodes, make_plan
@@ -42,68 +44,64 @@ EPISODE = (
 )
 """Metrics that need the episode alone."""
 
-SAMPLE = 32
-"""Designs that `Batch` steps."""
-LOOPED = 2
-"""Designs of a turn of the loop."""
+SAMPLE = 32  # designs that `Batch` steps
+LOOPED = 2  # designs of a turn of the loop
 
 
-def main() -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="wrist")
-    parser.add_argument("--designs", type=int, default=768)
-    parser.add_argument("--duration", type=float, default=10.0)
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--controllers", nargs="+", default=["pi"])
-    parser.add_argument("--steps", type=float, nargs="+", default=[5e-4, 1e-3])
-    parser.add_argument("--everything", action="store_true", help="all metrics")
-    arguments = parser.parse_args()
-    for step in arguments.steps:
-        for law in arguments.controllers:
-            measure(arguments, step, law)
+@dataclass
+class Options:
+    """Options of the command line."""
+
+    scene: str = "wrist"
+    designs: int = 768
+    duration: float = 10.0  # of an episode [s]
+    threads: tuple[int, ...] = (1, 2)
+    rounds: int = 3
+    controllers: tuple[str, ...] = ("pi",)
+    steps: tuple[float, ...] = (5e-4, 1e-3)  # of the physics [s]
+    everything: bool = False  # all metrics
 
 
-def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
+def main(options: Options) -> None:
+    """Print a table for every time step and controller."""
+    for step in options.steps:
+        for law in options.controllers:
+            measure(options, step, law)
+
+
+def measure(options: Options, step: float, law: str) -> None:
     """Print a table for a time step and a controller."""
     ranges = {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"}
-    if arguments.scene != "wrist":
+    if options.scene != "wrist":
         del ranges["loops"]
     plan = make_plan(
-        arguments.scene,
+        options.scene,
         ranges,
         sampling="lhs",
-        samples=arguments.designs,
+        samples=options.designs,
         controllers=[law],
-        duration=arguments.duration,
+        duration=options.duration,
         timestep=step,
-        metrics=() if arguments.everything else EPISODE,
+        metrics=() if options.everything else EPISODE,
     )
     print(
-        f"{arguments.scene}, {law}, {arguments.designs} designs of "
-        f"{arguments.duration:g} s, control at 1 kHz, physics at {1e-3 / step:g} kHz"
+        f"{options.scene}, {law}, {options.designs} designs of "
+        f"{options.duration:g} s, control at 1 kHz, physics at {1e-3 / step:g} kHz"
     )
     count, sample = len(plan.designs), min(SAMPLE, len(plan.designs))
-    bare = physics(plan, sample)
-    turns: dict[str, tuple[int, Callable[[], object]]] = {
-        "loop": (LOOPED, partial(loop, plan)),
-        "Batch": (sample, bare),
+    turns = {
+        "loop": partial(rates, LOOPED, partial(loop, plan)),
+        "Batch": partial(rates, sample, physics(plan, sample)),
     }
-    for n in arguments.threads:
-        turns[f"{n} threads"] = (
-            count,
-            partial(carry_out, plan, execution=Execution(threads=n)),
-        )
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in turns}
-    for _ in range(arguments.rounds):
-        for name, (number, turn) in turns.items():
-            found[name].append(rates(number, turn))
-    base, raw = np.array(found["loop"]), np.array(found["Batch"])[:, 1]
+    for n in options.threads:
+        whole = partial(carry_out, plan, execution=Execution(threads=n))
+        turns[f"{n} threads"] = partial(rates, count, whole)
+    found = by_turns(turns, options.rounds)
+    base, raw = found["loop"], found["Batch"][:, 1]
     for name, measured in found.items():
         wall, processor = np.median(measured, axis=0)
-        ratio = np.median(np.array(measured) / base, axis=0)
-        share = 1.0 - np.median(np.array(measured)[:, 1] / raw)
+        ratio = np.median(measured / base, axis=0)
+        share = 1.0 - np.median(measured[:, 1] / raw)
         print(
             f"  {name:10} {wall:7.2f} designs/s ({ratio[0]:5.1f} times the loop), "
             f"{processor:7.2f} per processor second ({ratio[1]:5.1f} times), "
@@ -176,4 +174,4 @@ def loop(plan: Plan) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Options, description=__doc__.splitlines()[0]))

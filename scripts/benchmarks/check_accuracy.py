@@ -10,11 +10,12 @@ CSV files with end displacements and end tensions).
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import tyro
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
@@ -32,17 +33,9 @@ def generated(seeds: int) -> Iterator[tuple[str, Any, Any, Any]]:
                 yield f"{which}: {name}", cable, ends, accuracy.continuum(cable, ends)
 
 
-def main() -> None:
+def main(reference: Path | None = None, seeds: int = 3) -> None:
     """Compute and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--reference", type=Path)
-    parser.add_argument("--seeds", type=int, default=3)
-    options = parser.parse_args()
-    cases = (
-        accuracy.references(options.reference)
-        if options.reference
-        else generated(options.seeds)
-    )
+    cases = accuracy.references(reference) if reference else generated(seeds)
     worst: dict[str, list[float]] = {}
     for name, cable, ends, tensions in cases:
         errors = [accuracy.rms_error(cable, n, ends, tensions) for n in SEGMENTS]
@@ -56,4 +49,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -59,14 +59,10 @@ LARGE: dict[str, Term] = {
 
 _ABOVE = {"static_friction"}
 """Terms whose size counts from the friction of the cable on."""
-SCENES = "wrist", "ankle", "finger"
-"""Devices, of one axis each."""
-SHARES = 0.02, 1.0
-"""Sizes that are tried, over the large one."""
-MARGIN = 1.1
-"""Joint torque over the largest of desired and unavoidable that passes."""
-DRAG = "viscous", "grease", "load-independent", "seals"
-"""Terms that need no tension."""
+SCENES = "wrist", "ankle", "finger"  # devices, of one axis each
+SHARES = 0.02, 1.0  # sizes that are tried, over the large one
+MARGIN = 1.1  # joint torque over the largest of desired and unavoidable that passes
+DRAG = "viscous", "grease", "load-independent", "seals"  # terms that need no tension
 
 
 class Row(NamedTuple):
@@ -140,13 +136,10 @@ def play(
     """Return what becomes of devices with friction terms, all at once.
 
     Args:
-        scene: Name of the device's scene.
-        law: Name of a controller.
         cases: Of `designs`.
         known: Whether the controller's model has the terms; devices whose terms it
             refuses are left out.
         duration: Of an episode [s].
-        seed: Of motion and noise.
     """
     device = load_device(scene)
     setup = device.description

@@ -9,7 +9,6 @@ that were missed and how late the others began. With `--priority` both run under
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -19,6 +18,8 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+import tyro
 
 from cc_mujoco.report import table
 
@@ -87,18 +88,17 @@ def played(name: str, duration: float, period: float, priority: int) -> dict[str
                 subprocess.run(under(priority, host), stdout=subprocess.DEVNULL)
             finally:
                 bench.terminate()
-        found: dict[str, Any] = json.loads((folder / "out" / "run.json").read_text())
-        return found
+        return json.loads((folder / "out" / "run.json").read_text())
 
 
-def row(name: str, given: argparse.Namespace) -> tuple[str, ...]:
+def row(name: str, duration: float, period: float, priority: int) -> tuple[str, ...]:
     """Return a row of the table."""
     before = os.getloadavg()[0]
-    found = played(name, given.duration, given.period, given.priority)
+    found = played(name, duration, period, priority)
     late, work = found["late"], found["work"]
     return (
         f"`{name}`",
-        str(given.priority or "usual"),
+        str(priority or "usual"),
         str(found["cycles"]),
         str(found["missed_cycles"]),
         f"{late['p50_us']:.0f}",
@@ -110,19 +110,25 @@ def row(name: str, given: argparse.Namespace) -> tuple[str, ...]:
     )
 
 
-def main() -> None:
-    """Run every controller that is asked for."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--duration", type=float, default=600.0, help="[s]")
-    parser.add_argument("--period", type=float, default=0.001, help="[s]")
-    parser.add_argument("--priority", type=int, default=0, help="of chrt -f, 11 to 99")
-    parser.add_argument("--controllers", nargs="+", default=["model"])
-    given = parser.parse_args()
-    if given.priority and not 11 <= given.priority <= 99:
-        parser.error(f"--priority is {given.priority}; it must be 11 to 99.")
-    rows = [row(name, given) for name in given.controllers]
+def main(
+    duration: float = 600.0,
+    period: float = 0.001,
+    priority: int = 0,
+    controllers: tuple[str, ...] = ("model",),
+) -> None:
+    """Run every controller that is asked for.
+
+    Args:
+        duration: of a run [s].
+        period: of the loop [s].
+        priority: of `chrt -f`, 11 to 99.
+        controllers: their names.
+    """
+    if priority and not 11 <= priority <= 99:
+        raise SystemExit(f"--priority is {priority}; it must be 11 to 99.")
+    rows = [row(name, duration, period, priority) for name in controllers]
     print(table(HEAD, rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -11,7 +11,6 @@ allows (a ratio to the power -1/2), and of the time of a motion.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
@@ -19,6 +18,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
@@ -91,17 +91,14 @@ def row(cases: Iterable[bends.Case]) -> list[float]:
     return [*(100.0 * errors).ravel(), stiffer, 1.0 / math.sqrt(stiffer), ratio]
 
 
-def main() -> None:
-    """Compute and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--random", type=int, default=200)
-    options = parser.parse_args()
+def main(random: int = 200) -> None:
+    """Compute and print, also for this many random cables."""
     titles = [f"{n} {mesh}" for n in SEGMENTS for mesh in ("equal", "mesh")]
     titles += ["stiffer", "step", "time"]
     print("| largest error, % |", *(f"{title} |" for title in titles))
     print("|---|" + len(titles) * "---|")
     kinds = [(kind, bends.cases(kind)) for kind in bends.KINDS]
-    for kind, cases in [*kinds, ("random cables", random_cases(options.random))]:
+    for kind, cases in [*kinds, ("random cables", random_cases(random))]:
         *errors, stiffer, step, ratio = row(cases)
         shown = [f"{e:.2f}" for e in errors]
         print(f"| {kind} |", *(f"{s} |" for s in shown), end=" ")
@@ -109,4 +106,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

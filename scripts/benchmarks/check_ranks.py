@@ -9,12 +9,12 @@ that follow from each design, and prints how far they agree on which design is b
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
@@ -41,8 +41,7 @@ VARY = {
         "rotor_inertia": "1e-5:2e-4:log",
     },
 }
-DURATION = {"ankle": 5.0, "wrist": 6.0}
-"""Length of an episode [s]."""
+DURATION = {"ankle": 5.0, "wrist": 6.0}  # length of an episode [s]
 LAWS = ("none", "pi", "check_ranks:damped", "model")
 METRICS = (
     "rms_torque_error",
@@ -86,31 +85,39 @@ def damped(drive: Drive) -> Damped:
     return Damped(drive)
 
 
-def main() -> None:
-    """Print a table per metric."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="ankle", choices=VARY)
-    parser.add_argument("--designs", type=int, default=60)
-    parser.add_argument("--duration", type=float, help="default 5 s, wrist 6 s")
-    parser.add_argument("--threads", type=int, default=0)
-    given = parser.parse_args()
-    with tqdm(total=given.designs, **progress_options()) as bar:
+def main(
+    scene: Literal["ankle", "wrist"] = "ankle",
+    designs: int = 60,
+    duration: float | None = None,
+    threads: int = 0,
+) -> None:
+    """Print a table per metric.
+
+    Args:
+        scene: name of the device.
+        designs: of the Latin hypercube.
+        duration: of an episode; default 5 s, wrist 6 s.
+        threads: 0 is one per processor.
+    """
+    with tqdm(total=designs, **progress_options()) as bar:
         table = study(
-            given.scene,
-            VARY[given.scene],
+            scene,
+            VARY[scene],
             sampling="lhs",
-            samples=given.designs,
+            samples=designs,
             controllers=LAWS,
-            duration=given.duration or DURATION[given.scene],
+            duration=duration or DURATION[scene],
             metrics=METRICS,
-            threads=given.threads,
+            threads=threads,
             progress=lambda done: bar.update(done - bar.n),
         )
+
+    def told(name: str, law: str) -> np.ndarray:
+        return np.array(table[f"{name}@{law}"].to_pylist(), float)
+
     for name in METRICS:
-        found = {
-            law: np.array(table[f"{name}@{law}"].to_pylist(), float) for law in LAWS
-        }
-        print(f"{given.scene}, {name}")
+        found = {law: told(name, law) for law in LAWS}
+        print(f"{scene}, {name}")
         for law, values in found.items():
             worse = int(np.sum(values > found["none"] * (1.0 + 1e-6)))
             lacking = int(np.isnan(values).sum())
@@ -122,16 +129,13 @@ def main() -> None:
             both = np.isfinite(found[one]) & np.isfinite(found[other])
             rank = spearmanr(found[one][both], found[other][both]).statistic
             print(f"  rank correlation {one}, {other}: {rank:.2f} of {both.sum()}")
-    print(f"{given.scene}, efficiency against tracking error")
+    print(f"{scene}, efficiency against tracking error")
     for law in LAWS:
-        share, error = (
-            np.array(table[f"{name}@{law}"].to_pylist(), float)
-            for name in ("efficiency", "rms_torque_error")
-        )
+        share, error = told("efficiency", law), told("rms_torque_error", law)
         has = np.isfinite(share)
         rank = spearmanr(share[has], error[has]).statistic
         print(f"  {law:20} rank correlation {rank:.2f} of {has.sum()}")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

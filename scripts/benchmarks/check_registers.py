@@ -24,24 +24,17 @@ import warp as wp
 from cc_mujoco.assets import scene_path
 from cc_mujoco.warp import attach, without_plugin
 
-LIMIT = 224
-"""Most registers of a kernel; a thread has 255."""
+LIMIT = 224  # most registers of a kernel; a thread has 255
 _FRAME_SIZE, _REGISTERS = 0x11, 0x2F
 """Attributes in the section `.nv.info`: words of a symbol and of a value."""
 
 
 class KernelUse(NamedTuple):
-    """Registers, stack and code that one kernel takes.
+    """Registers, stack and code that one kernel takes."""
 
-    Attributes:
-        registers: per thread.
-        stack: per thread, where registers are spilled [B].
-        code: size of its instructions [B].
-    """
-
-    registers: int
-    stack: int
-    code: int
+    registers: int  # per thread
+    stack: int  # per thread, where registers are spilled [B]
+    code: int  # size of its instructions [B]
 
 
 def main(

@@ -14,7 +14,6 @@ with explicit ends.
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import math
 import time
@@ -24,6 +23,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
+import tyro
 
 from cc_mujoco import Cable, Section, read
 from cc_mujoco.cable import ENDS
@@ -113,25 +113,21 @@ def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
     return tension, lost, spent
 
 
-def main() -> None:
-    """Run and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--armature", type=float, default=2e-4, help="of a motor")
-    parser.add_argument("--seconds", type=float, default=2.0)
-    options = parser.parse_args()
+def main(armature: float = 2e-4, seconds: float = 2.0) -> None:
+    """Run and print, with motors of this armature [kg m^2]."""
     print(f"{'':24}{'explicit':>26}{'by default':>26}  time of a step, ratio")
     for held in (True, False):
         print("torso held, no contacts" if held else "free and in contact")
         for case in cases():
-            fine = with_cables(case, ENDS[0], options.armature, held)
+            fine = with_cables(case, ENDS[0], armature, held)
             step = fine.opt.timestep
             fine.opt.timestep = step / FINER
-            right, lost, _ = run(fine, case, options.seconds)
+            right, lost, _ = run(fine, case, seconds)
             right = right[::FINER]
             cells, spent = [], []
             for ends in reversed(ENDS):
-                model = with_cables(case, ends, options.armature, held)
-                found, taken, each = run(model, case, options.seconds)
+                model = with_cables(case, ends, armature, held)
+                found, taken, each = run(model, case, seconds)
                 both = min(len(found), len(right))
                 error = np.sqrt(((found[:both] - right[:both]) ** 2).mean(axis=0))
                 worst = 100.0 * (error / right.max(axis=0)).max()
@@ -142,4 +138,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

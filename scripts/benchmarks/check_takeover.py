@@ -30,8 +30,7 @@ HAND = (
     "th_tendon2",
 )
 """Driven tendons of the hand."""
-BANDS = ("Exo_LS_RL", "Exo_RS_LL")
-"""Elastic bands of the exosuit on the torso."""
+BANDS = ("Exo_LS_RL", "Exo_RS_LL")  # elastic bands of the exosuit on the torso
 
 
 def load(file: str | Path) -> mujoco.MjSpec:

@@ -48,16 +48,11 @@ DEVICES = ("bilateral", "hand")
 
 
 class Device(NamedTuple):
-    """A device of several axes, as the scene has it.
+    """A device of several axes, as the scene has it."""
 
-    Attributes:
-        scene: its name.
-        benches: of all axes, by name.
-        joints: middle and reach of the motion of every joint [rad].
-    """
-
-    scene: str
-    benches: dict[str, Bench]
+    scene: str  # its name
+    benches: dict[str, Bench]  # of all axes, by name
+    # middle and reach of the motion of every joint [rad]
     joints: dict[str, tuple[float, float]]
 
     @classmethod
@@ -211,8 +206,7 @@ def cable_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     ends = model.actuator_outadr[np.flatnonzero(model.actuator_plugin >= 0)]
     open_pieces = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
     open_pieces -= data.qfrc_gravcomp + data.qfrc_fluid
-    found: Array = moment[ends].T @ data.actuator_force[ends] + open_pieces
-    return found
+    return moment[ends].T @ data.actuator_force[ends] + open_pieces
 
 
 def record(

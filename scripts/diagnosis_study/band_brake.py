@@ -22,8 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-RADIUS = 0.15
-"""Radius of the drum [m]; only the displacement at its rim is measured."""
+RADIUS = 0.15  # radius of the drum [m]; only the displacement at its rim is measured
 WRAP = 4.7
 """Angle that the band covers [rad]; only its product with friction can be fitted."""
 SCENE = f"""<mujoco model="band brake">

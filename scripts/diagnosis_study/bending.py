@@ -19,28 +19,22 @@ from typing import NamedTuple
 import numpy as np
 from driven import HAND, Array, Bench
 
-from rig.guides.plant import GUIDES
+from rig.guides import GUIDES
 from rig.nominal import Rig
 
-ZONES = 6
-"""Lengths of conduit whose angle a sensor of bend measures, each a sixth."""
-PLACES = (0.0, 0.5, 1.0)
-"""Places of the sensors of tension, over the length of a cable."""
+ZONES = 6  # lengths of conduit whose angle a sensor of bend measures, each a sixth
+PLACES = (0.0, 0.5, 1.0)  # places of the sensors of tension, over the length of a cable
 
 
 @dataclass(frozen=True)
 class Elbow:
     """Bend that changes the path while the bench runs."""
 
-    begin: float
-    """Begin of the part that bends, over the length."""
+    begin: float  # begin of the part that bends, over the length
     end: float
-    most: float
-    """Bend that it adds at most [rad]."""
-    paces: tuple[float, float]
-    """Two periods in which it goes to and fro [s]."""
-    shares: tuple[float, float]
-    """Shares of both conduits: the inner one bends more."""
+    most: float  # bend that it adds at most [rad]
+    paces: tuple[float, float]  # two periods in which it goes to and fro [s]
+    shares: tuple[float, float]  # shares of both conduits: the inner one bends more
 
     @classmethod
     def drawn(cls, seed: int, most: float = 2.2) -> Elbow:
@@ -105,18 +99,13 @@ class BendingBench(Bench):
 class Quality(NamedTuple):
     """Errors of a kind of sensor; each sensor of a bench has its own."""
 
-    noise: float
-    """Standard deviation of every reading."""
-    gain: float
-    """Standard deviation of the error of its gain, relative."""
-    drift: float
-    """Standard deviation of its drift after 10 s, as a random walk."""
+    noise: float  # standard deviation of every reading
+    gain: float  # standard deviation of the error of its gain, relative
+    drift: float  # standard deviation of its drift after 10 s, as a random walk
 
 
-BEND = Quality(0.02, 0.03, 0.03)
-"""Errors of the bend of a zone [rad]."""
-STRAIN = Quality(1.0, 0.02, 1.0)
-"""Errors of a tension [N]."""
+BEND = Quality(0.02, 0.03, 0.03)  # errors of the bend of a zone [rad]
+STRAIN = Quality(1.0, 0.02, 1.0)  # errors of a tension [N]
 
 
 class _Kind:
@@ -146,10 +135,7 @@ class Taps:
         """Draw what is wrong with each.
 
         Args:
-            seed: Of all.
             period: Between two readings [s].
-            bend: Of the sensors of bend.
-            strain: Of those of tension.
         """
         kinds = np.random.default_rng([seed, 0x7A9]).spawn(2)
         self._bend = _Kind(kinds[0], bend, (2, ZONES), period)

@@ -21,22 +21,19 @@ from numpy.typing import NDArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status
 from rig.dataset import truth_of
-from rig.guides.cables import start
-from rig.guides.kernel import advance
+from rig.guides import advance, start
 from rig.nominal import Rig
 from rig.sensors import CHANNELS
 
 Array = NDArray[np.float64]
 
-STEP = 2e-4
-"""Longest time step of the equations [s]."""
+STEP = 2e-4  # longest time step of the equations [s]
 LEFT_OUT = (
     "detent", "play", "offcentre", "unbalance", "strap", "bearing", "catch",
     "settling",
 )  # fmt: skip
 """Properties of the plant that `advance` does not play."""
-HAND = (10.0, 0.3)
-"""Stiffness [N m/rad] and damping [N m s/rad] of the hand."""
+HAND = (10.0, 0.3)  # stiffness [N m/rad] and damping [N m s/rad] of the hand
 
 
 class Instruments:
@@ -46,7 +43,6 @@ class Instruments:
         """Begin.
 
         Args:
-            seed: Of the noise.
             period: Between two readings [s].
         """
         self._random = np.random.default_rng(seed)
@@ -92,15 +88,10 @@ class Bench:
         """Begin at rest.
 
         Args:
-            rig: Of the make with guides.
             effects: What is hidden in it, amount by id.
             period: That `advance` goes on by [s].
-            tightness: Pretension over the rig's usual.
             hand: Stiffness [N m/rad] and damping [N m s/rad] at the joint.
             motor_lag: Time constant of the motor's torque behind its command [s].
-
-        Raises:
-            CableError: This rig cannot hide it.
         """
         truth, plain = truth_of(rig, effects, rig.seed), truth_of(rig, {}, rig.seed)
         self.plant = truth.plant
@@ -158,13 +149,7 @@ class Lockstep:
     """Clock and rig at once: while the loop waits, the bench goes on."""
 
     def __init__(self, bench: Bench, seed: int, swing: Swing) -> None:
-        """Begin at time 0.
-
-        Args:
-            bench: That is driven.
-            seed: Of its noise.
-            swing: Of the hand.
-        """
+        """Begin at time 0."""
         self.bench = bench
         self.torques: list[float] = []
         """True torques of the joint, one number a period from the first on [N m]."""

@@ -38,8 +38,7 @@ from rig.makes import MAKES
 from rig.nominal import make_rig
 from rig.strength import calibrate
 
-FIRST = 500
-"""Seed of the first rig; no study has these."""
+FIRST = 500  # seed of the first rig; no study has these
 
 Array = NDArray[np.float64]
 

@@ -30,10 +30,8 @@ from rig.makes import MAKES
 from rig.nominal import make_rig
 from rig.strength import calibrate
 
-FIRST = 700
-"""Seed of the first rig; no study has these."""
-_STEP = 7
-"""Effects from one rig to the next, so that a few rigs have different kinds."""
+FIRST = 700  # seed of the first rig; no study has these
+_STEP = 7  # effects from one rig to the next, so that a few rigs have different kinds
 
 
 def found_on(make: str, seed: int, strength: float) -> dict[str, Any]:

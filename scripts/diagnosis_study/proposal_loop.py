@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
     from cc_mujoco.hardware._trials import Planned
 
-MAX_PROPOSED = 2
-"""Proposed trials that are recorded at most."""
+MAX_PROPOSED = 2  # proposed trials that are recorded at most
 STATIC = (
     "joint_gravity", "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
     "asymmetric_friction",
@@ -111,11 +110,7 @@ def loop(
     """Diagnose a rig, record what is proposed, and diagnose again.
 
     Args:
-        rig: the rig.
-        amounts: what is hidden in it.
         recorded: set of trials that is recorded first, see `rig.trials.SETS`.
-        seed: of motions and noise.
-        folder: for data and proposed trials.
         proposals: number of proposed trials that are recorded at most.
         first: result of the first diagnosis, if it is known.
     """

@@ -96,9 +96,6 @@ class Equipped(Controller):
         """Prepare.
 
         Args:
-            law: The controller.
-            bench: That the sensors are on.
-            taps: The sensors.
             feels_bend: Whether it takes the path from them.
             is_told: Whether path and friction are given to it as they are.
         """

@@ -35,35 +35,23 @@ from cc_mujoco.report import (
 Array = NDArray[np.float64]
 
 CABLE = "plantarflexor"
-PEAK = 40.0
-"""Largest assistance wanted at the ankle [N m]."""
-TAUT = 30.0
-"""Tension at the motor that keeps the cable taut [N]."""
-BANDWIDTH = 150.0
-"""Bandwidth of the control of the tension at the motor [rad/s]."""
+PEAK = 40.0  # largest assistance wanted at the ankle [N m]
+TAUT = 30.0  # tension at the motor that keeps the cable taut [N]
+BANDWIDTH = 150.0  # bandwidth of the control of the tension at the motor [rad/s]
 CYCLES = 3
 MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """The last gait cycle; one entry per time step.
+    """The last gait cycle; one entry per time step."""
 
-    Attributes:
-        phase: fraction of the cycle.
-        wrap: wrap angle of the conduit [rad].
-        torque: of the cable on the ankle, plantarflexion positive [N m].
-        motor: tension at the motor [N].
-        heel: tension at the heel [N].
-        lost: energy that friction took in the cycle [J].
-    """
-
-    phase: Array
-    wrap: Array
-    torque: Array
-    motor: Array
-    heel: Array
-    lost: float
+    phase: Array  # fraction of the cycle
+    wrap: Array  # wrap angle of the conduit [rad]
+    torque: Array  # of the cable on the ankle, plantarflexion positive [N m]
+    motor: Array  # tension at the motor [N]
+    heel: Array  # tension at the heel [N]
+    lost: float  # energy that friction took in the cycle [J]
 
 
 def scene(bend: str) -> mujoco.MjModel:

@@ -44,8 +44,7 @@ LAWS = {
     "predictive": "the cable's model, rolled ahead",
 }
 CABLE, SPRING = "flexor", Spring(2.5)
-BEGIN = 0.5
-"""Time from which on torques are judged [s]."""
+BEGIN = 0.5  # time from which on torques are judged [s]
 
 
 class Played(NamedTuple):
@@ -57,12 +56,9 @@ class Played(NamedTuple):
     proximal: Array
     distal: Array
     joint: Array
-    lost: float
-    """Energy that friction turned into heat [J]."""
-    peak: float
-    """Largest torque at the motor pulley [N m]."""
-    chatter: float
-    """RMS of the motor's torque minus its mean over 50 ms [N m]."""
+    lost: float  # energy that friction turned into heat [J]
+    peak: float  # largest torque at the motor pulley [N m]
+    chatter: float  # RMS of the motor's torque minus its mean over 50 ms [N m]
 
     @property
     def error(self) -> float:

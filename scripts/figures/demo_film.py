@@ -47,34 +47,22 @@ from cc_mujoco.viz import OffscreenRenderer, highest_tension
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-DURATION, RATE = 5.0, 15
-"""Duration of the demo [s], frames per second of it."""
-OF_A_DEVICE = 3.0
-"""Duration of the motion of a device [s]."""
+DURATION, RATE = 5.0, 15  # duration of the demo [s], frames per second of it
+OF_A_DEVICE = 3.0  # duration of the motion of a device [s]
 OF_TORQUE = "none", "lqg", "predictive"
 OF_POSITION = "none", "backlash_inverse", "cable_inverse"
 """Controllers of a film, by the task of the axis."""
-REST = 1500
-"""Time for which the last frame stands [ms]."""
-SIZE = (480, 800)
-"""Height and width [pixels]."""
-SCENE = (214, 244)
-"""Height and width of the device with one controller [pixels]."""
-TOP = 34
-"""Rows above the devices [pixels]."""
-LEFTS = (40, 296, 552)
-"""First columns of the devices, and of the plots below [pixels]."""
-PLOTS = (38, 130)
-"""Height above the lower edge and height of the plots [pixels]."""
-SCALE = 216
-"""Height of the scale of tension above the lower edge [pixels]."""
-FADED = 0.25
-"""Opacity of what is still to come."""
+REST = 1500  # time for which the last frame stands [ms]
+SIZE = (480, 800)  # height and width [pixels]
+SCENE = (214, 244)  # height and width of the device with one controller [pixels]
+TOP = 34  # rows above the devices [pixels]
+LEFTS = (40, 296, 552)  # first columns of the devices, and of the plots below [pixels]
+PLOTS = (38, 130)  # height above the lower edge and height of the plots [pixels]
+SCALE = 216  # height of the scale of tension above the lower edge [pixels]
+FADED = 0.25  # opacity of what is still to come
 DPI = 100
-QUALITY = 72
-"""Quality of WebP's lossy pictures, up to 100."""
-AIMED_AT = 40
-"""Poses that the camera is aimed by."""
+QUALITY = 72  # quality of WebP's lossy pictures, up to 100
+AIMED_AT = 40  # poses that the camera is aimed by
 
 
 class Course(NamedTuple):
@@ -227,11 +215,7 @@ def film_path(text: str) -> Path:
 
 
 def takes_of(options: argparse.Namespace) -> dict[str, Take]:
-    """Play the device of `--scene` with each controller.
-
-    Raises:
-        CableError: There is no such device, controller or axis.
-    """
+    """Play the device of `--scene` with each controller."""
     device = find_device(options.scene)
     axes = {axis.name: axis for axis in device.description.axes}
     axis = look_up("axis", options.axis or next(iter(axes)), axes)

@@ -26,8 +26,7 @@ from cc_mujoco.report import BLUE, ORANGE, figure, figure_path, save, style
 Array = NDArray[np.float64]
 
 FRICTION = 0.3
-PULL = 30.0
-"""Tension at the winch [N]."""
+PULL = 30.0  # tension at the winch [N]
 DRUM = 0.02
 SITES = {
     "near": ("", (-0.03, 0.03, 0.01)),
@@ -42,17 +41,11 @@ SECONDS = 2.0
 
 @dataclass(frozen=True)
 class Swing:
-    """The motion; one row per time step.
+    """The motion; one row per time step."""
 
-    Attributes:
-        time: [s].
-        torque: of the cord on each joint [N m], (steps, 2).
-        single: the same with one tension along all of the cord.
-    """
-
-    time: Array
-    torque: Array
-    single: Array
+    time: Array  # [s]
+    torque: Array  # of the cord on each joint [N m], (steps, 2)
+    single: Array  # the same with one tension along all of the cord
 
 
 def arm() -> mujoco.MjModel:

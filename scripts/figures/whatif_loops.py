@@ -18,8 +18,7 @@ from cc_mujoco.report import BLACK, COLORS, TENSION_COLORS, figure, save, style
 FRICTION = np.array([0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15])
 LOOPS = np.linspace(0.25, 3.0, 12)
 SHOWN = (0, 2, 4, 6)
-LINES = (1.0, 2.0, 3.0, 5.0)
-"""Contour lines of equal backlash [deg]."""
+LINES = (1.0, 2.0, 3.0, 5.0)  # contour lines of equal backlash [deg]
 
 
 def main() -> None:

@@ -19,8 +19,7 @@ from cc_mujoco.report import COLORS, DASH_PATTERN, GREY, figure, save, set_ticks
 
 FRICTION = (0.015, 0.05, 0.1)
 PRETENSION = np.geomspace(1.0, 60.0, 14)
-RESERVE = 1.0
-"""Least tension that is wanted anywhere [N]."""
+RESERVE = 1.0  # least tension that is wanted anywhere [N]
 
 
 def main() -> None:

@@ -24,10 +24,8 @@ class Route(NamedTuple):
     """A conduit from the motor to the shank."""
 
     name: str
-    length: float
-    """Length of the conduit [m]."""
-    wrap: float
-    """Wrap of the conduit [rad]."""
+    length: float  # length of the conduit [m]
+    wrap: float  # wrap of the conduit [rad]
 
 
 ROUTES = (

@@ -20,9 +20,7 @@ def studied(
     """Return the table of a study, and where its figure is to go.
 
     Args:
-        doc: docstring of the script.
         name: of the figure, unless another is given.
-        number: of designs.
         how: arguments of `study`.
     """
     parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])

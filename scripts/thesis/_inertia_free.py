@@ -104,7 +104,6 @@ class InertiaFree:
             controller: Made for the drive, or for one with other cables.
             angle: Of the joint (samples,) [rad].
             desired: Torque at the joint (samples,) [N m].
-            progress: Called with every sample.
 
         Returns:
             `COLUMNS`, (samples,) each; the torque of the motor is that which follows

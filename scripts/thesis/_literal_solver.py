@@ -45,35 +45,22 @@ from cc_mujoco.native import FloatArray
 
 
 class Constraint(NamedTuple):
-    """One measured state variable (2.14).
+    """One measured state variable (2.14)."""
 
-    Attributes:
-        kind: what is measured.
-        node: at which node, 0 is the proximal end.
-        value: [N] or [m].
-    """
-
-    kind: Literal["tension", "displacement"]
-    node: int
-    value: float
+    kind: Literal["tension", "displacement"]  # what is measured
+    node: int  # at which node, 0 is the proximal end
+    value: float  # [N] or [m]
 
 
 class Solution(NamedTuple):
-    """State of all nodes under the sign pattern found.
+    """State of all nodes under the sign pattern found."""
 
-    Attributes:
-        tension: (n + 1,) [N], negative where the cable would have to push.
-        displacement: (n + 1,) [m].
-        pattern: direction of every segment (n,).
-        tried: how many patterns were tried.
-        contradiction: sum of the motion of the segments whose direction is not the
-            assumed one [m]; 0 for the solution proper (2.25).
-    """
-
-    tension: FloatArray
-    displacement: FloatArray
-    pattern: FloatArray
-    tried: int
+    tension: FloatArray  # (n + 1,) [N], negative where the cable would have to push
+    displacement: FloatArray  # (n + 1,) [m]
+    pattern: FloatArray  # direction of every segment (n,)
+    tried: int  # how many patterns were tried
+    # sum of the motion of the segments whose direction is not the assumed one [m]; 0
+    # for the solution proper (2.25)
     contradiction: float
 
 
@@ -91,17 +78,11 @@ def sign_patterns(n: int) -> list[FloatArray]:
 
 
 class Standing(NamedTuple):
-    """The node that stands still beyond the last moving one (2.1.1.4).
+    """The node that stands still beyond the last moving one (2.1.1.4)."""
 
-    Attributes:
-        tension: [N].
-        displacement: [m].
-        length: of the segment between them [m].
-    """
-
-    tension: float
-    displacement: float
-    length: float
+    tension: float  # [N]
+    displacement: float  # [m]
+    length: float  # of the segment between them [m]
 
 
 def sign_pattern_system(
@@ -113,7 +94,6 @@ def sign_pattern_system(
     """Return the system 2.13 of one sign pattern, with the rows of constraints.
 
     Args:
-        mesh: the moving segments.
         pattern: direction of each (n,).
         constraints: measured variables (2.14): two, or one with a standing node.
         standing: the node after the last, if it bounds a partial motion (2.16).
@@ -157,7 +137,6 @@ def solve(
     """Return the mobile segments (2.1.1.1) by trying sign patterns (2.3.2).
 
     Args:
-        mesh: the segments.
         before: displacement of the nodes at the time before (n + 1,) [m].
         constraints: measured variables, see `sign_pattern_system`; one at least a
             displacement.
@@ -193,7 +172,6 @@ def by_fsolve(
     """Solve equations 2.13 with signs by a general solver, the baseline of 2.3.1.
 
     Args:
-        mesh: the segments.
         before: displacement of the nodes at the time before (n + 1,) [m].
         constraints: two, at least one of them a displacement.
         guess: x to start from, (2n + 2,), best the last solution.
@@ -258,8 +236,7 @@ class ThesisCable:
     @property
     def tension(self) -> FloatArray:
         """Tension of every node (n + 1,) [N]; 0 where slack (2.1.1.2)."""
-        shown: FloatArray = np.maximum(self._tension, 0.0)
-        return shown
+        return np.maximum(self._tension, 0.0)
 
     def step(
         self,
@@ -276,9 +253,6 @@ class ThesisCable:
             tension_proximal: [N].
             u_distal: displacement of the end since rest [m], or
             tension_distal: [N].
-
-        Raises:
-            CableError: not exactly one quantity an end, or tension at both (2.1.2).
         """
         n = self.mesh.segments
         distal_u = None if u_distal is None else self._rest + u_distal
@@ -413,21 +387,14 @@ class ThesisCable:
 
 
 class ThesisReplay(NamedTuple):
-    """A motion played through `ThesisCable`; arrays have one row per sample.
+    """A motion played through `ThesisCable`; arrays have one row per sample."""
 
-    Attributes:
-        tension: of the nodes (samples, n + 1) [N].
-        displacement: of the nodes (samples, n + 1) [m], from the unstrained cable.
-        last_moving: nodes that move from either end (samples, 2).
-        tried: sign patterns tried in all.
-        contradicted: steps whose solution no sign pattern fits.
-    """
-
-    tension: FloatArray
+    tension: FloatArray  # of the nodes (samples, n + 1) [N]
+    # of the nodes (samples, n + 1) [m], from the unstrained cable
     displacement: FloatArray
-    last_moving: NDArray[np.intp]
-    tried: int
-    contradicted: int
+    last_moving: NDArray[np.intp]  # nodes that move from either end (samples, 2)
+    tried: int  # sign patterns tried in all
+    contradicted: int  # steps whose solution no sign pattern fits
 
 
 def play(

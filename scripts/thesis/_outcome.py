@@ -14,30 +14,22 @@ if TYPE_CHECKING:
 
 Verdict = Literal["agrees", "better", "in part", "disagrees", "cannot", "misprint"]
 
-Progress = Callable[[float], None]
-"""Takes the share of the work that is done, 0 to 1."""
+Progress = Callable[[float], None]  # takes the share of the work that is done, 0 to 1
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the thesis and the finding of this package.
+    """One statement of the thesis and the finding of this package."""
 
-    Attributes:
-        where: figure, table, equation or section of the thesis.
-        printed: the claim, in few words, with its numbers.
-        ours: what we find, with numbers and units.
-        verdict: `agrees`; `better` where ours keeps the claim and goes beyond it;
-            `in part`; `disagrees`; `cannot` where the printed text does not give
-            what a test needs; `misprint` where a printed formula cannot be meant.
-        why: one sentence.
-        timed: whether `ours` holds times or speed ratios, which differ from run to run.
-    """
-
-    where: str
-    printed: str
-    ours: str
+    where: str  # figure, table, equation or section of the thesis
+    printed: str  # the claim, in few words, with its numbers
+    ours: str  # what we find, with numbers and units
+    # `agrees`; `better` where ours keeps the claim and goes beyond it; `in part`;
+    # `disagrees`; `cannot` where the printed text does not give what a test needs;
+    # `misprint` where a printed formula cannot be meant
     verdict: Verdict
-    why: str
+    why: str  # one sentence
+    # whether `ours` holds times or speed ratios, which differ from run to run
     timed: bool = False
 
 
@@ -53,15 +45,10 @@ def round_down_ratio(ratio: float) -> str:
 
 @dataclass(frozen=True)
 class ExperimentOutcome:
-    """Outcome of one experiment.
+    """Outcome of one experiment."""
 
-    Attributes:
-        claims: lines of the summary table.
-        figures: file stem to figure.
-        tables: file stem to columns, each column (rows,); a column's name ends with its
-            unit where it has one (`torque_nm`).
-    """
-
-    claims: tuple[Claim, ...]
-    figures: Mapping[str, Figure]
+    claims: tuple[Claim, ...]  # lines of the summary table
+    figures: Mapping[str, Figure]  # file stem to figure
+    # file stem to columns, each column (rows,); a column's name ends with its unit
+    # where it has one (`torque_nm`)
     tables: Mapping[str, Mapping[str, ArrayLike]]

@@ -18,12 +18,9 @@ from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._signals import loop_width
 from cc_mujoco.native import FloatArray
 
-LENGTH = 2.0
-"""Length of each conduit [m]."""
-STIFFNESS = 2000.0
-"""Stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L."""
-MOTOR_RADIUS, HANDLE_RADIUS = 0.020, 0.104
-"""Radii of the pulleys [m]."""
+LENGTH = 2.0  # length of each conduit [m]
+STIFFNESS = 2000.0  # stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L
+MOTOR_RADIUS, HANDLE_RADIUS = 0.020, 0.104  # radii of the pulleys [m]
 PEAK_TORQUE, TORQUE_RATE, DWELL_TIME, DURATION = 0.125, 0.1, 0.5, 30.0
 """Torque that the motor applies in Experiment 1 [N m, N m/s, s, s]."""
 DT = 1e-3
@@ -74,21 +71,13 @@ def chopped_triangle() -> tuple[FloatArray, FloatArray]:
 
 
 class Blocked(NamedTuple):
-    """Behaviour of the blocked output in Experiment 1.
+    """Behaviour of the blocked output in Experiment 1."""
 
-    Attributes:
-        motor_torque: (samples,) [N m].
-        joint_torque: on the lock (samples,) [N m].
-        efficiency: largest output torque over that of an ideal transmission.
-        backlash: width of the loop at zero output, in motor torque [N m].
-        friction_work: energy lost in a cycle [J].
-    """
-
-    motor_torque: FloatArray
-    joint_torque: FloatArray
-    efficiency: float
-    backlash: float
-    friction_work: float
+    motor_torque: FloatArray  # (samples,) [N m]
+    joint_torque: FloatArray  # on the lock (samples,) [N m]
+    efficiency: float  # largest output torque over that of an ideal transmission
+    backlash: float  # width of the loop at zero output, in motor torque [N m]
+    friction_work: float  # energy lost in a cycle [J]
 
 
 def blocked_output_test(cable: Cable) -> Blocked:

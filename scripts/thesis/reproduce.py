@@ -95,17 +95,12 @@ def reproduce(
         names: keys of `EXPERIMENTS`; none is all.
         out: folder; each experiment has its own inside, the summary of all that are
             there is `summary.md`.
-        again: run also what is done already.
         progress: called with the experiment and the share of it that is done.
         finished: called with every record as it comes.
         say: called with a sentence on what an earlier run left, if it left something.
 
     Returns:
         One record per name, in the order of `EXPERIMENTS`.
-
-    Raises:
-        CableError: an unknown name, or a folder that cannot be written or holds what
-            would be replaced and is no experiment's.
     """
     wanted = set(names) or set(EXPERIMENTS)
     for name in sorted(wanted):

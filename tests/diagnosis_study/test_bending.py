@@ -9,7 +9,7 @@ from bending import PLACES, ZONES, BendingBench, Elbow, Quality, Taps
 from self_tuning import VARIANTS, along, compared
 
 from rig import make_rig
-from rig.guides.plant import plant_of
+from rig.guides import plant_of
 
 PERFECT = Quality(0.0, 0.0, 0.0)
 RIG = make_rig(1, make="guides")

@@ -19,8 +19,7 @@ from baselines.stacking import column, errors, gathered, weights
 from cc_mujoco.diagnosis import BaselineFit
 from cc_mujoco.native import FloatArray
 
-BINS = 40
-"""Bins with as many samples each."""
+BINS = 40  # bins with as many samples each
 LEAST = 0.06
 """Share of the squared residual below which nothing is named.
 
@@ -37,7 +36,6 @@ def regressed(records: Sequence[Signals], least: float = LEAST) -> Guess:
     """Return the same from signals.
 
     Args:
-        records: about the tuned baseline.
         least: share of the squared residual below which nothing is named.
     """
     residual = [errors(records, channel) for channel in (0, 1)]
@@ -66,8 +64,7 @@ def _taken(
 
     def means(values: FloatArray) -> FloatArray:
         """Return the weighted mean of every bin, times the root of its weight."""
-        found: FloatArray = np.bincount(bins, weight * values) / root
-        return found
+        return np.bincount(bins, weight * values) / root
 
     seen = means(residual)
     columns = [means(column(records, part, channel)) for part in term.columns]
@@ -80,5 +77,4 @@ def in_bins(over: FloatArray) -> NDArray[np.intp]:
     """Return the bin of every sample (samples,), none of them empty."""
     edges = np.unique(np.quantile(over, np.arange(1, BINS) / BINS))
     place = np.searchsorted(edges, over, side="right")
-    found: NDArray[np.intp] = np.unique(place, return_inverse=True)[1]
-    return found
+    return np.unique(place, return_inverse=True)[1]

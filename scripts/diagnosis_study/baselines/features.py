@@ -26,29 +26,18 @@ TURN = 2.0 * math.pi
 
 
 class Term(NamedTuple):
-    """One look of an effect.
+    """One look of an effect."""
 
-    Attributes:
-        over: what the residual is plotted over.
-        columns: whose weighted sum the residual would be.
-    """
-
-    over: Signal
-    columns: tuple[Signal, ...]
+    over: Signal  # what the residual is plotted over
+    columns: tuple[Signal, ...]  # whose weighted sum the residual would be
 
 
 class Family(NamedTuple):
-    """An effect and its looks.
+    """An effect and its looks."""
 
-    Attributes:
-        id: of the effect.
-        channels: whose residual it would show in.
-        terms: its looks, one for each scale tried.
-    """
-
-    id: str
-    channels: tuple[int, ...]
-    terms: tuple[Term, ...]
+    id: str  # of the effect
+    channels: tuple[int, ...]  # whose residual it would show in
+    terms: tuple[Term, ...]  # its looks, one for each scale tried
 
 
 def _plain(signal: Signal) -> tuple[Term, ...]:

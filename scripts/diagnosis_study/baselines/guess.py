@@ -7,17 +7,12 @@ from typing import NamedTuple
 
 
 class Guess(NamedTuple):
-    """The name that a naive way gives to what is missing.
+    """The name that a naive way gives to what is missing."""
 
-    Attributes:
-        named: id of the effect, or None where it finds nothing missing.
-        ranking: ids, the likeliest first; named or not.
-        share: of the squared residual that is explained, by the first of the ranking
-            or, where a model has several effects, by that model.
-    """
-
-    named: str | None
-    ranking: tuple[str, ...]
+    named: str | None  # id of the effect, or None where it finds nothing missing
+    ranking: tuple[str, ...]  # ids, the likeliest first; named or not
+    # of the squared residual that is explained, by the first of the ranking or, where a
+    # model has several effects, by that model
     share: float
 
 

@@ -20,8 +20,7 @@ EVALUATIONS = 12
 """Simulations with new parameters per refit; screening has found a start."""
 
 
-REFITTED = 6
-"""Effects that are refitted: those that would explain most to first order."""
+REFITTED = 6  # effects that are refitted: those that would explain most to first order
 
 
 def bic(
@@ -32,9 +31,7 @@ def bic(
     """Return the effect with the lowest BIC, named if that is below the baseline's.
 
     Args:
-        baseline_fit: the baseline and its fit.
         evaluations: most of each refit.
-        ids: of the effects to refit.
     """
     problem, x = baseline_fit.problem, baseline_fit.whole.x
     counts = [record.counts for record in problem.plant.records]

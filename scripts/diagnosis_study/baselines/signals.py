@@ -10,50 +10,30 @@ from numpy.typing import NDArray
 from cc_mujoco.diagnosis import BaselineFit, Record, acceleration
 from cc_mujoco.native import FloatArray
 
-REST = 0.01
-"""Speed of the motor below which it rests [rad/s]."""
-PAUSE = 0.05
-"""Shortest rest; a motion that turns has speed 0 for a moment too [s]."""
+REST = 0.01  # speed of the motor below which it rests [rad/s]
+PAUSE = 0.05  # shortest rest; a motion that turns has speed 0 for a moment too [s]
 
 
 class Signals(NamedTuple):
-    """One record as features see it; arrays are (samples,).
+    """One record as features see it; arrays are (samples,)."""
 
-    Attributes:
-        dt: time between samples [s].
-        band: to which the torques are low-passed [Hz].
-        counts: whether a sample counts.
-        time: since the trial began [s].
-        motor_angle: [rad].
-        joint_angle: [rad].
-        speed: of the cable at the motor's pulley [m/s].
-        direction: sign of the speed; at rest that of the last motion.
-        motor_acceleration: [rad/s^2].
-        joint_acceleration: [rad/s^2].
-        travel: of the cable since the motion last turned [m].
-        rested: how long the last rest was [s].
-        since_rest: travel of the cable since then [m].
-        torque: (2, samples) of motor and joint, as the baseline simulates it [N m].
-        residual: (2, samples) measured minus simulated [N m].
-        floor: (2, samples) standard deviation of noise [N m].
-    """
-
-    dt: float
-    band: float
-    counts: NDArray[np.bool_]
-    time: FloatArray
-    motor_angle: FloatArray
-    joint_angle: FloatArray
-    speed: FloatArray
-    direction: FloatArray
-    motor_acceleration: FloatArray
-    joint_acceleration: FloatArray
-    travel: FloatArray
-    rested: FloatArray
-    since_rest: FloatArray
+    dt: float  # time between samples [s]
+    band: float  # to which the torques are low-passed [Hz]
+    counts: NDArray[np.bool_]  # whether a sample counts
+    time: FloatArray  # since the trial began [s]
+    motor_angle: FloatArray  # [rad]
+    joint_angle: FloatArray  # [rad]
+    speed: FloatArray  # of the cable at the motor's pulley [m/s]
+    direction: FloatArray  # sign of the speed; at rest that of the last motion
+    motor_acceleration: FloatArray  # [rad/s^2]
+    joint_acceleration: FloatArray  # [rad/s^2]
+    travel: FloatArray  # of the cable since the motion last turned [m]
+    rested: FloatArray  # how long the last rest was [s]
+    since_rest: FloatArray  # travel of the cable since then [m]
+    # (2, samples) of motor and joint, as the baseline simulates it [N m]
     torque: FloatArray
-    residual: FloatArray
-    floor: FloatArray
+    residual: FloatArray  # (2, samples) measured minus simulated [N m]
+    floor: FloatArray  # (2, samples) standard deviation of noise [N m]
 
 
 def signals(baseline_fit: BaselineFit) -> tuple[Signals, ...]:
@@ -76,7 +56,6 @@ def observed(
     """Return the signals of one record.
 
     Args:
-        record: what was measured.
         torque: (2, samples) of motor and joint, simulated [N m].
         floor: (2, samples) standard deviation of their noise [N m].
         radius: of the motor's pulley [m].
@@ -111,8 +90,7 @@ def observed(
 def held(values: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
     """Return every value held since last taken, at first the first (samples,)."""
     last = np.maximum.accumulate(np.where(taken, np.arange(values.size), 0))
-    found: FloatArray = values[last]
-    return found
+    return values[last]
 
 
 def _resting(moves: NDArray[np.bool_], dt: float) -> FloatArray:
@@ -120,5 +98,4 @@ def _resting(moves: NDArray[np.bool_], dt: float) -> FloatArray:
     place = np.arange(moves.size)
     last = np.maximum.accumulate(np.where(moves, place, 0))
     before = np.concatenate([[0], last[:-1]])
-    found: FloatArray = dt * (place - before - 1.0).clip(0.0)
-    return found
+    return dt * (place - before - 1.0).clip(0.0)

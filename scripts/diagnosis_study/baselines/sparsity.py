@@ -26,26 +26,16 @@ THRESHOLD = 0.15
 
 On development rigs without any effect columns are left over at 0.1, none at this.
 """
-RIDGE = 0.05
-"""Weight of squared coefficients, pysindy's own default."""
+RIDGE = 0.05  # weight of squared coefficients, pysindy's own default
 
 
 def sparse(baseline_fit: BaselineFit) -> Guess:
-    """Return the effect with the largest part of a sparse model of the residual.
-
-    Raises:
-        ImportError: pysindy is not installed.
-    """
+    """Return the effect with the largest part of a sparse model of the residual."""
     return selected(signals(baseline_fit))
 
 
 def selected(records: Sequence[Signals], threshold: float = THRESHOLD) -> Guess:
-    """Return the same from signals.
-
-    Args:
-        records: about the tuned baseline.
-        threshold: coefficient that is dropped.
-    """
+    """Return the same from signals."""
     residual = [errors(records, channel) for channel in (0, 1)]
     scale = float(np.sqrt(sum(error @ error for error in residual)))
     parts: dict[str, float] = {}
@@ -89,5 +79,4 @@ def thresholded(table: FloatArray, target: FloatArray, threshold: float) -> Floa
         # It warns where nothing is left, which is an answer here.
         warnings.simplefilter("ignore")
         model.fit(table, target)
-    found: FloatArray = np.asarray(model.coef_, dtype=np.float64).ravel()
-    return found
+    return np.asarray(model.coef_, dtype=np.float64).ravel()

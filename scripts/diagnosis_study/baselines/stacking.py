@@ -25,8 +25,7 @@ def gathered(
 
 def weights(records: Sequence[Signals], channel: int) -> FloatArray:
     """Return one over the noise floor of a channel (samples,) [1/N m]."""
-    found: FloatArray = 1.0 / gathered(records, lambda s: s.floor[channel])
-    return found
+    return 1.0 / gathered(records, lambda s: s.floor[channel])
 
 
 def errors(records: Sequence[Signals], channel: int) -> FloatArray:
@@ -40,8 +39,7 @@ def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
 
     def passed(s: Signals) -> FloatArray:
         signal = low_pass(of(s, channel), s.band, 1.0 / s.dt)
-        over: FloatArray = signal / s.floor[channel]
-        return over
+        return signal / s.floor[channel]
 
     return _levelled(gathered(records, passed), weights(records, channel))
 
@@ -49,5 +47,4 @@ def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
 def _levelled(values: FloatArray, weight: FloatArray) -> FloatArray:
     """Remove the effect of a torque offset, which the baseline has tuned."""
     unit = weight / np.linalg.norm(weight)
-    found: FloatArray = values - unit * (unit @ values)
-    return found
+    return values - unit * (unit @ values)

@@ -31,9 +31,7 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
     """Return the rig with effects hidden in it; an amount of 0 hides nothing.
 
     Args:
-        rig: the rig.
         effects: amount by id, see `MAKES`.
-        seed: of what else an effect draws.
         mesh: of its make's `plant_of`.
     """
     make = MAKES[rig.make]

@@ -25,21 +25,13 @@ Hide = Callable[[Truth, float, Generator], Truth]
 
 
 class Effect(NamedTuple):
-    """One thing that can be hidden.
+    """One thing that can be hidden."""
 
-    Attributes:
-        parameter: what `amount` measures.
-        unit: of the amount.
-        typical: an amount that shows clearly, R about 2 in rich trials.
-        limit: the largest amount that is still physics.
-        hide: (truth, amount, generator) -> truth with the effect.
-    """
-
-    parameter: str
-    unit: str
-    typical: float
-    limit: float
-    hide: Hide
+    parameter: str  # what `amount` measures
+    unit: str  # of the amount
+    typical: float  # an amount that shows clearly, R about 2 in rich trials
+    limit: float  # the largest amount that is still physics
+    hide: Hide  # (truth, amount, generator) -> truth with the effect
 
 
 Drawn = tuple[float, float] | Callable[[Generator], Any]
@@ -77,5 +69,4 @@ def softer(name: str) -> Hide:
     return hide
 
 
-TURN = (-math.pi, math.pi)
-"""Bounds of a phase [rad]."""
+TURN = (-math.pi, math.pi)  # bounds of a phase [rad]

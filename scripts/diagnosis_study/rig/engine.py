@@ -20,10 +20,8 @@ from cc_mujoco.native import FloatArray, FloatMatrix, internal
 MOTOR, MOTOR_SPEED, HUB, HUB_SPEED, JOINT, JOINT_SPEED, SLIP = range(7)
 """Angles [rad] and speeds [rad/s]: motor, joint pulley (hub), handle (joint); slip of
 the cables on the motor pulley [rad]."""
-RECORD_TIME = 2e-4
-"""Time between two records [s]; a record is the mean over it."""
-COMMAND_TIME = 1e-3
-"""Time between two rows of a motion that is asked for [s]."""
+RECORD_TIME = 2e-4  # time between two records [s]; a record is the mean over it
+COMMAND_TIME = 1e-3  # time between two rows of a motion that is asked for [s]
 COLUMNS = (
     "motor_angle",
     "motor_torque",
@@ -43,8 +41,7 @@ COLUMNS = (
 """Columns of the records. The works are integrals from the start [J]: of the cables on
 the motor's pulley, of the cables on the joint's pulley, of all friction, of strand
 damping; the energy is that of strain and motion of both cables."""
-MEANS = 9
-"""So many columns are means; the others hold at the end of the record."""
+MEANS = 9  # so many columns are means; the others hold at the end of the record
 
 
 HALVED = 3
@@ -52,19 +49,14 @@ HALVED = 3
 
 
 class Asked(NamedTuple):
-    """Motions asked of motor and environment, and the ties to them.
+    """Motions asked of motor and environment, and the ties to them."""
 
-    Attributes:
-        servo: (2,) stiffness and damping of the motor's position loop.
-        environment: (2,) stiffness and damping that tie the handle to `target`.
-        command: (m + 1, 2) angle and speed asked of the motor, every `COMMAND_TIME`.
-        target: (m + 1, 2) the same of the environment.
-    """
-
-    servo: FloatArray
+    servo: FloatArray  # (2,) stiffness and damping of the motor's position loop
+    # (2,) stiffness and damping that tie the handle to `target`
     environment: FloatArray
+    # (m + 1, 2) angle and speed asked of the motor, every `COMMAND_TIME`
     command: FloatMatrix
-    target: FloatMatrix
+    target: FloatMatrix  # (m + 1, 2) the same of the environment
 
 
 class Pace(NamedTuple):
@@ -76,21 +68,17 @@ class Pace(NamedTuple):
 
 
 class Law(NamedTuple):
-    """Law by which the cables of a make move.
+    """Law by which the cables of a make move."""
 
-    Attributes:
-        arc: (plant, angle, side) -> arc wound onto the motor pulley from angle 0 and
-            its slope [m/rad]; `side` is 1 for cable a and -1 for b, opposite to it.
-        start: (plant, pretension, arcs) -> cables at rest.
-        run: (plant, cables, shafts, now, pretension, asked, pace, records) -> whether
-            the cables were found at every step; `now` (`MEANS`,) is work space.
-        steps: plant -> steps per record that it needs.
-    """
-
+    # (plant, angle, side) -> arc wound onto the motor pulley from angle 0 and its slope
+    # [m/rad]; `side` is 1 for cable a and -1 for b, opposite to it
     arc: Callable[[Any, float, float], tuple[float, float]]
+    # (plant, pretension, arcs) -> cables at rest
     start: Callable[[Any, float, tuple[float, float]], Any]
+    # (plant, cables, shafts, now, pretension, asked, pace, records) -> whether the
+    # cables were found at every step; `now` (`MEANS`,) is work space
     run: Callable[..., bool]
-    steps: Callable[[Any], int]
+    steps: Callable[[Any], int]  # plant -> steps per record that it needs
 
 
 def integrate(
@@ -99,17 +87,12 @@ def integrate(
     """Run one trial.
 
     Args:
-        law: of the make.
-        p: the plant.
         pretension: tension of both cables at rest [N].
         asked: what is asked of motor and environment.
         refine: 1, or a whole number by which to shorten every step.
 
     Returns:
         (5 m, 14) records, see `COLUMNS`.
-
-    Raises:
-        ValueError: the cables are not found, however short the steps.
     """
     angle = float(asked.command[0, 0])
     arcs = law.arc(p, angle, 1.0)[0], -law.arc(p, angle, -1.0)[0]
@@ -180,13 +163,10 @@ def turn_joint(
     (unbalance, spring, extra inertia) is on the transmission's side of it.
 
     Args:
-        shafts: state of the shafts.
         net: torque on the pulley, but for that of the handle.
         hold: torque on the handle, but for that of the pulley.
         across: torque of the pulley on the handle through their play.
-        inertia: inertia of both.
         hub: inertia of the pulley alone, 0 where they are one body.
-        extra: further inertia of the pulley.
         dt: duration of the step [s].
     """
     if hub == 0.0:
@@ -225,10 +205,7 @@ def see(
 
     Args:
         now: the columns in a step (`MEANS`,).
-        motor: its angle and the torque shown.
         joint: its angle, the torque shown and its speed.
-        near: tensions at the motor.
-        far: tensions at the joint.
     """
     now[0], now[1] = motor
     now[2], now[3], now[4] = joint

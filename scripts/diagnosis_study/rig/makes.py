@@ -3,44 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any, NamedTuple
 
-from rig import sensors
-from rig.bristles import effects as of_bristles
-from rig.bristles import kernel as bristles
-from rig.bristles import plant as of_nodes
+from rig import bristles, elements, guides, instruments, sensors
 from rig.effects import Effect
-from rig.elements import effects as of_elements
-from rig.elements import instruments
-from rig.elements import kernel as elements
-from rig.elements import plant as meshed
 from rig.engine import Law
-from rig.guides import effects as guided
-from rig.guides import kernel as guides
-from rig.guides import plant as through_guides
 from rig.nominal import Rig
 
 
 class Make(NamedTuple):
-    """One of them.
+    """One of them."""
 
-    Attributes:
-        plant_of: the plant of a rig in which nothing is hidden.
-        law: motion of its cables.
-        effects: what can be hidden, by id.
-        named: ids that a library can be expected to know.
-        unknown: those that it cannot.
-        chain_of: its sensors when nothing is hidden, see `sensors.Chain`.
-        trials: the set of trials that a study of this rig records.
-    """
-
-    plant_of: Callable[[Rig], Any]
-    law: Law
-    effects: Mapping[str, Effect]
-    named: tuple[str, ...]
-    unknown: tuple[str, ...]
-    chain_of: Callable[[Rig], Any]
-    trials: Callable[[Rig], str]
+    plant_of: Callable[[Rig], Any]  # the plant of a rig in which nothing is hidden
+    law: Law  # motion of its cables
+    effects: Mapping[str, Effect]  # what can be hidden, by id
+    named: tuple[str, ...]  # ids that a library can be expected to know
+    unknown: tuple[str, ...]  # those that it cannot
+    chain_of: Callable[[Rig], Any]  # its sensors when nothing is hidden
+    trials: Callable[[Rig], str]  # the set of trials that a study of this rig records
 
 
 def _usual(_rig: Rig) -> sensors.Chain:
@@ -56,32 +37,17 @@ def _slow_where_coarse(rig: Rig) -> str:
     return "restful" if instruments.chain_of(rig).coarse else "rich"
 
 
+def _make(
+    of: ModuleType,
+    chain_of: Callable[[Rig], Any] = _usual,
+    trials: Callable[[Rig], str] = _rich,
+) -> Make:
+    known = tuple(of.NAMED), tuple(of.UNKNOWN)
+    return Make(of.plant_of, of.LAW, of.EFFECTS, *known, chain_of, trials)
+
+
 MAKES = {
-    "bristles": Make(
-        of_nodes.plant_of,
-        bristles.LAW,
-        of_bristles.EFFECTS,
-        tuple(of_bristles.NAMED),
-        tuple(of_bristles.UNKNOWN),
-        _usual,
-        _rich,
-    ),
-    "guides": Make(
-        through_guides.plant_of,
-        guides.LAW,
-        guided.EFFECTS,
-        tuple(guided.NAMED),
-        tuple(guided.UNKNOWN),
-        _usual,
-        _rich,
-    ),
-    "elements": Make(
-        meshed.plant_of,
-        elements.LAW,
-        of_elements.EFFECTS,
-        tuple(of_elements.NAMED),
-        tuple(of_elements.UNKNOWN),
-        instruments.chain_of,
-        _slow_where_coarse,
-    ),
+    "bristles": _make(bristles),
+    "guides": _make(guides),
+    "elements": _make(elements, instruments.chain_of, _slow_where_coarse),
 }

@@ -15,8 +15,7 @@ Array = NDArray[np.float64]
 RATE = 1000
 LEAD = 0.6
 """Unrecorded time before each trial [s], in which the drive approaches its start."""
-DURATION = 8.0
-"""Recorded length of a trial [s]."""
+DURATION = 8.0  # recorded length of a trial [s]
 
 TIME: Array = np.arange(int(RATE * DURATION) + 1) / RATE
 

@@ -27,30 +27,20 @@ EXIT, EYE = (-0.068, -0.04), (-0.025, 0.015)
 POST, POST_RADIUS = (-0.06, 0.0), 0.008
 KNUCKLE_RADIUS, WINCH_RADIUS = 0.012, 0.008
 INSERTION, HALF_FLEXED = (0.03, 0.008), 0.75
-PARTS = 8
-"""Number of parts of every arc."""
+PARTS = 8  # number of parts of every arc
 PIECES = 2 * PARTS + 2
 BENDS = PIECES - 1
 
 
 class Tendon(NamedTuple):
-    """Composition of the rig, and the effects it hides; SI.
+    """Composition of the rig, and the effects it hides; SI."""
 
-    Attributes:
-        friction: coefficient of friction mu.
-        stiffness: axial stiffness EA [N].
-        pretension: tension at rest with the finger half flexed [N].
-        drag: drag f per length of contact [N/m].
-        viscosity: viscosity c per length of contact [N s/m^2].
-        compliance: compliance of the fastening at the finger [m/N].
-    """
-
-    friction: float = 0.22
-    stiffness: float = 1850.0
-    pretension: float = 5.3
-    drag: float = 0.0
-    viscosity: float = 0.0
-    compliance: float = 0.0
+    friction: float = 0.22  # coefficient of friction mu
+    stiffness: float = 1850.0  # axial stiffness EA [N]
+    pretension: float = 5.3  # tension at rest with the finger half flexed [N]
+    drag: float = 0.0  # drag f per length of contact [N/m]
+    viscosity: float = 0.0  # viscosity c per length of contact [N s/m^2]
+    compliance: float = 0.0  # compliance of the fastening at the finger [m/N]
 
 
 class Path(NamedTuple):
@@ -62,51 +52,31 @@ class Path(NamedTuple):
 
 
 class _Winch(NamedTuple):
-    """Layers that a winch wound since the start, one for every sample (samples,).
+    """Layers that a winch wound since the start, one for every sample (samples,)."""
 
-    Attributes:
-        surface: of the winch that a layer covers [m], 0 where it was given out again.
-        amount: unstretched length of the layer [m].
-    """
-
+    # of the winch that a layer covers [m], 0 where it was given out again
     surface: FloatArray
-    amount: FloatArray
+    amount: FloatArray  # unstretched length of the layer [m]
 
 
 class _Room(NamedTuple):
-    """Work space: arrays of the pieces (PIECES,) or the bends (BENDS,).
+    """Work space: arrays of the pieces (PIECES,) or the bends (BENDS,)."""
 
-    Attributes:
-        before: lengths of straight pieces and parts of arcs before the step [m].
-        length: the same after it, winch to finger [m].
-        held: unstretched lengths before they slip [m].
-        tension: tensions of the pieces [N].
-        soft: slope of the length by the tension [m/N].
-        near: tensions before anything slips, by straight lines [N].
-        after: tensions once all has slipped that does, by straight lines [N].
-        edges: ends of the pieces along the path (PIECES + 1,) [m].
-        whole: unstretched length up to each of them (PIECES + 1,) [m].
-        most: ratio E of the tensions of a bend that slips.
-        drag: drag of each bend [N].
-        slow: viscous force per slip of a step [N/m].
-        slip: slip away from the finger [m].
-        above: what is left of the matrix above its diagonal.
-    """
-
+    # lengths of straight pieces and parts of arcs before the step [m]
     before: FloatArray
-    length: FloatArray
-    held: FloatArray
-    tension: FloatArray
-    soft: FloatArray
-    near: FloatArray
-    after: FloatArray
-    edges: FloatArray
-    whole: FloatArray
-    most: FloatArray
-    drag: FloatArray
-    slow: FloatArray
-    slip: FloatArray
-    above: FloatArray
+    length: FloatArray  # the same after it, winch to finger [m]
+    held: FloatArray  # unstretched lengths before they slip [m]
+    tension: FloatArray  # tensions of the pieces [N]
+    soft: FloatArray  # slope of the length by the tension [m/N]
+    near: FloatArray  # tensions before anything slips, by straight lines [N]
+    after: FloatArray  # tensions once all has slipped that does, by straight lines [N]
+    edges: FloatArray  # ends of the pieces along the path (PIECES + 1,) [m]
+    whole: FloatArray  # unstretched length up to each of them (PIECES + 1,) [m]
+    most: FloatArray  # ratio E of the tensions of a bend that slips
+    drag: FloatArray  # drag of each bend [N]
+    slow: FloatArray  # viscous force per slip of a step [N/m]
+    slip: FloatArray  # slip away from the finger [m]
+    above: FloatArray  # what is left of the matrix above its diagonal
 
 
 def path(flexed: float) -> Path:
@@ -168,13 +138,9 @@ def played(
     """Compute the torques of motor and joint along a motion from rest [N m].
 
     Args:
-        rig: the tendon.
         dt: time between samples [s].
         motor: angle of the winch, positive where it winds [rad].
         joint: angle of the finger, positive where the tendon pulls it [rad].
-
-    Raises:
-        ValueError: the tendon goes slack, or no state of it fits.
     """
     sizes = [PIECES] * 7 + [PIECES + 1] * 2 + [BENDS] * 5
     room = _Room(*map(np.zeros, sizes))

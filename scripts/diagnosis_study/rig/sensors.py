@@ -59,22 +59,17 @@ class Chain(NamedTuple):
 
     delay: float = 0.0
     """Delay of the joint's card: 70 % dead time, 30 % first-order lag [s]."""
-    gain: float = 0.0
-    """Excess gain of the joint's torque sensor at small torque."""
-    offset: float = 0.0
-    """Offset of the joint's torque sensor once warm [N m]."""
-    hysteresis: float = 0.0
-    """Half width of the joint torque sensor's hysteresis [N m]."""
-    load_delay: float = 0.0
-    """Lag of the joint's torque per torque [s/N m]."""
+    gain: float = 0.0  # excess gain of the joint's torque sensor at small torque
+    offset: float = 0.0  # offset of the joint's torque sensor once warm [N m]
+    hysteresis: float = 0.0  # half width of the joint torque sensor's hysteresis [N m]
+    load_delay: float = 0.0  # lag of the joint's torque per torque [s/N m]
     reflex: float = 0.0
     """Gain of a grip reflex that leaks into the joint's torque [N m s/rad]."""
     reflex_latency: float = 0.06
     temperature: float = 0.0
     """Zero drift of the joint's torque sensor with the room's draught [N m]."""
     temperature_phase: float = 0.0
-    second_axis: float = 0.0
-    """Cross-talk of a second axis of the handle [N m]."""
+    second_axis: float = 0.0  # cross-talk of a second axis of the handle [N m]
     second_axis_rate: float = 0.9
     second_axis_phase: float = 0.0
 
@@ -179,8 +174,6 @@ def logged(
 
     Args:
         clean: (samples, names), see `sampled`.
-        chain: sensors of the rig.
-        names: names of the channels.
         key: seed of the noise; every channel adds its own number.
     """
     columns = {"time_s": chain.moments(clean.shape[0])}

@@ -45,12 +45,9 @@ LOOKED_AT = {
 class Tuned(NamedTuple):
     """One constant that the experimenter tunes."""
 
-    step: float
-    """Step of the difference quotient."""
-    bound: float
-    """Largest plausible change."""
-    mechanical: bool
-    """True if it changes the motion, False if it changes only readings."""
+    step: float  # step of the difference quotient
+    bound: float  # largest plausible change
+    mechanical: bool  # true if it changes the motion, False if it changes only readings
     change: Callable[[Rig, float], Rig]
 
 

@@ -25,42 +25,28 @@ LOCKED = (3000.0, 2.0)
 A loose or a firm human hand, a spring, no load, a clamp."""
 
 
-WEIGHTS = (2.0, 2.0)
-"""Torques of the known weights at motor and joint [N m]."""
+WEIGHTS = (2.0, 2.0)  # torques of the known weights at motor and joint [N m]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial, lead-in included.
+    """One trial, lead-in included."""
 
-    Attributes:
-        motion: description of the motor's motion; public.
-        load: `human`, `spring`, `free` or `locked`; public.
-        command: (m, 2) angle [rad] and speed [rad/s] of the motor at 1 kHz.
-        target: (m, 2) angle [rad] and speed [rad/s] of the environment.
-        servo: stiffness and damping of the motor's position loop.
-        environment: stiffness and damping that tie the handle to `target`.
-        tightness: pretension over the rig's usual one; public.
-        repeat_of: index of the trial of which this is a repetition, or None.
-        tilt: angle by which the rig is turned about the joint's axis; public.
-        unhooked: whether the cables are off both pulleys; public.
-        known_torques: of weights in place of the cables, at motor and joint [N m];
-            public.
-        swapped: whether the torque sensors have changed places; public.
-    """
-
-    motion: str
-    load: str
-    command: Array
-    target: Array
-    servo: tuple[float, float]
+    motion: str  # description of the motor's motion; public
+    load: str  # `human`, `spring`, `free` or `locked`; public
+    command: Array  # (m, 2) angle [rad] and speed [rad/s] of the motor at 1 kHz
+    target: Array  # (m, 2) angle [rad] and speed [rad/s] of the environment
+    servo: tuple[float, float]  # stiffness and damping of the motor's position loop
+    # stiffness and damping that tie the handle to `target`
     environment: tuple[float, float]
-    tightness: float = 1.0
+    tightness: float = 1.0  # pretension over the rig's usual one; public
+    # index of the trial of which this is a repetition, or None
     repeat_of: int | None = None
-    tilt: float = 0.0
-    unhooked: bool = False
+    tilt: float = 0.0  # angle by which the rig is turned about the joint's axis; public
+    unhooked: bool = False  # whether the cables are off both pulleys; public
+    # of weights in place of the cables, at motor and joint [N m]; public
     known_torques: tuple[float, float] = (0.0, 0.0)
-    swapped: bool = False
+    swapped: bool = False  # whether the torque sensors have changed places; public
 
 
 def _led(path: Array, approach: float) -> Array:

@@ -43,43 +43,31 @@ SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
 TENSION, MOTION, NOISE = 50.0, 5e-4, 0.5
 """Largest tension [N], motion of the motor end [m], noise of every sensor [N]."""
-SLOPES = (0.03, 0.06, 0.12, 0.21)
-"""Friction coefficients of the slope check."""
+SLOPES = (0.03, 0.06, 0.12, 0.21)  # friction coefficients of the slope check
 RUN_CABLE = CABLE.replace(friction=0.1, pretension=20.0)
 RUN_NOISE, DT = 1.0, 0.005
-AGILITIES = (100.0, 300.0, 1000.0)
-"""Agilities of the observer [N/s]."""
-CHUNK_SIZE = 250
-"""Instants solved at once, which bounds the memory."""
-LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)
-"""Values of footnote 4."""
+AGILITIES = (100.0, 300.0, 1000.0)  # agilities of the observer [N/s]
+CHUNK_SIZE = 250  # instants solved at once, which bounds the memory
+LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)  # values of footnote 4
 
 
 class _Votes(NamedTuple):
-    """Many noisy instants of one movement condition.
+    """Many noisy instants of one movement condition."""
 
-    Attributes:
-        moment: the truth.
-        reading: (samples, m) [N].
-        own: what each sensor makes of it.
-    """
-
-    moment: Moment
-    reading: FloatArray
-    own: OwnSolutions
+    moment: Moment  # the truth
+    reading: FloatArray  # (samples, m) [N]
+    own: OwnSolutions  # what each sensor makes of it
 
     @property
     def rms(self) -> FloatArray:
         """RMS error of the sensors (rows) at the nodes (columns), (m, n + 1) [N]."""
         error = self.own.tension - self.moment.tension
-        found: FloatArray = np.sqrt(np.mean(error**2, axis=0))
-        return found
+        return np.sqrt(np.mean(error**2, axis=0))
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
         """True where a segment's direction is wrong (samples, m, n)."""
-        differs: NDArray[np.bool_] = self.own.pattern != self.moment.pattern
-        return differs
+        return self.own.pattern != self.moment.pattern
 
 
 def sensor_votes(
@@ -119,19 +107,12 @@ def side_means(values: FloatArray) -> tuple[float, float]:
 
 
 class Bias(NamedTuple):
-    """Mean error of the output tension and its standard error [N].
+    """Mean error of the output tension and its standard error [N]."""
 
-    Attributes:
-        agreeing: of the sensors alone whose solution is the consensus.
-        shared: of all sensors by the matrix of the consensus.
-        uncertain: standard error of either.
-        consensus: share of segments whose consensus direction is wrong.
-    """
-
-    agreeing: float
-    shared: float
-    uncertain: tuple[float, float]
-    consensus: float
+    agreeing: float  # of the sensors alone whose solution is the consensus
+    shared: float  # of all sensors by the matrix of the consensus
+    uncertain: tuple[float, float]  # standard error of either
+    consensus: float  # share of segments whose consensus direction is wrong
 
 
 def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
@@ -158,20 +139,13 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
 
 
 class _Run(NamedTuple):
-    """A motion with rests and reversals at both ends, estimated in several ways.
+    """A motion with rests and reversals at both ends, estimated in several ways."""
 
-    Attributes:
-        time: (samples,) [s].
-        truth: output tension (samples,) [N].
-        output: name to output tension (samples,) [N].
-        everywhere: name to RMS error over all nodes [N].
-        right: name to share of segments and samples with the right direction.
-    """
-
-    time: FloatArray
-    truth: FloatArray
-    output: dict[str, FloatArray]
-    everywhere: dict[str, float]
+    time: FloatArray  # (samples,) [s]
+    truth: FloatArray  # output tension (samples,) [N]
+    output: dict[str, FloatArray]  # name to output tension (samples,) [N]
+    everywhere: dict[str, float]  # name to RMS error over all nodes [N]
+    # name to share of segments and samples with the right direction
     right: dict[str, float]
 
     def rms(self, name: str) -> float:

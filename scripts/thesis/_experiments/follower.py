@@ -35,29 +35,19 @@ POSITION_GAIN, INTEGRAL_GAIN, VELOCITY_GAIN = 2.0, 20.0, 0.01
 
 
 class _Shared(NamedTuple):
-    """Efforts at both sides, at the handle's scale.
+    """Efforts at both sides, at the handle's scale."""
 
-    Attributes:
-        motor: motor torque times the ratio (samples,) [N m].
-        handle: what the wearer gives (samples,) [N m].
-        share: the motor's part of the summed magnitudes.
-        apart: RMS of their difference, relative to the RMS of the handle's.
-    """
-
-    motor: FloatArray
-    handle: FloatArray
-    share: float
-    apart: float
+    motor: FloatArray  # motor torque times the ratio (samples,) [N m]
+    handle: FloatArray  # what the wearer gives (samples,) [N m]
+    share: float  # the motor's part of the summed magnitudes
+    apart: float  # RMS of their difference, relative to the RMS of the handle's
 
 
 def handle_angle(duration: float = DURATION) -> FloatArray:
     """Return the wearer's periodic motion, half a radian, not quite a sine [rad]."""
     time = np.arange(0.0, duration, DT)
     turn = np.pi * time
-    angle: FloatArray = (
-        0.45 * (np.sin(turn) + 0.2 * np.sin(3.0 * turn)) * np.minimum(time, 1.0)
-    )
-    return angle
+    return 0.45 * (np.sin(turn) + 0.2 * np.sin(3.0 * turn)) * np.minimum(time, 1.0)
 
 
 def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> _Shared:

@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 TENSION = 10.0
 """Tension measured at the proximal end, in addition to its displacement [N]."""
-SHARPNESSES = (1e2, 1e3, 1e4)
-"""Sharpness k of tanh(k v) in place of sign(v) [s/m]."""
-PERIOD = 1.0
-"""The unit time step of (3.16) and (3.17) [s]."""
+SHARPNESSES = (1e2, 1e3, 1e4)  # sharpness k of tanh(k v) in place of sign(v) [s/m]
+PERIOD = 1.0  # the unit time step of (3.16) and (3.17) [s]
 
 
 def transition_matrix(segments: int = 10, step: float = 1e-7) -> FloatArray:
@@ -74,8 +72,7 @@ def jacobian(velocity: FloatArray, sharpness: float, mean: bool) -> FloatArray:
     smooth = np.tanh(sharpness * velocity)
     slope = scale * angle * np.exp(angle * smooth) * sharpness * (1.0 - smooth**2)
     slope /= PERIOD
-    derivative: FloatArray = -0.5 * slope / (1.0 - 0.5 * slope) if mean else -slope
-    return derivative
+    return -0.5 * slope / (1.0 - 0.5 * slope) if mean else -slope
 
 
 def segment_constants() -> tuple[float, float]:
@@ -97,11 +94,6 @@ def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> floa
     The true reading rises from 0 to 1 and falls again, crossing the threshold 0.5
     twice.
 
-    Args:
-        noise: standard deviation of the reading.
-        runs: simulations.
-        samples: readings of each.
-
     Returns:
         Mean number of changes.
     """
@@ -117,7 +109,6 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
     Args:
         printed: "" for the textbook filter, "(3.4)" with F^-1 for F^T, "(3.7)" without
             the inverse of S.
-        steps: steps simulated.
 
     Returns:
         Variance of the error, and the variance that the filter believes in (3.9).

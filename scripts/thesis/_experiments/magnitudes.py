@@ -39,17 +39,11 @@ MIN_PLAUSIBLE_EFFICIENCY = 0.2
 
 
 class _Scan(NamedTuple):
-    """Experiment 1 with one parameter of Table 2.2 changed.
+    """Experiment 1 with one parameter of Table 2.2 changed."""
 
-    Attributes:
-        value: of the parameter.
-        efficiency: peak output over that of the ideal transmission.
-        backlash: width of the loop, in motor torque [N m].
-    """
-
-    value: FloatArray
-    efficiency: FloatArray
-    backlash: FloatArray
+    value: FloatArray  # of the parameter
+    efficiency: FloatArray  # peak output over that of the ideal transmission
+    backlash: FloatArray  # width of the loop, in motor torque [N m]
 
 
 def simulated_onset(cable: Cable) -> float:

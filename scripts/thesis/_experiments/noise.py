@@ -60,8 +60,7 @@ CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS, pretension
 NODES = (0, 2, 5, 8, 10)
 DEVIATION = np.array([2.0, 1.0, 0.5, 1.5, 0.0])
 """Noise of the statistics [N]; none in the last sensor, to show what the bound does."""
-RATE_STEP_VARIANCE = 1e-4
-"""Variance of the steps of the tension's rate [N^2/sample^2]."""
+RATE_STEP_VARIANCE = 1e-4  # variance of the steps of the tension's rate [N^2/sample^2]
 LENGTHS = (250, 500, 1000, 2000, 4000, 8000)
 RUNS = 100
 SETTLING_SAMPLES = 50
@@ -71,17 +70,11 @@ MOTION, TENSION = 5e-4, 50.0
 
 
 class Statistics(NamedTuple):
-    """Estimated variances over many recordings, by length of the recording.
+    """Estimated variances over many recordings, by length of the recording."""
 
-    Attributes:
-        free: without bounds (lengths, runs, sensors) [N^2].
-        bounded: kept at or above 0.
-        differenced: by the method of differences.
-    """
-
-    free: FloatArray
-    bounded: FloatArray
-    differenced: FloatArray
+    free: FloatArray  # without bounds (lengths, runs, sensors) [N^2]
+    bounded: FloatArray  # kept at or above 0
+    differenced: FloatArray  # by the method of differences
 
 
 def statistics(
@@ -115,21 +108,14 @@ def statistics(
 
 
 class Drift(NamedTuple):
-    """Sensors whose noise drifts, on a moving cable.
+    """Sensors whose noise drifts, on a moving cable."""
 
-    Attributes:
-        time: (samples,) [s].
-        true: deviation of the sensors (samples, m) [N].
-        learnt: what `SensorNoise` makes of them (samples, m) [N].
-        rms: weights to RMS error of the output tension where it moves [N].
-        microseconds: a sample takes `SensorNoise`.
-    """
-
-    time: FloatArray
-    true: FloatArray
-    learnt: FloatArray
+    time: FloatArray  # (samples,) [s]
+    true: FloatArray  # deviation of the sensors (samples, m) [N]
+    learnt: FloatArray  # what `SensorNoise` makes of them (samples, m) [N]
+    # weights to RMS error of the output tension where it moves [N]
     rms: dict[str, float]
-    microseconds: float
+    microseconds: float  # a sample takes `SensorNoise`
 
 
 def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:

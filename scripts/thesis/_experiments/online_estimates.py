@@ -82,23 +82,14 @@ def estimate_unscented(truth: Truth) -> EstimateTrack:
 
 
 class Bends(NamedTuple):
-    """mu/R along a winding cable.
+    """mu/R along a winding cable."""
 
-    Attributes:
-        truth: (samples, places) [1/m].
-        found: the estimate (samples, places) [1/m].
-        before: RMS error before the drift, over the mean of mu/R.
-        during: the same during the drift, over the mean at the time.
-        stated: RMS of the stated deviation during the drift, over the same.
-        start: the guess [1/m].
-    """
-
-    truth: FloatArray
-    found: Bend
-    before: float
-    during: float
-    stated: float
-    start: float
+    truth: FloatArray  # (samples, places) [1/m]
+    found: Bend  # the estimate (samples, places) [1/m]
+    before: float  # RMS error before the drift, over the mean of mu/R
+    during: float  # the same during the drift, over the mean at the time
+    stated: float  # RMS of the stated deviation during the drift, over the same
+    start: float  # the guess [1/m]
 
 
 BEND_MEMORY = 300
@@ -140,24 +131,15 @@ def estimate_bends(duration: float = DRIFT_END, seed: int = 42) -> Bends:
 
 
 class Softening(NamedTuple):
-    """EA while it falls.
+    """EA while it falls."""
 
-    Attributes:
-        time: (samples,) [s].
-        truth: (samples,) [N].
-        found: in partial motion (samples,) [N].
-        before: mean error before the drift, over the truth.
-        fooled: estimate over the truth in strokes whose mass motion is given to it as
-            partial.
-        refused: the same with the true motion given, over its start.
-    """
-
-    time: FloatArray
-    truth: FloatArray
-    found: EstimateTrack
-    before: float
+    time: FloatArray  # (samples,) [s]
+    truth: FloatArray  # (samples,) [N]
+    found: EstimateTrack  # in partial motion (samples,) [N]
+    before: float  # mean error before the drift, over the truth
+    # estimate over the truth in strokes whose mass motion is given to it as partial
     fooled: float
-    refused: float
+    refused: float  # the same with the true motion given, over its start
 
 
 SOFT_MEMORY = 200
@@ -205,10 +187,12 @@ def _in_mass_motion(cable: Cable, data: Truth) -> tuple[float, float]:
     lie = rows[2].copy()
     lie[:, -1] = 0
     start = INITIAL_GUESS_FACTOR * cable.axial_stiffness
-    estimator = StiffnessEstimator(cable, data.sensors, start=start)
-    fooled = estimator.over(rows[0], rows[1], lie).value[-1]
-    estimator.reset()
-    refused = estimator.over(*rows).value[-1]
+    fooled, refused = (
+        StiffnessEstimator(cable, data.sensors, start=start)
+        .over(*rows[:2], directions)
+        .value[-1]
+        for directions in (lie, rows[2])
+    )
     return float(fooled / cable.axial_stiffness), float(refused / start)
 
 

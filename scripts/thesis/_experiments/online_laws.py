@@ -24,26 +24,18 @@ from thesis._experiments.online_runs import (
 )
 from thesis.estimators._slope_law import SlopeLaw
 
-GAINS = np.geomspace(1e-5, 1e-1, 13)
-"""Gains of the printed law [1/N]."""
+GAINS = np.geomspace(1e-5, 1e-1, 13)  # gains of the printed law [1/N]
 
 
 class MassMotion(NamedTuple):
-    """Fig. 3.9: one instant of mass motion towards the motor.
+    """Fig. 3.9: one instant of mass motion towards the motor."""
 
-    Attributes:
-        reading: (11,) [N].
-        line: straight fit to them (11,) [N].
-        models: every sensor's extrapolation, (len(MODELS), 11, 11) [N].
-        ratio: mean of T_1 - T_N of the models over that of the line (len(MODELS),).
-        exact: T_1 - T_N of the line over the truth's without noise.
-    """
-
-    reading: FloatArray
-    line: FloatArray
-    models: FloatArray
+    reading: FloatArray  # (11,) [N]
+    line: FloatArray  # straight fit to them (11,) [N]
+    models: FloatArray  # every sensor's extrapolation, (len(MODELS), 11, 11) [N]
+    # mean of T_1 - T_N of the models over that of the line (len(MODELS),)
     ratio: FloatArray
-    exact: float
+    exact: float  # T_1 - T_N of the line over the truth's without noise
 
 
 def slopes(seed: int = 39) -> MassMotion:
@@ -73,19 +65,12 @@ def slopes(seed: int = 39) -> MassMotion:
 
 
 class PrintedLaws(NamedTuple):
-    """The printed law and what it takes to make it work, each at its best gain.
+    """The printed law and what it takes to make it work, each at its best gain."""
 
-    Attributes:
-        time: (samples,) [s].
-        tracks: of the laws by name (samples,).
-        left: RMS error over the last two strokes, over the first error.
-        bias: error at which the law comes to rest without noise, over the truth.
-    """
-
-    time: FloatArray
-    tracks: dict[str, FloatArray]
-    left: dict[str, float]
-    bias: float
+    time: FloatArray  # (samples,) [s]
+    tracks: dict[str, FloatArray]  # of the laws by name (samples,)
+    left: dict[str, float]  # RMS error over the last two strokes, over the first error
+    bias: float  # error at which the law comes to rest without noise, over the truth
 
 
 LAWS: dict[str, dict[str, bool]] = {

@@ -20,48 +20,30 @@ from cc_mujoco.native import FloatArray
 from thesis._rig import PRINTED_CABLE
 
 DT = 0.01
-PERIOD = 4.0
-"""Period of a stroke to and fro [s]."""
-NOISE = 1.0
-"""Standard deviation of every tension sensor [N]."""
+PERIOD = 4.0  # period of a stroke to and fro [s]
+NOISE = 1.0  # standard deviation of every tension sensor [N]
 SENSORS = 11
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, pretension=40.0, segments=10)
-DRIFT_START, DRIFT_END = 20.0, 200.0
-"""Times at which drifts begin and end [s]."""
-INITIAL_GUESS_FACTOR = 2.0
-"""First guess of every estimator, over the truth."""
-FRICTION_MEMORY = 200
-"""Samples of `FrictionEstimator` (2 s of motion)."""
+DRIFT_START, DRIFT_END = 20.0, 200.0  # times at which drifts begin and end [s]
+INITIAL_GUESS_FACTOR = 2.0  # first guess of every estimator, over the truth
+FRICTION_MEMORY = 200  # samples of `FrictionEstimator` (2 s of motion)
 MODEL_FRICTIONS = (0.5, 1.0, 1.5, 2.0)
 """Friction of the model over the truth in Fig. 3.9."""
-CURVATURE_PLACES = np.linspace(0.1, 1.9, 19)
-"""Places at which mu/R is compared [m]."""
-CHUNK_SIZE = 10
-"""Samples between changes of a drifting parameter."""
+CURVATURE_PLACES = np.linspace(0.1, 1.9, 19)  # places at which mu/R is compared [m]
+CHUNK_SIZE = 10  # samples between changes of a drifting parameter
 
 
 class Truth(NamedTuple):
-    """A motion, the state of the cable, and the readings of the sensors.
+    """A motion, the state of the cable, and the readings of the sensors."""
 
-    Attributes:
-        time: (samples,) [s].
-        u_proximal: (samples,) [m].
-        u_distal: (samples,) [m].
-        tension: of the nodes (samples, n + 1) [N].
-        direction: of the segments (samples, n).
-        reading: of the sensors (samples, SENSORS) [N].
-        sensors: where they are.
-        factor: of the drifting parameter (samples,).
-    """
-
-    time: FloatArray
-    u_proximal: FloatArray
-    u_distal: FloatArray
-    tension: FloatArray
-    direction: NDArray[np.int8]
-    reading: FloatArray
-    sensors: Sensors
-    factor: FloatArray
+    time: FloatArray  # (samples,) [s]
+    u_proximal: FloatArray  # (samples,) [m]
+    u_distal: FloatArray  # (samples,) [m]
+    tension: FloatArray  # of the nodes (samples, n + 1) [N]
+    direction: NDArray[np.int8]  # of the segments (samples, n)
+    reading: FloatArray  # of the sensors (samples, SENSORS) [N]
+    sensors: Sensors  # where they are
+    factor: FloatArray  # of the drifting parameter (samples,)
 
 
 def strokes(
@@ -92,10 +74,7 @@ def simulate(
     """Play a motion through a cable of which one parameter drifts.
 
     Args:
-        cable: the cable at the start.
         motion: of `strokes` or `pulls`.
-        seed: of the noise.
-        drifting: parameter that drifts.
         factor: what it is multiplied by, (samples,) or a number.
         noise: of every sensor [N].
     """
@@ -132,8 +111,7 @@ def simulate(
 def drift(duration: float, rest: float, gain: float) -> FloatArray:
     """Return a factor 1 for `rest` seconds, then linear to `gain` (samples,)."""
     time = np.arange(0.0, duration, DT)
-    factor: FloatArray = np.interp(time, [0.0, rest, duration], [1.0, 1.0, gain])
-    return factor
+    return np.interp(time, [0.0, rest, duration], [1.0, 1.0, gain])
 
 
 def winding_path(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
@@ -146,19 +124,12 @@ def winding_path(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
 
 
 class Following(NamedTuple):
-    """Convergence of an estimate to the truth, and how it followed it.
+    """Convergence of an estimate to the truth, and how it followed it."""
 
-    Attributes:
-        settled: time after which the error stays within 5 % [s]; inf: never.
-        error: RMS error after that, relative.
-        stated: RMS of the deviation that it stated after that, relative.
-        covered: share of samples after that with an error within two deviations.
-    """
-
-    settled: float
-    error: float
-    stated: float
-    covered: float
+    settled: float  # time after which the error stays within 5 % [s]; inf: never
+    error: float  # RMS error after that, relative
+    stated: float  # RMS of the deviation that it stated after that, relative
+    covered: float  # share of samples after that with an error within two deviations
 
 
 def tracking_statistics(

@@ -26,10 +26,8 @@ from thesis._rig import (
 
 DT = 0.005
 DURATION = 6.0
-ENCODER_COUNT = 2.0 * math.pi / 2000.0
-"""Count of the motor's encoder [rad]."""
-LOAD_CELL_NOISE = 5e-4
-"""Noise of the load cell, its resolution [N m]."""
+ENCODER_COUNT = 2.0 * math.pi / 2000.0  # count of the motor's encoder [rad]
+LOAD_CELL_NOISE = 5e-4  # noise of the load cell, its resolution [N m]
 CABLE = RECONCILED_CABLE.replace(segments=25)
 INITIAL_GUESS = CABLE.replace(friction=0.05, axial_stiffness=2500.0)
 REPEATS = 40

@@ -40,38 +40,26 @@ from thesis.predecessors._capabilities import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REFERENCE_SEGMENTS = 200
-"""Segments of the model that the others are compared with."""
+REFERENCE_SEGMENTS = 200  # segments of the model that the others are compared with
 
 
 class _Judged(NamedTuple):
-    """One model: what it can show, how far off it is, what it costs.
+    """One model: what it can show, how far off it is, what it costs."""
 
-    Attributes:
-        model: itself.
-        findings: answer to every question.
-        answer: to the drawn motion.
-        moving: RMS error of the output tension while the output moves [N].
-        starting: the same while only part of the cable moves [N].
-        friction: both for the difference of the two tensions [N].
-        cost: time of a step, in units of ours with the same spring.
-    """
-
-    model: PublishedModel
-    findings: dict[str, Capability]
-    answer: Answer
-    moving: float
-    starting: float
-    friction: tuple[float, float]
-    cost: float
+    model: PublishedModel  # itself
+    findings: dict[str, Capability]  # answer to every question
+    answer: Answer  # to the drawn motion
+    moving: float  # RMS error of the output tension while the output moves [N]
+    starting: float  # the same while only part of the cable moves [N]
+    friction: tuple[float, float]  # both for the difference of the two tensions [N]
+    cost: float  # time of a step, in units of ours with the same spring
 
 
 def motion() -> FloatArray:
     """Return the motor displacement: strokes that shrink, 8 s [m]."""
     at = np.arange(0.0, 8.0, DT)
     size = onset_pull(CABLE) * np.interp(at, [0.0, 2.0, 8.0], [2.5, 2.5, 0.8])
-    pull: FloatArray = -size * np.sin(np.pi * at)
-    return pull
+    return -size * np.sin(np.pi * at)
 
 
 def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:

@@ -19,8 +19,7 @@ from thesis._rig import (
     chopped_triangle,
 )
 
-PRETENSIONS = (5.0, 10.0, 15.0, 20.0)
-"""Pretensions [N]."""
+PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
 
 
 def run(progress: Progress) -> ExperimentOutcome:

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 """Cable of Table 2.2, but with friction of a moderate cable; pretension 10 N."""
-STATIC_FRICTION = 0.3
-"""Static coefficient, three times the kinetic one as in Table 2.2."""
+STATIC_FRICTION = 0.3  # static coefficient, three times the kinetic one as in Table 2.2
 SLIP_MEMORY = 1e-3
 """Slip over which friction falls from static to kinetic, where that is modelled [m]."""
 SEGMENTS = (5, 10, 20, 40)
@@ -41,18 +40,13 @@ DT = 1e-3
 
 
 class _Opposed(NamedTuple):
-    """Both ends pulled outwards and let go, errors in percent of the largest tension.
+    """Both ends pulled outwards and let go; errors in % of the largest tension."""
 
-    Attributes:
-        thesis_solver: RMS error of the worse end tension of the thesis's solver, per N.
-        kernel: of the kernel.
-        contradicted: share of the steps that no sign pattern fits.
-        fed: energy fed in by friction in those steps, share of what is dissipated.
-    """
-
+    # RMS error of the worse end tension of the thesis's solver, per N
     thesis_solver: FloatArray
-    kernel: FloatArray
-    contradicted: FloatArray
+    kernel: FloatArray  # of the kernel
+    contradicted: FloatArray  # share of the steps that no sign pattern fits
+    # energy fed in by friction in those steps, share of what is dissipated
     fed: FloatArray
 
 
@@ -101,22 +95,15 @@ def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
     """
     step = np.diff(displacement, axis=0)
     motion = 0.5 * (step[:, :-1] + step[:, 1:])
-    work: FloatArray = np.diff(tension[1:], axis=1) * motion
-    return work
+    return np.diff(tension[1:], axis=1) * motion
 
 
 class Static(NamedTuple):
-    """Effect of static friction on the largest proximal tension, against N [N].
+    """Effect of static friction on the largest proximal tension, against N [N]."""
 
-    Attributes:
-        thesis_solver: of the thesis's solver, by (2.17).
-        kernel: of the kernel, by the same rule.
-        memory: of the kernel with break-away over `SLIP_MEMORY` of slip.
-    """
-
-    thesis_solver: FloatArray
-    kernel: FloatArray
-    memory: FloatArray
+    thesis_solver: FloatArray  # of the thesis's solver, by (2.17)
+    kernel: FloatArray  # of the kernel, by the same rule
+    memory: FloatArray  # of the kernel with break-away over `SLIP_MEMORY` of slip
 
 
 def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:

@@ -26,14 +26,12 @@ if TYPE_CHECKING:
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
-OUTPUT_TENSION = 20.0
-"""Output tension of Figs. 3.4 and 3.5 [N]."""
+OUTPUT_TENSION = 20.0  # output tension of Figs. 3.4 and 3.5 [N]
 NOISE_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2)
 """Noise, a standard deviation in shares of the output tension."""
 SIMULATIONS = 10_000
 DT = 0.005
-NOISE = 2.0
-"""Noise of every sensor in Figs. 3.4 and 3.6 [N]."""
+NOISE = 2.0  # noise of every sensor in Figs. 3.4 and 3.6 [N]
 LAGS = 20
 
 
@@ -46,17 +44,11 @@ def pulled_state(cable: Cable) -> tuple[Mesh, FloatArray, FloatArray]:
 
 
 class Grid(NamedTuple):
-    """Mean absolute error at the output in percent, (levels, counts).
+    """Mean absolute error at the output in percent, (levels, counts)."""
 
-    Attributes:
-        mean: of the sample mean.
-        weighted: of the mean by inverse variance.
-        expected: of the sample mean, by theory.
-    """
-
-    mean: FloatArray
-    weighted: FloatArray
-    expected: FloatArray
+    mean: FloatArray  # of the sample mean
+    weighted: FloatArray  # of the mean by inverse variance
+    expected: FloatArray  # of the sample mean, by theory
 
 
 def error_grid(simulations: int = SIMULATIONS, seed: int = 35) -> Grid:
@@ -100,23 +92,14 @@ def excess_of_mean(cable: Cable) -> float:
 
 
 class _Run(NamedTuple):
-    """The output tension ramped up and down, with rests (Fig. 3.6).
+    """The output tension ramped up and down, with rests (Fig. 3.6)."""
 
-    Attributes:
-        time: (samples,) [s].
-        truth: output tension (samples,) [N].
-        mean: the thesis's estimate of it (samples,) [N].
-        best: ours (samples,) [N].
-        moving: whether the output end moves (samples,).
-        scaled: error of the mean over its standard deviation, where moving.
-    """
-
-    time: FloatArray
-    truth: FloatArray
-    mean: FloatArray
-    best: FloatArray
-    moving: NDArray[np.bool_]
-    scaled: FloatArray
+    time: FloatArray  # (samples,) [s]
+    truth: FloatArray  # output tension (samples,) [N]
+    mean: FloatArray  # the thesis's estimate of it (samples,) [N]
+    best: FloatArray  # ours (samples,) [N]
+    moving: NDArray[np.bool_]  # whether the output end moves (samples,)
+    scaled: FloatArray  # error of the mean over its standard deviation, where moving
 
 
 def ramps(seed: int = 36) -> _Run:

@@ -42,28 +42,19 @@ DT = 1e-3
 
 
 class Costs(NamedTuple):
-    """Time of one step [s], and outcomes of the solvers.
+    """Time of one step [s], and outcomes of the solvers."""
 
-    Attributes:
-        kernel: of this package.
-        enumeration: of the thesis's solver.
-        fsolve: of SciPy's `fsolve`.
-        failed: share of the steps for which `fsolve` does not claim convergence.
-        apart: largest difference of end tensions, kernel and enumeration, relative.
-    """
-
-    kernel: float
-    enumeration: float
-    fsolve: float
-    failed: float
-    apart: float
+    kernel: float  # of this package
+    enumeration: float  # of the thesis's solver
+    fsolve: float  # of SciPy's `fsolve`
+    failed: float  # share of the steps for which `fsolve` does not claim convergence
+    apart: float  # largest difference of end tensions, kernel and enumeration, relative
 
 
 def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     """Time the three solvers side by side.
 
     Args:
-        segments: number of segments of the cable.
         steps: solutions by enumeration; the kernel makes a hundred times as many.
         general_steps: solutions by `fsolve`.
     """

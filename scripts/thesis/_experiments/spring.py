@@ -30,15 +30,12 @@ from thesis._outcome import Claim, ExperimentOutcome, Progress
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RADIUS = 0.1
-"""Radius of both pulleys [m]."""
-STIFFNESS = 1.0
-"""Stiffness of the virtual spring [N m/rad]."""
+RADIUS = 0.1  # radius of both pulleys [m]
+STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]
 DEFLECTION, DEFLECTION_TIME = 1.5, 15.0
 """Deflection of the joint, and time to get there [rad, s]."""
 SCHEME_STEMS = ("feedback", "both", "model", "stiction")
-REVERSAL_TOLERANCE = 0.01
-"""Error at which a reversal is over [N m]."""
+REVERSAL_TOLERANCE = 0.01  # error at which a reversal is over [N m]
 
 
 def drive() -> Drive:
@@ -57,22 +54,15 @@ def motion() -> tuple[FloatArray, FloatArray]:
 
 
 class _Rendered(NamedTuple):
-    """Spring as rendered by a controller.
+    """Spring as rendered by a controller."""
 
-    Attributes:
-        torque: of the cables on the joint (samples,) [N m].
-        moving: RMS error later than 2 s after a change of direction [N m].
-        peak: largest error after the reversal [N m].
-        lost: angle from the reversal until the error stays below `REVERSAL_TOLERANCE`
-            [rad]; the rest of the motion where it never does.
-        delay: mean error in motion, over the rate of the spring's torque [s].
-    """
-
-    torque: FloatArray
-    moving: float
-    peak: float
+    torque: FloatArray  # of the cables on the joint (samples,) [N m]
+    moving: float  # RMS error later than 2 s after a change of direction [N m]
+    peak: float  # largest error after the reversal [N m]
+    # angle from the reversal until the error stays below `REVERSAL_TOLERANCE` [rad];
+    # the rest of the motion where it never does
     lost: float
-    delay: float
+    delay: float  # mean error in motion, over the rate of the spring's torque [s]
 
 
 def render(device: Drive, law: Controller) -> _Rendered:

@@ -32,19 +32,15 @@ from thesis._rig import PRINTED_CABLE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PERIOD, DURATION = 1e-3, 30.0
-"""Control period and duration of a run [s]."""
+PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
 SEGMENTS = 10
-INITIAL_ERROR = 0.1
-"""Printed error of feed-forward with feedback, when it begins."""
+INITIAL_ERROR = 0.1  # printed error of feed-forward with feedback, when it begins
 TENSION_RATIO = 2.0 / (1.0 - INITIAL_ERROR) - 1.0
 """C: input per output tension that this implies with K_p = 1."""
-OUTPUT_SPEED = 0.01
-"""Speed of the output, drawn in [m/s]."""
+OUTPUT_SPEED = 0.01  # speed of the output, drawn in [m/s]
 FRICTION_ERROR, ERROR_PERIOD = 0.03, 3.0 * math.pi
 """Error of the model's friction, constant or cosine; its period [s]."""
-SETTLING_TIME = 5.0
-"""Time after which transients of the integrator are over [s]."""
+SETTLING_TIME = 5.0  # time after which transients of the integrator are over [s]
 SLIP_CROSSING_TIME = 0.05
 """Time in which the slip has crossed the cable in every scheme [s]."""
 
@@ -69,8 +65,7 @@ def schemes(device: Drive) -> dict[str, Controller]:
     """Return the six schemes of Fig. 4.4."""
 
     def cosine(time: FloatArray) -> FloatArray:
-        swing: FloatArray = FRICTION_ERROR * np.cos(2.0 * math.pi * time / ERROR_PERIOD)
-        return swing
+        return FRICTION_ERROR * np.cos(2.0 * math.pi * time / ERROR_PERIOD)
 
     return {
         "feed-forward": FeedForward(device),
@@ -89,21 +84,13 @@ def desired_tension() -> tuple[FloatArray, FloatArray]:
 
 
 class _Tracked(NamedTuple):
-    """Tracking by a scheme; errors are shares of the desired tension.
+    """Tracking by a scheme; errors are shares of the desired tension."""
 
-    Attributes:
-        tension: of the output (samples,) [N].
-        error: RMS since the slip has crossed the cable.
-        first: largest error since then.
-        settled: RMS once transients are over.
-        delay: of the fluctuation, once transients are over [s].
-    """
-
-    tension: FloatArray
-    error: float
-    first: float
-    settled: float
-    delay: float
+    tension: FloatArray  # of the output (samples,) [N]
+    error: float  # RMS since the slip has crossed the cable
+    first: float  # largest error since then
+    settled: float  # RMS once transients are over
+    delay: float  # of the fluctuation, once transients are over [s]
 
 
 def track(device: Drive, law: Controller) -> _Tracked:
@@ -116,8 +103,7 @@ def track(device: Drive, law: Controller) -> _Tracked:
 
     def swing(signal: FloatArray) -> FloatArray:
         line = np.polynomial.Polynomial.fit(time[late], signal[late], 1)
-        rest: FloatArray = signal[late] - line(time[late])
-        return rest
+        return signal[late] - line(time[late])
 
     return _Tracked(
         tension,

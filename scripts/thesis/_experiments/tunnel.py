@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 DT = 2e-3
 DURATION = 24.0
-PERIOD = 3.0
-"""Period of the sweep to both sides, with its rests [s]."""
+PERIOD = 3.0  # period of the sweep to both sides, with its rests [s]
 COULOMB = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1), segments=12)
 VISCOUS, STRIBECK, SPEED = 6.0, 0.04, 0.02
 """Friction of the rig that the model lacks: [N s/m^2], [1], [m/s]."""
@@ -41,30 +40,20 @@ RIG = COULOMB.replace(
     stribeck_speed=SPEED,
     critical_slip_distance=5e-4,
 )
-LOAD_CELL_NOISE = 5e-4
-"""Noise of the load cell, its resolution (2.4.1) [N m]."""
+LOAD_CELL_NOISE = 5e-4  # noise of the load cell, its resolution (2.4.1) [N m]
 MOTOR_COUNT, HANDLE_COUNT = 2.0 * math.pi / 2000.0, 2.0 * math.pi / 10_000.0
 """Counts of the encoders (2.4.1) [rad]."""
 
 
 class _Columns(NamedTuple):
-    """Columns of the rig, (samples,) each.
+    """Columns of the rig, (samples,) each."""
 
-    Attributes:
-        time: [s].
-        motor_torque: into the motor's pulley [N m].
-        handle_angle: of the encoder, smoothed over 60 ms [rad].
-        handle_velocity: [rad/s].
-        handle_torque: transmission into handle [N m].
-        motor_angle: [rad].
-    """
-
-    time: FloatArray
-    motor_torque: FloatArray
-    handle_angle: FloatArray
-    handle_velocity: FloatArray
-    handle_torque: FloatArray
-    motor_angle: FloatArray
+    time: FloatArray  # [s]
+    motor_torque: FloatArray  # into the motor's pulley [N m]
+    handle_angle: FloatArray  # of the encoder, smoothed over 60 ms [rad]
+    handle_velocity: FloatArray  # [rad/s]
+    handle_torque: FloatArray  # transmission into handle [N m]
+    motor_angle: FloatArray  # [rad]
 
 
 def record(cable: Cable, duration: float = DURATION) -> _Columns:
@@ -86,21 +75,13 @@ def record(cable: Cable, duration: float = DURATION) -> _Columns:
 
 
 class Residual(NamedTuple):
-    """Measured less modelled handle torque, before and after a linear term.
+    """Measured less modelled handle torque, before and after a linear term."""
 
-    Attributes:
-        torque: of the model (samples,) [N m].
-        angle: of the model's motor (samples,) [rad].
-        before: (samples,) [N m].
-        after: less `slope` times handle velocity (samples,) [N m].
-        slope: [N m s/rad].
-    """
-
-    torque: FloatArray
-    angle: FloatArray
-    before: FloatArray
-    after: FloatArray
-    slope: float
+    torque: FloatArray  # of the model (samples,) [N m]
+    angle: FloatArray  # of the model's motor (samples,) [rad]
+    before: FloatArray  # (samples,) [N m]
+    after: FloatArray  # less `slope` times handle velocity (samples,) [N m]
+    slope: float  # [N m s/rad]
 
     @property
     def removed(self) -> float:

@@ -7,9 +7,9 @@ r"""Friction times curvature, mu/R, as it varies along a cable, while it runs (3
 Equation 2.13 holds mu and R only as :math:`\mu/R`, so that where the bend is unknown
 their quotient is what can be found: it is :math:`s\,d\ln T/dx` of a moving part. It is
 written as a spline; the logarithm of tension is then linear in its coefficients, with
-the integrals of the basis functions as rows, and recursive least squares does the rest
-(`slope`, `recursive`). What no moving pair of sensors spans keeps its value and its
-uncertainty. Nothing forces the estimate to be positive.
+the integrals of the basis functions as rows, and recursive least squares does the rest.
+What no moving pair of sensors spans keeps its value and its uncertainty. Nothing forces
+the estimate to be positive.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
 
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._parameters import Cable
@@ -30,15 +31,10 @@ from cc_mujoco.native import FloatArray
 
 
 class Bend(NamedTuple):
-    """mu/R at places along the cable.
+    """mu/R at places along the cable."""
 
-    Attributes:
-        value: [1/m].
-        deviation: standard deviation of its error [1/m].
-    """
-
-    value: FloatArray
-    deviation: FloatArray
+    value: FloatArray  # [1/m]
+    deviation: FloatArray  # standard deviation of its error [1/m]
 
 
 class BendEstimator(SlopeEstimator):
@@ -63,40 +59,30 @@ class BendEstimator(SlopeEstimator):
                 `estimation._tension_slope.require_slope`.
             sensors: at least two; between neighbours only the mean is determined.
             pieces: equal intervals of the spline.
-            degree: of the spline: 3 where the bend varies smoothly, 1 or 0 (a value per
-                interval) and more pieces where straight and bent parts meet.
-            start: guess of mu/R in every segment, a number or (n,) [1/m]; default
-                that of the cable.
+            degree: of the spline: 3 where the bend varies smoothly, 0 (a value per
+                interval) where straight and bent parts meet.
+            start: guess of mu/R in every segment, a number or (n,) [1/m].
             spread: standard deviation of every coefficient of the guess [1/m], which
                 are local means; default the largest value of the guess.
             memory: moving samples after which one has faded to 1/e.
             drift: standard deviation of the rate of drift, per moving sample [1/m].
-
-        Raises:
-            CableError: sensors or a cable that cannot tell, no pieces, a negative
-                degree, or a start, a spread or a memory that is none.
         """
-        from scipy.interpolate import BSpline
-
-        if pieces < 1 or degree < 0:
-            raise CableError(
-                f"spline has {pieces} pieces of degree {degree}; "
-                "it needs at least 1 and 0"
-            )
-        n, length = cable.segments, cable.length
+        n, self.length = cable.segments, cable.length
         places = node_places(cable)
         guess = cable.friction * np.diff(wrap_angles(cable)) / np.diff(places)
         if start is not None:
-            guess = _initial_guess(start, n)
+            guess = np.broadcast_to(np.asarray(start, dtype=float), (n,))
         width = float(np.max(np.abs(guess))) if spread is None else spread
-        inner = np.linspace(0.0, length, pieces + 1)
-        knots = np.concatenate([[0.0] * degree, inner, [length] * degree])
-        self.length = length
+        ends = [0.0] * degree, [self.length] * degree
+        inner = np.linspace(0.0, self.length, pieces + 1)
         size = pieces + degree
-        self._basis = BSpline(knots, np.eye(size), degree)
+        self._basis = BSpline(
+            np.concatenate([ends[0], inner, ends[1]]), np.eye(size), degree
+        )
         integral = self._basis.antiderivative()
         design = np.asarray(integral(places) - integral(0.0))
-        dense = (np.arange(20 * size) + 0.5) / (20 * size) * length  # in every piece
+        # In every piece.
+        dense = (np.arange(20 * size) + 0.5) / (20 * size) * self.length
         segment = np.searchsorted(places, dense, side="right") - 1
         wanted = guess[np.clip(segment, 0, n - 1)]
         first = np.linalg.lstsq(self._basis(dense), wanted, rcond=None)[0]
@@ -104,62 +90,28 @@ class BendEstimator(SlopeEstimator):
         super().__init__(SlopeFit(cable, sensors, design, fit, memory))
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the readings of the next instant.
-
-        Args:
-            reading: of every sensor (m,) [N].
-            direction: slip of every segment, -1, 0 or 1, (n,).
-
-        Raises:
-            CableError: shapes that fit neither the sensors nor the cable, or values
-                that are not finite.
-        """
+        """Take the sensors' readings (m,) [N] and the segments' slip (n,)."""
         self._slope.update(reading, direction)
 
     def at(self, position: ArrayLike) -> Bend:
-        """Return the estimate at places [m] from the proximal end.
-
-        Raises:
-            CableError: a place off the cable.
-        """
+        """Return the estimate at places [m] from the proximal end."""
         place = np.asarray(position, dtype=float)
         if not np.all((place >= 0.0) & (place <= self.length)):
             raise CableError(
                 f"position is {place.tolist()} m; the cable has {self.length:g} m"
             )
-        rows = np.asarray(self._basis(place))
+        design = np.asarray(self._basis(place))
         fit = self._slope.fit
-        variance = np.einsum("...i,ij,...j->...", rows, fit.covariance, rows)
-        return Bend(rows @ fit.value, np.sqrt(np.maximum(variance, 0.0)))
+        variance = np.einsum("...i,ij,...j->...", design, fit.covariance, design)
+        return Bend(design @ fit.value, np.sqrt(np.maximum(variance, 0.0)))
 
     def over(
         self, reading: ArrayLike, direction: ArrayLike, position: ArrayLike
     ) -> Bend:
-        """Run over a recording, from the present estimate on.
-
-        Args:
-            reading: (samples, m) [N].
-            direction: (samples, n).
-            position: places (k,) [m].
-
-        Returns:
-            Arrays (samples, k).
-
-        Raises:
-            CableError: unequal numbers of samples, or as `update` and `at`.
-        """
+        """Return the estimates (samples, k) at k places over a recording."""
         place = np.atleast_1d(np.asarray(position, dtype=float))
         found = []
         for row in rows(reading=reading, direction=direction):
             self.update(*row)
             found.append(self.at(place))
         return Bend(*np.reshape(found, (-1, 2, place.size)).swapaxes(0, 1))
-
-
-def _initial_guess(start: ArrayLike, segments: int) -> FloatArray:
-    given = np.asarray(start, dtype=float)
-    if given.shape not in ((), (segments,)) or not np.all(np.isfinite(given)):
-        raise CableError(
-            f"start is {given.tolist()}; it must be one finite number or {segments}"
-        )
-    return np.broadcast_to(given, (segments,))

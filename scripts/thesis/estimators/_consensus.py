@@ -24,7 +24,7 @@ of a resting cable in motion. So a sensor is silent here while its reading is wi
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,8 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.estimation._fusion import Weights, fuse, tension_gains
+from cc_mujoco.estimation._fusion import fuse, tension_gains
 from cc_mujoco.native import FloatArray
 from thesis._literal_solver import Constraint, Standing, solve
 from thesis.estimators._directions import (
@@ -56,7 +55,6 @@ class SensorConsensus:
         displacement: of every node (n + 1,) [m], from the unstrained cable.
         direction: of every segment (n,), 0 where at rest.
         last_moving: how many nodes move, from the proximal and from the distal end.
-        noise: standard deviation of the sensors (m,) [N]; may be set at any time.
     """
 
     def __init__(
@@ -64,7 +62,6 @@ class SensorConsensus:
         cable: Cable,
         sensors: Sensors,
         *,
-        weights: Weights = "variance",
         choice: Choice = "vote",
         threshold: float = 3.0,
     ) -> None:
@@ -72,76 +69,30 @@ class SensorConsensus:
 
         Args:
             cable: parameters; friction terms beyond Coulomb's must be off.
-            sensors: the sensors.
-            weights: see `fuse`.
             choice: `"vote"` takes the most common directions, as the thesis does,
                 `"likeliest"` those that explain all readings together best.
             threshold: by how many of its standard deviations a reading must differ from
                 the estimate to tell of motion while the encoder does not; 0 as the
                 thesis.
-
-        Raises:
-            CableError: a sensor off the cable, an unknown choice, or a threshold that
-                is negative.
         """
-        look_up("weights", weights, {name: name for name in get_args(Weights)})
-        look_up("choice", choice, {name: name for name in get_args(Choice)})
-        if not (np.isfinite(threshold) and threshold >= 0.0):
-            raise CableError(f"threshold is {threshold!r}; it must be 0 or more")
-        self.threshold = threshold
-        self.cable = cable
-        self.mesh = Mesh.of(cable)
-        self.noise = np.array(sensors.deviation)
-        self.weights: Weights = weights
-        self.choice: Choice = choice
-        self._nodes = sensors.on(cable)
-        self.reset()
-
-    def reset(self, tension: ArrayLike | None = None, u_proximal: float = 0.0) -> None:
-        """Reset the cable to rest.
-
-        Args:
-            tension: of the nodes, a number or (n + 1,) [N]; default the pretension.
-            u_proximal: what the encoder says [m].
-        """
-        n = self.mesh.segments
-        start = self.cable.pretension if tension is None else tension
-        self.tension = np.array(np.broadcast_to(start, n + 1), dtype=float)
-        self.direction = np.zeros(n)
-        self.displacement = np.empty(n + 1)
-        self.displacement[0] = u_proximal
-        mean = 0.5 * (self.tension[:-1] + self.tension[1:])
-        stretch = np.cumsum(mean * self.mesh.length / self.mesh.stiffness)
-        self.displacement[1:] = u_proximal + stretch
+        self.threshold, self.choice = threshold, choice
+        self.mesh = mesh = Mesh.of(cable)
+        self.noise, self._nodes = np.array(sensors.deviation), sensors.on(cable)
+        self.tension = np.full(mesh.segments + 1, float(cable.pretension))
+        self.direction = np.zeros(mesh.segments)
+        stretch = np.cumsum(cable.pretension * mesh.length / mesh.stiffness)
+        self.displacement = np.concatenate([[0.0], stretch])
         self.last_moving = (0, 0)
         self._slip_direction = [0.0, 0.0]
 
     def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
-        """Take the encoder and the readings of the next instant.
-
-        Args:
-            u_proximal: displacement of the proximal end [m].
-            reading: of every sensor (m,) [N].
-
-        Returns:
-            Tension of every node (n + 1,) [N], also kept as `tension`.
-
-        Raises:
-            CableError: not one reading per sensor.
-        """
+        """Take encoder [m] and sensors (m,) [N]; return the nodes' tensions [N]."""
         reading = np.asarray(reading, dtype=float)
-        if reading.shape != self._nodes.shape:
-            raise CableError(
-                f"reading has shape {reading.shape}; it must be {self._nodes.shape}"
-            )
         slip_direction = float(np.sign(u_proximal - self.displacement[0]))
         proximal, distal = self.last_moving
-        if (
-            proximal + distal > self.mesh.segments
-            and slip_direction != self._slip_direction[0]
-        ):
-            proximal = distal = 0
-        elif slip_direction != self._slip_direction[0]:
+        if slip_direction != self._slip_direction[0]:
+            if proximal + distal > self.mesh.segments:
+                distal = 0
             proximal = 0
         self._slip_direction[0] = slip_direction
         if proximal + distal <= self.mesh.segments:
@@ -157,8 +108,7 @@ class SensorConsensus:
     def _tell(self, reading: FloatArray) -> NDArray[np.bool_]:
         """Return which sensors read something else than the estimate."""
         change = np.abs(reading - self.tension[self._nodes])
-        telling: NDArray[np.bool_] = change > self.threshold * self.noise
-        return telling
+        return change > self.threshold * self.noise
 
     def _whole(self, u_proximal: float, reading: FloatArray) -> None:
         """Solve mass motion by consensus directions and one matrix for all sensors."""
@@ -171,7 +121,7 @@ class SensorConsensus:
                 own_solutions(*known, first=last).pattern, last
             )
         gain = tension_gains(self.mesh, self.direction, self._nodes, through_rest=True)
-        self.tension = fuse(reading, gain, self.noise, self.weights).tension
+        self.tension = fuse(reading, gain, self.noise).tension
         self.displacement = node_displacements(
             self.mesh, self.direction, self.tension, u_proximal
         )
@@ -216,12 +166,8 @@ class SensorConsensus:
         if not np.any(voters):
             return distal
         nodes, told = self._nodes[voters], reading[voters]
-        slip_directions = np.sign(
-            told - self.tension[nodes]
-        )  # more tension: pulled outwards
-        slip_direction = (
-            float(np.sign(np.sum(slip_directions))) or self._slip_direction[1]
-        )
+        ways = np.sign(told - self.tension[nodes])  # more tension: pulled outwards
+        slip_direction = float(np.sign(np.sum(ways))) or self._slip_direction[1]
         if slip_direction == 0.0:
             return distal
         least = distal if slip_direction == self._slip_direction[1] else 0
@@ -229,7 +175,7 @@ class SensorConsensus:
             self._reach(node, value, slip_direction, least, n + 1 - proximal)
             if own == slip_direction
             else 0
-            for node, value, own in zip(nodes, told, slip_directions, strict=True)
+            for node, value, own in zip(nodes, told, ways, strict=True)
         ]
         distal = median_last_moving(votes)
         self._slip_direction[1] = slip_direction
@@ -242,7 +188,7 @@ class SensorConsensus:
         tied = self._nodes >= first
         if not np.any(tied) or first == 0:
             return distal
-        fused = fuse(reading[tied], gain[tied], self.noise[tied], self.weights)
+        fused = fuse(reading[tied], gain[tied], self.noise[tied])
         self.tension[first:] = fused.tension
         last = self.tension[first - 1] + self.tension[first]
         length = self.mesh.length[first - 1]

@@ -29,38 +29,21 @@ from thesis._literal_solver import sign_patterns
 
 
 class OwnSolutions(NamedTuple):
-    """Solutions of each sensor on its own.
+    """Solutions of each sensor on its own."""
 
-    Attributes:
-        tension: of the nodes (..., m, n + 1) [N].
-        displacement: of the nodes (..., m, n + 1) [m].
-        pattern: directions of the segments (..., m, n).
-        fitting: how many sign patterns are consistent (..., m); the first one stands.
-        contradiction: motion against the assumed direction (..., m) [m], 0 where a
-            pattern is consistent.
-    """
-
-    tension: FloatArray
-    displacement: FloatArray
-    pattern: FloatArray
+    tension: FloatArray  # of the nodes (..., m, n + 1) [N]
+    displacement: FloatArray  # of the nodes (..., m, n + 1) [m]
+    pattern: FloatArray  # directions of the segments (..., m, n)
+    # how many sign patterns are consistent (..., m); the first one stands
     fitting: NDArray[np.intp]
+    # motion against the assumed direction (..., m) [m], 0 where a pattern is consistent
     contradiction: FloatArray
 
 
 def node_displacements(
     mesh: Mesh, pattern: FloatArray, tension: FloatArray, u_proximal: ArrayLike
 ) -> FloatArray:
-    """Return the displacements of the nodes from the encoder on (2.12).
-
-    Args:
-        mesh: the segments.
-        pattern: their directions (..., n).
-        tension: of the nodes (..., n + 1) [N].
-        u_proximal: of the proximal end (...,) [m].
-
-    Returns:
-        (..., n + 1) [m].
-    """
+    """Return the displacements of the nodes (..., n + 1) from the encoder on (2.12)."""
     stretch = tension[..., :-1] * mesh.compliance(pattern)
     u = np.empty(tension.shape)
     u[..., 0] = u_proximal
@@ -79,7 +62,6 @@ def own_solutions(
     """Solve a wholly moving cable once per sensor.
 
     Args:
-        mesh: the segments.
         before: displacement of the nodes an instant ago (..., n + 1) [m].
         u_proximal: displacement of the proximal end now (...,) [m].
         reading: tension at every sensor (..., m) [N].
@@ -110,18 +92,12 @@ def own_solutions(
 
 
 def majority_directions(pattern: ArrayLike, otherwise: ArrayLike = 1.0) -> FloatArray:
-    """Return the most common direction of every segment among the sensors.
+    """Return the most common direction of every segment (..., n) among the sensors.
 
-    Args:
-        pattern: believed directions (..., m, n).
-        otherwise: direction where votes are equal, (n,) or one for all.
-
-    Returns:
-        (..., n), each -1 or 1.
+    `otherwise` is the direction where votes are equal, (n,) or one for all.
     """
     votes = np.sum(np.asarray(pattern, dtype=float), axis=-2)
-    chosen: FloatArray = np.where(votes == 0.0, otherwise, np.sign(votes))
-    return chosen
+    return np.where(votes == 0.0, otherwise, np.sign(votes))
 
 
 def likeliest_pattern(
@@ -137,22 +113,13 @@ def likeliest_pattern(
 
     Each pattern is given the one tension that fits all sensors best. Its cost is what
     the readings miss by, in squared standard deviations, and so counted the farthest
-    that a segment then moves against the pattern.
-
-    Args:
-        mesh: the segments.
-        before: displacement of the nodes an instant ago (..., n + 1) [m].
-        u_proximal: displacement of the proximal end now (...,) [m].
-        reading: tension at every sensor (..., m) [N].
-        nodes: of the sensors (m,).
-        deviation: of the sensors (m,) [N].
-        first: pattern that wins where costs are equal (n,).
-
-    Returns:
-        (..., n).
+    that a segment then moves against the pattern. Arguments are those of
+    `own_solutions`, and the deviation of the sensors (m,) [N].
     """
     patterns = _ordered_patterns(mesh, first)
-    profile = np.exp(_log_gain(mesh, patterns))
+    level = np.zeros((len(patterns), mesh.segments + 1))
+    np.cumsum(mesh.angle * patterns, axis=1, out=level[:, 1:])
+    profile = np.exp(level)
     seen = profile[:, nodes]
     weight = seen / np.asarray(deviation, dtype=float) ** 2
     precision = np.sum(weight * seen, axis=1)
@@ -169,8 +136,7 @@ def likeliest_pattern(
     )
     wrong /= 0.5 * (unit[:, :-1] + unit[:, 1:])
     cost = np.sum(lack**2, axis=-1) + np.max(wrong**2, axis=-1)
-    best: FloatArray = patterns[np.argmin(cost, axis=-1)]
-    return best
+    return patterns[np.argmin(cost, axis=-1)]
 
 
 def median_last_moving(last_moving: ArrayLike) -> int:
@@ -196,9 +162,3 @@ def _opposed_motion(patterns: FloatArray, moved: FloatArray) -> FloatArray:
     """Return how far each segment moves against its assumed direction [m]."""
     motion = 0.5 * (moved[..., :-1] + moved[..., 1:])
     return np.where(np.sign(motion) != patterns, np.abs(motion), 0.0)
-
-
-def _log_gain(mesh: Mesh, patterns: FloatArray) -> FloatArray:
-    level = np.zeros((len(patterns), mesh.segments + 1))
-    np.cumsum(mesh.angle * patterns, axis=1, out=level[:, 1:])
-    return level

@@ -43,19 +43,12 @@ CONDITIONS: dict[str, Callable[[int], FloatArray]] = {
 
 
 class Moment(NamedTuple):
-    """One instant of mass motion, exact by (2.10) and (2.12).
+    """One instant of mass motion, exact by (2.10) and (2.12)."""
 
-    Attributes:
-        pattern: direction of every segment (n,).
-        before: displacement of the nodes an instant ago (n + 1,) [m].
-        displacement: now (n + 1,) [m].
-        tension: now (n + 1,) [N].
-    """
-
-    pattern: FloatArray
-    before: FloatArray
-    displacement: FloatArray
-    tension: FloatArray
+    pattern: FloatArray  # direction of every segment (n,)
+    before: FloatArray  # displacement of the nodes an instant ago (n + 1,) [m]
+    displacement: FloatArray  # now (n + 1,) [m]
+    tension: FloatArray  # now (n + 1,) [N]
 
     @classmethod
     def of(
@@ -66,7 +59,6 @@ class Moment(NamedTuple):
         The cable stands still where directions meet.
 
         Args:
-            mesh: the segments.
             pattern: directions, with at most one change; tensions do not change in time
                 where there is none.
             tension: the largest one along the cable [N].
@@ -86,11 +78,7 @@ class Moment(NamedTuple):
 def own_errors(
     mesh: Mesh, moment: Moment, sensors: Sensors, samples: int, seed: int
 ) -> FloatArray:
-    """Return errors of the sensors' solutions from the true earlier displacement.
-
-    Returns:
-        (samples, m, n + 1) [N]: sample, sensor, node.
-    """
+    """Return errors (samples, m, n + 1) [N] of solutions from the true state before."""
     random = np.random.default_rng(seed)
     nodes = np.array(sensors.nodes)
     noise = random.normal(size=(samples, nodes.size)) * np.array(sensors.deviation)
@@ -108,46 +96,28 @@ def own_errors(
 def excess_moment(
     mesh: Mesh, moment: Moment, sensors: Sensors, error: FloatArray
 ) -> FloatArray:
-    """Return the second moment of the sensors' errors without the carried noise.
+    """Return the second moment of the errors of `own_errors` less the carried noise.
 
-    Args:
-        mesh: the segments.
-        moment: the instant.
-        sensors: those of `own_errors`.
-        error: of `own_errors`.
-
-    Returns:
-        (n + 1, m, m) [N^2], positive semidefinite; a constant error counts in full.
+    It is (n + 1, m, m) [N^2], positive semidefinite; a constant error counts in full.
     """
-    gain = tension_gains(
-        mesh, moment.pattern, np.array(sensors.nodes), through_rest=True
-    )
+    nodes = np.array(sensors.nodes)
+    gain = tension_gains(mesh, moment.pattern, nodes, through_rest=True)
     carried = (gain * np.array(sensors.deviation)[:, None]) ** 2
     found = np.einsum("sik,sjk->kij", error, error) / len(error)
     diagonal = np.arange(gain.shape[0])
     found[:, diagonal, diagonal] -= carried.T
     value, vector = np.linalg.eigh(found)
-    positive: FloatArray = np.einsum(
-        "kia,ka,kja->kij", vector, np.maximum(value, 0.0), vector
-    )
-    return positive
+    return np.einsum("kia,ka,kja->kij", vector, np.maximum(value, 0.0), vector)
 
 
 def fuse_correlated(
     told: ArrayLike, covariance: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Fuse several estimates of one tension by generalised least squares.
+    """Fuse estimates (..., m) of one tension by generalised least squares.
 
-    Args:
-        told: (..., m) [N].
-        covariance: of the errors (m, m) [N^2], positive definite.
-
-    Returns:
-        The tension (...,) [N] and the weights (m,), which add up to 1.
+    Returns the tension (...,) [N] and the weights (m,), which add up to 1.
     """
-    said = np.asarray(told, dtype=float)
-    weight = np.linalg.solve(
-        np.asarray(covariance, dtype=float), np.ones(said.shape[-1])
-    )
+    told, covariance = np.asarray(told, dtype=float), np.asarray(covariance, float)
+    weight = np.linalg.solve(covariance, np.ones(told.shape[-1]))
     weight /= np.sum(weight)
-    return said @ weight, weight
+    return told @ weight, weight

@@ -44,17 +44,11 @@ def sigma_points(mean: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 class Linearization(NamedTuple):
-    """A function near a normal distribution: y = slope x + offset + residual.
+    """A function near a normal distribution: y = slope x + offset + residual."""
 
-    Attributes:
-        slope: (k, p).
-        offset: (k,).
-        root: of the covariance of the residual, root root' (k, 2 p + 1).
-    """
-
-    slope: FloatArray
-    offset: FloatArray
-    root: FloatArray
+    slope: FloatArray  # (k, p)
+    offset: FloatArray  # (k,)
+    root: FloatArray  # of the covariance of the residual, root root' (k, 2 p + 1)
 
 
 def linearize(points: FloatArray, said: FloatArray) -> Linearization:
@@ -83,7 +77,6 @@ def kalman_gain(
     By Woodbury's identity, so that no matrix of the size of the measurement is solved.
 
     Args:
-        line: the measurement.
         covariance: of the state before it (p, p).
         variance: of the noise (k,).
     """

@@ -29,58 +29,42 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.optimize import nnls
 
-from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-LAGS = 5
+LAGS = 5  # autocovariances that are used, from lag 0 on
 SMOOTHING = 0.2
 """Share of an innovation that the fixed-gain filter takes into its level."""
 
 
 class LinearModel(NamedTuple):
-    """x' = A x + G w, y = C x + v, and the gain L of x^ + L (y - C x^).
+    """x' = A x + G w, y = C x + v, and the gain L of x^ + L (y - C x^)."""
 
-    Attributes:
-        transition: A (k, k).
-        disturbance: G (k, g).
-        output: C (p, k).
-        gain: L (k, p); A - A L C must be stable.
-    """
-
-    transition: FloatArray
-    disturbance: FloatArray
-    output: FloatArray
-    gain: FloatArray
+    transition: FloatArray  # A (k, k)
+    disturbance: FloatArray  # G (k, g)
+    output: FloatArray  # C (p, k)
+    gain: FloatArray  # L (k, p); A - A L C must be stable
 
 
 class NoiseVariance(NamedTuple):
-    """Variances of independent noises.
+    """Variances of independent noises."""
 
-    Attributes:
-        process: of w (g,).
-        sensor: of v (p,).
-    """
-
-    process: FloatArray
-    sensor: FloatArray
+    process: FloatArray  # of w (g,)
+    sensor: FloatArray  # of v (p,)
 
 
-def trend_model(factors: ArrayLike, smoothing: float = SMOOTHING) -> LinearModel:
-    """Return one tension with a trend, measured by sensors at known factors.
-
-    Args:
-        factors: of every sensor to the common tension (m,).
-        smoothing: share of an innovation taken into the level; critically damped.
-    """
+def trend_model(factors: ArrayLike) -> LinearModel:
+    """Return one tension with a trend, measured by sensors at known factors (m,)."""
     factor = np.asarray(factors, dtype=float)
     shares = 1.0 / (factor * factor.size)
-    root = 1.0 - np.sqrt(1.0 - smoothing)
+    root = 1.0 - np.sqrt(1.0 - SMOOTHING)  # critically damped
     return LinearModel(
         transition=np.array([[1.0, 1.0], [0.0, 1.0]]),
         disturbance=np.array([[0.5], [1.0]]),
         output=np.column_stack([factor, np.zeros_like(factor)]),
-        gain=np.outer([smoothing, root**2], shares),
+        gain=np.outer([SMOOTHING, root**2], shares),
     )
 
 
@@ -99,26 +83,14 @@ def innovations(model: LinearModel, readings: ArrayLike) -> FloatArray:
     return np.array(rows)
 
 
-def autocovariances(model: LinearModel, lags: int = LAGS) -> FloatArray:
+def autocovariances(model: LinearModel) -> FloatArray:
     """Return the autocovariances of the innovations per unit of every variance.
 
-    Args:
-        model: the model; its filter must be stable.
-        lags: how many, from lag 0 on.
-
-    Returns:
-        (lags * p * p, g + p): columns are the unknown variances, first those of w.
-
-    Raises:
-        CableError: the filter is unstable.
+    They are (lags * p * p, g + p): columns are the unknown variances, first those of w.
     """
-    from scipy.linalg import solve_discrete_lyapunov
-
     a, g, c, gain = model
     through = a @ gain
     closed = a - through @ c
-    if np.max(np.abs(np.linalg.eigvals(closed))) >= 1.0:
-        raise CableError("the filter is unstable; choose a smaller gain")
     sources = np.concatenate([g.T, through.T])
     columns = []
     for index, source in enumerate(sources):
@@ -130,7 +102,7 @@ def autocovariances(model: LinearModel, lags: int = LAGS) -> FloatArray:
         column = [c @ error @ c.T + np.diag(seen)]
         # Error of the next prediction, correlated with the innovation of now.
         cross = closed @ error @ c.T - np.outer(source, seen)
-        for _ in range(1, lags):
+        for _ in range(1, LAGS):
             column.append(c @ cross)
             cross = closed @ cross
         columns.append(np.concatenate([part.ravel() for part in column]))
@@ -138,36 +110,28 @@ def autocovariances(model: LinearModel, lags: int = LAGS) -> FloatArray:
 
 
 def autocovariance_least_squares(
-    innovation: ArrayLike,
-    model: LinearModel,
-    lags: int = LAGS,
-    *,
-    nonnegative: bool = True,
+    innovation: ArrayLike, model: LinearModel, *, nonnegative: bool = True
 ) -> NoiseVariance:
     """Return the variances of process and sensors from one stretch of innovations.
 
     Args:
         innovation: of the model's filter in its steady state (samples, p).
-        model: the model.
-        lags: how many autocovariances are used, from lag 0 on.
+        model: the model; its filter must be stable.
         nonnegative: keep variances at or above 0; without it they are unbiased, with it
             those near 0 are a little too large on average.
-
-    Raises:
-        CableError: fewer samples than lags.
     """
     rows = np.asarray(innovation, dtype=float)
-    if len(rows) <= lags:
-        raise CableError(
-            f"{len(rows)} samples of innovations are too few for {lags} lags"
-        )
     measured = [
         (rows[lag:].T @ rows[: len(rows) - lag] / (len(rows) - lag)).ravel()
-        for lag in range(lags)
+        for lag in range(LAGS)
     ]
-    found = _least_squares(
-        autocovariances(model, lags), np.concatenate(measured), nonnegative
-    )
+    matrix, right = autocovariances(model), np.concatenate(measured)
+    # In columns of unit length: variances differ by orders of magnitude.
+    size = np.linalg.norm(matrix, axis=0)
+    if nonnegative:
+        found = nnls(matrix / size, right)[0] / size
+    else:
+        found = np.linalg.lstsq(matrix / size, right, rcond=None)[0] / size
     return NoiseVariance(*np.split(found, [model.disturbance.shape[1]]))
 
 
@@ -177,20 +141,4 @@ def difference_variance(readings: ArrayLike) -> FloatArray:
     It takes every change of the tension for noise.
     """
     change = np.diff(np.asarray(readings, dtype=float), axis=0)
-    half: FloatArray = 0.5 * np.mean(change**2, axis=0)
-    return half
-
-
-def _least_squares(
-    matrix: FloatArray, right: FloatArray, nonnegative: bool
-) -> FloatArray:
-    """Solve in columns of unit length: variances differ by orders of magnitude."""
-    from scipy.optimize import nnls
-
-    size = np.linalg.norm(matrix, axis=0)
-    if nonnegative:
-        found = nnls(matrix / size, right)[0]
-    else:
-        found = np.linalg.lstsq(matrix / size, right, rcond=None)[0]
-    scaled: FloatArray = found / size
-    return scaled
+    return 0.5 * np.mean(change**2, axis=0)

@@ -22,17 +22,12 @@ from cc_mujoco.cable._conduit import Conduit
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import fuse, tension_gains
 from cc_mujoco.native import FloatArray
 
 
 class CableObserver:
-    """Estimate of all tensions by a model that encoder and sensors drive.
-
-    Attributes:
-        noise: standard deviation of the sensors (m,) [N]; may be set at any time.
-    """
+    """Estimate of all tensions by a model that encoder and sensors drive."""
 
     def __init__(
         self,
@@ -41,9 +36,8 @@ class CableObserver:
         dt: float,
         *,
         agility: float = 300.0,
-        tension: ArrayLike | None = None,
     ) -> None:
-        """Start at rest.
+        """Start at rest in the pretension.
 
         Args:
             cable: parameters; friction terms beyond Coulomb's must be off.
@@ -51,29 +45,16 @@ class CableObserver:
             dt: time between readings [s].
             agility: standard deviation of what the rate of the distal tension changes
                 by in one second [N/s]; less is smoother and later.
-            tension: of the nodes at the start (n + 1,) [N]; default the pretension.
-
-        Raises:
-            CableError: a sensor off the cable, a time step or an agility that is not
-                positive.
         """
-        for name, value in (("dt", dt), ("agility", agility)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise CableError(f"{name} is {value!r}; it must be positive and finite")
-        self.noise = np.array(sensors.deviation)
+        self._noise = np.array(sensors.deviation)
         self._nodes, self._mesh = sensors.on(cable), Mesh.of(cable)
-        self._model = Conduit(cable, tension)
+        self._model = Conduit(cable)
         self._dt = dt
         self._ahead = np.array([[1.0, dt], [0.0, 1.0]])
         wander = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
         self._drift_variance = agility**2 * wander
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to rest."""
-        self._model.reset()
         self._state = np.array([self._model.tension_distal, 0.0])
-        self._spread = np.diag([float(np.mean(self.noise)) ** 2, 0.0])
+        self._spread = np.diag([float(np.mean(self._noise)) ** 2, 0.0])
 
     @property
     def tension(self) -> FloatArray:
@@ -86,27 +67,12 @@ class CableObserver:
         return self._model.direction
 
     def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
-        """Take the encoder and the readings of the next instant.
-
-        Args:
-            u_proximal: displacement of the proximal end since rest [m].
-            reading: of every sensor (m,) [N].
-
-        Returns:
-            Tension of every node (n + 1,) [N].
-
-        Raises:
-            CableError: not one reading per sensor, or an encoder that is not finite.
-        """
+        """Take encoder [m] and sensors (m,) [N]; return the nodes' tensions [N]."""
         reading = np.asarray(reading, dtype=float)
-        if reading.shape != self._nodes.shape:
-            raise CableError(
-                f"reading has shape {reading.shape}; it must be {self._nodes.shape}"
-            )
         state = self._ahead @ self._state
         spread = self._ahead @ self._spread @ self._ahead.T + self._drift_variance
         gain = tension_gains(self._mesh, self.direction, self._nodes)[:, -1:]
-        found = fuse(reading, gain, self.noise)
+        found = fuse(reading, gain, self._noise)
         measured, deviation = float(found.tension[0]), float(found.deviation[0])
         if np.isfinite(measured):
             share = spread[:, 0] / (spread[0, 0] + deviation**2)

@@ -17,16 +17,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import nnls
 
 from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.native import FloatArray
 
-REWEIGHTINGS = 5
-"""Times that the weights are renewed."""
+REWEIGHTINGS = 5  # times that the weights are renewed
 
 
 class SensorNoise:
@@ -36,9 +35,6 @@ class SensorNoise:
     not measure one tension; where the direction changes along the cable, it does so
     inside a segment, whose factor is then neither of the two; and at rest the tension
     of an end may change before its segment slips. Then it waits.
-
-    Attributes:
-        learnt: samples that the estimate rests on, faded ones in part.
     """
 
     def __init__(
@@ -50,55 +46,23 @@ class SensorNoise:
             cable: parameters; friction terms beyond Coulomb's must be off.
             sensors: at least three, or nothing tells whose the noise is.
             memory: samples after which what was learnt has faded to 1/e.
-
-        Raises:
-            CableError: fewer than three sensors, one off the cable, or a memory that is
-                shorter than one sample.
         """
-        if len(sensors.nodes) < 3:
-            raise CableError(
-                f"there are {len(sensors.nodes)} sensors; to tell their noises apart "
-                "takes at least 3"
-            )
-        if not memory >= 1.0:
-            raise CableError(f"memory is {memory!r} samples; it must be at least 1")
-        self.sensors = sensors
+        self._stated = np.array(sensors.deviation)
         self._fading = float(np.exp(-1.0 / memory))
         nodes, segments = sensors.on(cable), cable.segments
         mesh = Mesh.of(cable)
         count = nodes.size
         apart = np.eye(count - 1, count) - np.eye(count - 1, count, 1)
         self._contrast = {
-            slip_direction: apart
-            * tension_gains(mesh, np.full(segments, slip_direction), nodes)[:, -1]
-            for slip_direction in (-1.0, 1.0)
+            way: apart * tension_gains(mesh, np.full(segments, way), nodes)[:, -1]
+            for way in (-1.0, 1.0)
         }
-        self.reset()
-
-    def reset(self) -> None:
-        """Reset the state."""
-        size = len(self.sensors.nodes) - 1
-        self._moment = {
-            slip_direction: np.zeros((size, size)) for slip_direction in self._contrast
-        }
+        size = count - 1
+        self._moment = {way: np.zeros((size, size)) for way in self._contrast}
         self._weight = dict.fromkeys(self._contrast, 0.0)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the readings of the next instant.
-
-        Args:
-            reading: of every sensor (m,) [N].
-            direction: slip of every segment (n,).
-
-        Raises:
-            CableError: not one reading per sensor.
-        """
-        told = np.asarray(reading, dtype=float)
-        if told.shape != (len(self.sensors.nodes),):
-            raise CableError(
-                f"reading has shape {told.shape}; it must be "
-                f"({len(self.sensors.nodes)},)"
-            )
+        """Take the sensors' readings (m,) [N] and the segments' slip (n,)."""
         sign = np.sign(np.asarray(direction, dtype=float))
         slip_direction = float(sign[0])
         if slip_direction == 0.0 or not np.all(sign == slip_direction):
@@ -106,7 +70,7 @@ class SensorNoise:
         for each in self._moment:
             self._moment[each] *= self._fading
             self._weight[each] *= self._fading
-        contrast = self._contrast[slip_direction] @ told
+        contrast = self._contrast[slip_direction] @ np.asarray(reading, dtype=float)
         self._moment[slip_direction] += np.outer(contrast, contrast)
         self._weight[slip_direction] += 1.0
 
@@ -123,35 +87,30 @@ class SensorNoise:
         sensors, and never less than a hundredth of the largest, so that no sensor is
         ever trusted alone.
         """
-        stated = np.array(self.sensors.deviation)
+        stated = self._stated
         if self.learnt < 10.0 * stated.size:
             return stated
         variance = np.full(stated.size, float(np.mean(stated**2)))
         for _ in range(REWEIGHTINGS):
             variance = self._fit(variance)
-        found: FloatArray = np.sqrt(variance)
-        return found
+        return np.sqrt(variance)
 
     def _fit(self, guess: FloatArray) -> FloatArray:
         """Return the variances by least squares, weighted by `guess`."""
-        from scipy.optimize import nnls
-
         rows, right = [], []
-        for slip_direction, weight in self._weight.items():
+        for way, weight in self._weight.items():
             if weight == 0.0:
                 continue
-            contrast = self._contrast[slip_direction]
+            contrast = self._contrast[way]
             # In the coordinates in which the contrasts would be white and of unit size.
             root = np.linalg.cholesky((contrast * guess) @ contrast.T)
             white = np.linalg.solve(root, contrast)
-            seen = np.linalg.solve(root, self._moment[slip_direction] / weight)
+            seen = np.linalg.solve(root, self._moment[way] / weight)
             seen = np.linalg.solve(root, seen.T)
             rows.append(np.sqrt(weight) * np.einsum("ai,bi->abi", white, white))
             right.append(np.sqrt(weight) * seen)
         matrix = np.concatenate([row.reshape(-1, guess.size) for row in rows])
         size = np.linalg.norm(matrix, axis=0)
-        found = (
-            nnls(matrix / size, np.concatenate([s.ravel() for s in right]))[0] / size
-        )
-        least: FloatArray = np.maximum(found, 1e-4 * np.max(found))
-        return least
+        found = nnls(matrix / size, np.concatenate([s.ravel() for s in right]))[0]
+        found = found / size
+        return np.maximum(found, 1e-4 * np.max(found))

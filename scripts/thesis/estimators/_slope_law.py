@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.cable._parameters import PARAMETERS, Cable
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tension_slope import require_slope
 from cc_mujoco.estimation._tracks import checked_sample, wrap_angles
 
@@ -28,9 +27,6 @@ class SlopeLaw:
     and diverges. `signed` turns the sign with the motion, `integrated` takes the value
     before for :math:`\mu_0`. What then remains is that a straight line is not the
     profile. Estimates are kept within the bounds of the cable's parameter.
-
-    Attributes:
-        friction: the estimate.
     """
 
     def __init__(
@@ -43,32 +39,9 @@ class SlopeLaw:
         signed: bool = False,
         integrated: bool = False,
     ) -> None:
-        """Start from mu_0.
-
-        Args:
-            cable: as in `FrictionEstimator`.
-            sensors: at least two.
-            gain: k [1/N].
-            start: mu_0; default the cable's friction.
-            signed: multiply the gain by the direction of motion.
-            integrated: add to the last value instead of to mu_0.
-
-        Raises:
-            CableError: fewer than two sensors, a gain that is not finite, a start
-                out of bounds, or a cable that the law does not hold for.
-        """
+        """Start from mu_0, by default the cable's, with the gain k [1/N]."""
         require_slope(cable)
-        if len(set(sensors.nodes)) < 2 or not np.isfinite(gain):
-            raise CableError(
-                f"gain is {gain!r} with {len(set(sensors.nodes))} sensors; "
-                "it must be finite, with at least 2 sensors"
-            )
-        self._start = cable.friction if start is None else start
-        if not _BOUNDS.low <= self._start <= _BOUNDS.high:
-            raise CableError(
-                f"start is {start!r}; friction must be {_BOUNDS.low:g} to "
-                f"{_BOUNDS.high:g}"
-            )
+        self._start = self.friction = cable.friction if start is None else start
         self._nodes, self._gain = sensors.on(cable), gain
         self._signed, self._integrated = signed, integrated
         angle = wrap_angles(cable)
@@ -78,19 +51,9 @@ class SlopeLaw:
         along = self._nodes / cable.segments
         centred = along - np.mean(along)
         self._slope = centred / float(centred @ centred)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to mu_0."""
-        self.friction = self._start
 
     def discrepancy(self, reading: ArrayLike, slip_direction: float) -> float:
-        """Return the difference between the ends, by the model less by the line [N].
-
-        Args:
-            reading: of every sensor (m,) [N].
-            slip_direction: direction of motion of the whole cable.
-        """
+        """Return the difference between the ends, by the model less by the line [N]."""
         told = np.asarray(reading, dtype=float)
         sign = slip_direction * self.friction
         ends = np.exp(-sign * self._before) - np.exp(sign * self._after)

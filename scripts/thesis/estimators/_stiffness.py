@@ -15,7 +15,7 @@ side and tensions the noisy one, so it is Y that is explained by :math:`u_0`; th
 way round noise in Y would make the cable look stiffer the less it is pulled. The
 constant is taken out by comparing every sample with the mean of those before in the
 spell (Helmert's contrasts, whose errors are independent), and recursive least squares
-(`recursive`) finds EA.
+finds EA.
 
 In mass motion the distal end takes part. Its displacement is unmeasured and would pass
 for stretch, so such samples change nothing; nor do those in which the distal part slips
@@ -25,7 +25,7 @@ the model, for a slip that fell between two calls would pass for stretch too; an
 
 The integral is the trapezoidal rule over the sensors. It errs by the bend of the
 tension at the front, by up to a quarter of (sensor spacing / length of the moving part)
-squared, which is why the front must have passed `least` sensors.
+squared, which is why the front must have passed `LEAST` sensors.
 """
 
 from __future__ import annotations
@@ -39,13 +39,10 @@ from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares
-from cc_mujoco.estimation._tracks import (
-    EstimateTrack,
-    checked_noise,
-    checked_sample,
-    rows,
-)
+from cc_mujoco.estimation._tracks import EstimateTrack, checked_sample, rows
 from cc_mujoco.native import FloatArray
+
+LEAST = 4  # sensors, except that at node 0, that the front must have passed
 
 
 class StiffnessEstimator:
@@ -57,80 +54,44 @@ class StiffnessEstimator:
         sensors: Sensors,
         *,
         start: float | None = None,
-        spread: float | None = None,
         memory: float = 500.0,
         drift: float = 0.0,
-        least: int = 4,
     ) -> None:
-        """Start from a guess.
+        """Start from a guess, as uncertain as it is large.
 
         Args:
-            cable: the cable; only its length and its segments count. Elasticity that
-                changes must be off.
-            sensors: one at node 0 and more along the cable; one at the distal end is
-                not used.
+            cable: only its length and its segments count. Elasticity that changes must
+                be off.
+            sensors: one at node 0 and at least `LEAST` more along the cable; one at the
+                distal end is not used.
             start: the guess [N]; default the cable's stiffness.
-            spread: standard deviation of the guess [N]; default the guess.
             memory: partially moving samples after which one has faded to 1/e.
             drift: standard deviation of the rate of drift, per such sample [N].
-            least: sensors, except that at node 0, that the front must have passed.
-
-        Raises:
-            CableError: no sensor at node 0, too few of them, a start, a spread or a
-                memory that is none, or elasticity that changes.
         """
         cable.require_terms(
             _has_stiffness, "what the proximal end moves is not stretch by EA then"
         )
         guess = cable.axial_stiffness if start is None else start
-        if not (np.isfinite(guess) and guess > 0.0):
-            raise CableError(f"start is {start!r} N; stiffness must be positive")
         nodes = sensors.on(cable)
         order = np.argsort(nodes)
-        self._used_sensors = order[nodes[order] < cable.segments]
-        inner = nodes[self._used_sensors]
-        if (
-            least < 1
-            or inner.size <= least
-            or inner[0] != 0
-            or np.any(np.diff(inner) == 0)
-        ):
+        used = order[nodes[order] < cable.segments]
+        inner = nodes[used]
+        if inner.size <= LEAST or inner[0] != 0 or np.any(np.diff(inner) == 0):
             raise CableError(
                 f"sensors are at nodes {list(sensors.nodes)}; stiffness takes one at "
-                f"node 0 and at least {least} more, none twice, before the distal end"
+                f"node 0 and at least {LEAST} more, none twice, before the distal end"
             )
-        self._segments, self._sensors = cable.segments, nodes.size
-        self._reach = (int(inner[least]), int(inner[-1]))
+        self._segments, self._sensors, self._used = cable.segments, nodes.size, used
+        self._reach = (int(inner[LEAST]), int(inner[-1]))
         gap = np.diff(node_places(cable)[inner])
         self._share = np.zeros(inner.size)
         self._share[:-1] += 0.5 * gap
         self._share[1:] += 0.5 * gap
-        self.noise = np.array(sensors.deviation)
-        width = guess if spread is None else spread
+        deviation = np.array(sensors.deviation)[used]
+        self._variance = float(np.sum((self._share * deviation) ** 2))
         self._memory = memory
-        self._fit = RecursiveLeastSquares([guess], [width], memory, [drift])
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the guess; the noise stays."""
-        self._fit.reset()
+        self._fit = RecursiveLeastSquares([guess], [guess], memory, [drift])
         self._end_spell()
-
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time.
-
-        Raises:
-            CableError: set to other than one positive number per sensor.
-        """
-        return self._noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._noise = checked_noise(deviation, self._sensors)
-        self._variance = float(
-            np.sum((self._share * self._noise[self._used_sensors]) ** 2)
-        )
 
     def _end_spell(self) -> None:
         """End the period, since the later motion of the distal end is unknown."""
@@ -158,14 +119,8 @@ class StiffnessEstimator:
 
         Returns:
             The estimate [N].
-
-        Raises:
-            CableError: shapes that fit neither the sensors nor the cable, or values
-                that are not finite.
         """
         told, sign = checked_sample(reading, direction, self._sensors, self._segments)
-        if not np.isfinite(u_proximal):
-            raise CableError(f"u_proximal is {u_proximal!r} m; it must be finite")
         front = int(np.count_nonzero(sign))
         partial = front < sign.size and bool(np.all(sign[:front] * sign[0] > 0.0))
         if not partial or front > self._reach[1]:
@@ -176,7 +131,7 @@ class StiffnessEstimator:
         if 0 < front < self._reach[0]:
             return self.stiffness
         pulled = -float(u_proximal)
-        moment = float(self._share @ told[self._used_sensors])
+        moment = float(self._share @ told[self._used])
         if front > 0 and self._count > 0:
             self._learn(pulled - self._mean_pull, moment - self._moment)
         self._count += 1
@@ -193,16 +148,7 @@ class StiffnessEstimator:
     def over(
         self, u_proximal: ArrayLike, reading: ArrayLike, direction: ArrayLike
     ) -> EstimateTrack:
-        """Run over a recording, from the present estimate on.
-
-        Args:
-            u_proximal: (samples,) [m].
-            reading: (samples, m) [N].
-            direction: (samples, n).
-
-        Raises:
-            CableError: unequal numbers of samples, or as `update`.
-        """
+        """Run over a recording: (samples,) [m], (samples, m) [N], (samples, n)."""
         found = [
             (self.update(float(u), told, sign), self.deviation)
             for u, told, sign in rows(

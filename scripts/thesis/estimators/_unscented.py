@@ -33,7 +33,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.cable._parameters import PARAMETERS, Cable
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tracks import EstimateTrack, rows
 from cc_mujoco.native import FloatArray
 from thesis.estimators._linearization import (
@@ -54,8 +53,6 @@ class UnscentedEstimator:
     Attributes:
         mean: logarithms of the parameters (p,).
         covariance: of their errors (p, p).
-        noise: standard deviation of every output by name [N]; values may be set at any
-            time.
     """
 
     def __init__(
@@ -78,59 +75,25 @@ class UnscentedEstimator:
             cable: the cable; values of the named parameters are the guess.
             names: of `PARAMETERS`, each greater than 0 in the cable.
             dt: time between samples [s].
-            noise: standard deviation of every measured output, of
-                `_sliding_window.OUTPUTS` [N].
-            inputs: what drives the model, one of `END_QUANTITIES` per end; not both
-                tensions.
+            noise: standard deviation of every measured output, see `History` [N].
+            inputs: what drives the model, see `History`.
             spread: standard deviation of the logarithms of the guess, or one of each.
             drift: of the random walk, of the logarithms in the root of a second.
-            window: samples per update of the filter.
             rounds: most linearizations of one window; 1 is the plain filter.
             limit: samples after which replays are shortened without an anchor.
-
-        Raises:
-            CableError: an unknown name, a parameter that is 0, inputs or outputs that
-                do not go together, or numbers out of range.
         """
         table = {parameter.name: parameter for parameter in PARAMETERS}
-        for name in names:
-            if name not in table:
-                raise CableError.unknown("parameter", name, table)
-            if not getattr(cable, name) > 0.0:
-                raise CableError(
-                    f"cable parameter `{name}` is 0; a guess greater than 0 is needed "
-                    "to estimate it"
-                )
-        if not names or len(set(names)) < len(names):
-            raise CableError(f"names are {list(names)}; give each parameter once")
-        if not (1 <= window < limit and rounds >= 1):
-            raise CableError(
-                f"window is {window!r} and limit {limit!r} samples with {rounds!r} "
-                "rounds; each must be at least 1, and window less than limit"
-            )
-        for name, deviation in noise.items():
-            if not (np.isfinite(deviation) and deviation > 0.0):
-                raise CableError(
-                    f"noise of `{name}` is {deviation!r} N; it must be positive and "
-                    "finite"
-                )
         self.cable, self.names = cable, tuple(names)
-        self.noise = dict(noise)
+        self._noise = np.repeat(list(noise.values()), window)
         self._history = History(cable, dt, inputs, tuple(noise), limit)
-        size = len(self.names)
         self._dt, self._window, self._rounds = dt, window, rounds
-        self._spread = _positive_array("spread", spread, size, zero=False)
-        self._drift = _positive_array("drift", drift, size, zero=True)
+        self._drift = np.asarray(drift, dtype=float)
         self._low = np.log([max(table[name].low, 1e-9) for name in names])
         self._bound = np.array([table[name].high for name in names])
         self._high = np.log(self._bound)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the guess; the next sample is at rest in the pretension."""
         self.mean = np.log([getattr(self.cable, name) for name in self.names])
-        self.covariance = np.diag(self._spread**2)
-        self._history.reset()
+        spread = np.broadcast_to(np.asarray(spread, dtype=float), self.mean.shape)
+        self.covariance = np.diag(spread**2)
         self._fresh = 0
 
     @property
@@ -144,20 +107,8 @@ class UnscentedEstimator:
         spread = np.exp(self.mean) * np.sqrt(np.diag(self.covariance))
         return dict(zip(self.names, spread.tolist(), strict=True))
 
-    @property
-    def estimated(self) -> Cable:
-        """The cable with the estimates in place."""
-        return self._cable(self.mean)
-
     def update(self, **sample: float) -> dict[str, float]:
-        """Take the next sample: inputs and measured outputs by name.
-
-        Returns:
-            The estimates; they change at every `window`-th sample.
-
-        Raises:
-            CableError: names other than inputs and outputs, or a value not finite.
-        """
+        """Take inputs and outputs by name; estimates change at every `window`-th."""
         self._history.add(sample)
         self._fresh += 1
         if self._fresh == self._window:
@@ -166,14 +117,7 @@ class UnscentedEstimator:
         return self.value
 
     def over(self, recording: Mapping[str, ArrayLike]) -> EstimateTrack:
-        """Run over a recording of inputs and outputs by name, (samples,) each.
-
-        Returns:
-            Estimates and their deviations, (samples, p) each, in the order of `names`.
-
-        Raises:
-            CableError: columns of unequal length, or as `update`.
-        """
+        """Run over a recording of inputs and outputs by name, (samples,) each."""
         found = []
         for row in rows(**recording):
             value = self.update(**dict(zip(recording, map(float, row), strict=True)))
@@ -185,8 +129,7 @@ class UnscentedEstimator:
         """Run one cycle of the filter over the samples of a window."""
         names, count = self._history.outputs, self._window
         told = self._history.measured(count)
-        noise = np.repeat([self.noise[name] for name in names], count)
-        wander = self._drift**2 * count * self._dt
+        wander = np.broadcast_to(self._drift**2 * count * self._dt, self.mean.shape)
         prior, spread = self.mean, self.covariance + np.diag(wander)
         mean, covariance = prior, spread
         for _ in range(self._rounds):
@@ -198,7 +141,7 @@ class UnscentedEstimator:
                 [getattr(motion, name)[-count:] for name in names] for motion in played
             ]
             line = linearize(points, np.reshape(said, (len(points), -1)))
-            gain = kalman_gain(line, spread, noise**2)
+            gain = kalman_gain(line, spread, self._noise**2)
             last = mean
             mean = prior + gain @ (told - line.offset - line.slope @ prior)
             mean = np.clip(mean, self._low, self._high)
@@ -219,16 +162,3 @@ class UnscentedEstimator:
         if static > 0.0:
             changes["static_friction"] = max(static, friction)
         return self.cable.replace(**changes)
-
-
-def _positive_array(
-    name: str, given: ArrayLike, size: int, *, zero: bool
-) -> FloatArray:
-    values = np.asarray(given, dtype=float)
-    fine = values.shape in ((), (size,)) and bool(np.all(np.isfinite(values)))
-    if not fine or np.any(values < 0.0) or (not zero and np.any(values == 0.0)):
-        least = "0 or more" if zero else "greater than 0"
-        raise CableError(
-            f"{name} is {values.tolist()}; it must be one number or {size}, {least}"
-        )
-    return np.array(np.broadcast_to(values, size))

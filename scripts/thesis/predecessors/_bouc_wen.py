@@ -33,27 +33,16 @@ _MAX_STATE_CHANGE = 0.05
 
 
 class Hysteresis(NamedTuple):
-    """Parameters of (1.3)-(1.5).
+    """Parameters of (1.3)-(1.5)."""
 
-    Attributes:
-        position: k_x [N/m].
-        state: k_zeta [N].
-        viscous: nu [N s/m].
-        offset: F_0 [N].
-        rho: [1/m].
-        sigma: shape, 0 or more.
-        lead: lambda, speed by which acceleration leads [m/s].
-        exponent: n, 1 or more.
-    """
-
-    position: float
-    state: float
-    viscous: float
-    offset: float
-    rho: float
-    sigma: float
-    lead: float
-    exponent: float = 1.0
+    position: float  # k_x [N/m]
+    state: float  # k_zeta [N]
+    viscous: float  # nu [N s/m]
+    offset: float  # F_0 [N]
+    rho: float  # [1/m]
+    sigma: float  # shape, 0 or more
+    lead: float  # lambda, speed by which acceleration leads [m/s]
+    exponent: float = 1.0  # n, 1 or more
 
 
 class ModifiedBoucWen(PublishedModel):
@@ -84,10 +73,8 @@ class ModifiedBoucWen(PublishedModel):
         """Fit the parameters to a recording, n = 1 (least squares).
 
         Args:
-            cable: the cable.
             dt: time between samples [s].
             u_proximal: recorded motion of the motor's end (samples,) [m].
-            environment: the spring at the output.
             answer: recorded tensions; only their difference is fitted.
         """
         x = -np.asarray(u_proximal, dtype=np.float64)

@@ -26,29 +26,20 @@ from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 from thesis.predecessors._model import Answer, PublishedModel, ReplayedMotion
 
-_MAX_ITERATIONS = 200
-"""Most steps of Newton's method."""
-_FORCE_TOLERANCE = 1e-9
-"""Force out of balance that ends them [N]."""
+_MAX_ITERATIONS = 200  # most steps of Newton's method
+_FORCE_TOLERANCE = 1e-9  # force out of balance that ends them [N]
 
 
 @dataclass(frozen=True)
 class Bristle:
-    """Shape of the friction.
+    """Shape of the friction."""
 
-    Attributes:
-        length: displacement over which friction builds up, F_c / sigma_0 [m].
-        exponent: delta_D of Dahl's law.
-        excess: of static over kinetic friction, relative (LuGre).
-        stribeck_speed: over which the excess fades [m/s] (LuGre).
-        damping: of the bristles, sigma_1 over sigma_0 [s] (LuGre).
-    """
-
+    # displacement over which friction builds up, F_c / sigma_0 [m]
     length: float = 2e-5
-    exponent: float = 1.0
-    excess: float = 0.0
-    stribeck_speed: float = 1e-3
-    damping: float = 0.0
+    exponent: float = 1.0  # delta_D of Dahl's law
+    excess: float = 0.0  # of static over kinetic friction, relative (LuGre)
+    stribeck_speed: float = 1e-3  # over which the excess fades [m/s] (LuGre)
+    damping: float = 0.0  # of the bristles, sigma_1 over sigma_0 [s] (LuGre)
 
 
 DAHL = Bristle()

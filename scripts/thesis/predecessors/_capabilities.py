@@ -37,8 +37,7 @@ CABLE = Cable(
     segments=20,
 )
 SPRING = EndSpring(500.0)
-MAX_RELATIVE_ERROR = 0.05
-"""Largest relative error of an answer that counts as right."""
+MAX_RELATIVE_ERROR = 0.05  # largest relative error of an answer that counts as right
 
 _CYCLES, _HALF_CYCLE_SAMPLES = 30, 50
 """Cycles until the state repeats, and samples of half a cycle."""
@@ -48,15 +47,10 @@ _REPEAT_TOLERANCE = 1e-5
 
 
 class Capability(NamedTuple):
-    """Answer to one question.
+    """Answer to one question."""
 
-    Attributes:
-        able: whether the model gave the right answer.
-        told: the result in a few words.
-    """
-
-    able: bool
-    told: str
+    able: bool  # whether the model gave the right answer
+    told: str  # the result in a few words
 
 
 def front_pull(cable: Cable, tension: float) -> float:
@@ -208,8 +202,7 @@ def _relative_loss(answer: Answer, proximal: FloatArray, period: int) -> float:
 
 
 def _midpoints(values: FloatArray) -> FloatArray:
-    mean: FloatArray = 0.5 * (values[1:] + values[:-1])
-    return mean
+    return 0.5 * (values[1:] + values[:-1])
 
 
 CAPABILITY_TESTS: dict[str, Callable[[PublishedModel], Capability]] = {

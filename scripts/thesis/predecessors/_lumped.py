@@ -42,8 +42,6 @@ class LumpedMasses(PublishedModel):
         """Choose the number of masses.
 
         Args:
-            cable: length, stiffness, wrap, friction and pretension.
-            masses: elements in series.
             line_density: mass per length [kg/m]; a steel rope of 0.75 mm has 2.5e-3.
         """
         super().__init__(cable)

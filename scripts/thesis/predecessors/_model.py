@@ -31,41 +31,27 @@ class Locked:
 
 @dataclass(frozen=True)
 class EndSpring:
-    """A spring pulls the distal end, which rests at the preload.
+    """A spring pulls the distal end, which rests at the preload."""
 
-    Attributes:
-        stiffness: [N/m].
-    """
-
-    stiffness: float
+    stiffness: float  # [N/m]
 
 
 @dataclass(frozen=True)
 class Moved:
-    """Someone moves the distal end, whatever the tension.
+    """Someone moves the distal end, whatever the tension."""
 
-    Attributes:
-        displacement: recorded (samples,) [m].
-    """
-
-    displacement: FloatArray
+    displacement: FloatArray  # recorded (samples,) [m]
 
 
 Environment = Locked | EndSpring | Moved
 
 
 class Answer(NamedTuple):
-    """Output of a model, (samples,) each.
+    """Output of a model, (samples,) each."""
 
-    Attributes:
-        tension_proximal: [N].
-        tension_distal: [N].
-        u_distal: displacement of the distal end [m].
-    """
-
-    tension_proximal: FloatArray
-    tension_distal: FloatArray
-    u_distal: FloatArray
+    tension_proximal: FloatArray  # [N]
+    tension_distal: FloatArray  # [N]
+    u_distal: FloatArray  # displacement of the distal end [m]
 
 
 Asked = Literal[
@@ -75,35 +61,22 @@ Asked = Literal[
 
 
 class ReplayedMotion(NamedTuple):
-    """A motion that a model is to answer, checked and with its defaults.
+    """A motion that a model is to answer, checked and with its defaults."""
 
-    Attributes:
-        dt: time between samples [s].
-        proximal: displacement of the proximal end (samples,) [m].
-        moved: that of the distal end where someone moves it, else 0 (samples,) [m].
-        stiffness: of the spring at the distal end, infinite without one [N/m].
-        start: tension at the nodes at first (segments + 1,) [N].
-        factor: of all wrap angles (samples,).
-    """
-
-    dt: float
-    proximal: FloatArray
+    dt: float  # time between samples [s]
+    proximal: FloatArray  # displacement of the proximal end (samples,) [m]
+    # that of the distal end where someone moves it, else 0 (samples,) [m]
     moved: FloatArray
-    stiffness: float
-    start: FloatArray
-    factor: FloatArray
+    stiffness: float  # of the spring at the distal end, infinite without one [N/m]
+    start: FloatArray  # tension at the nodes at first (segments + 1,) [N]
+    factor: FloatArray  # of all wrap angles (samples,)
 
 
 class PublishedModel(ABC):
-    """A model of one cable; subclasses are one published model each.
+    """A model of one cable; subclasses are one published model each."""
 
-    Attributes:
-        name: who published it.
-        refuses: what it cannot take, and why.
-    """
-
-    name: ClassVar[str]
-    refuses: ClassVar[Mapping[Asked, str]] = {}
+    name: ClassVar[str]  # who published it
+    refuses: ClassVar[Mapping[Asked, str]] = {}  # what it cannot take, and why
 
     def __init__(self, cable: Cable) -> None:
         """Take length, stiffness, bends, friction and pretension from a cable."""
@@ -123,13 +96,9 @@ class PublishedModel(ABC):
         Args:
             dt: time between samples [s].
             u_proximal: displacement of the proximal end (samples,) [m]; 0 at first.
-            environment: what the distal end meets.
             initial_tension: tension at the nodes (segments + 1,) [N]; default the
                 uniform pretension.
             wrap_scale: factor of all wrap angles over time (samples,); default 1.
-
-        Raises:
-            CableError: the model cannot take what is given.
         """
         asked: dict[Asked, bool] = {
             "a locked output": isinstance(environment, Locked),

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig import strength
-from rig.bristles.effects import EFFECTS, NAMED, UNKNOWN
+from rig.bristles import EFFECTS, NAMED, UNKNOWN
 from rig.dataset import run, truth_of
 from rig.effects import Truth
 from rig.nominal import Rig, make_rig

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from rig import dataset
 from rig.dataset import clean_dataset, make_dataset, make_trials, run, truth_of
-from rig.elements.cables import Cables, deflected, start, step
-from rig.elements.effects import EFFECTS
-from rig.elements.instruments import chain_of
-from rig.elements.plant import Plant, plant_of
+from rig.elements import EFFECTS, Cables, Plant, deflected, plant_of, start, step
 from rig.engine import COLUMNS
+from rig.instruments import chain_of
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, logged, sampled

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig import dataset, generate, strength
-from rig.bristles.effects import EFFECTS
+from rig.bristles import EFFECTS
 from rig.trials import SETS, Trial, ramps
 
 OPTIONS = ["--trials", "ramps", "--seed", "4"]

@@ -10,9 +10,7 @@ import pytest
 
 from rig.dataset import clean_dataset, make_trials, run, truth_of
 from rig.engine import COLUMNS
-from rig.guides.cables import settle, start
-from rig.guides.effects import EFFECTS
-from rig.guides.plant import GUIDES, plant_of
+from rig.guides import EFFECTS, GUIDES, plant_of, settle, start
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS

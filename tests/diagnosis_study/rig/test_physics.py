@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.bristles.kernel import LAW
-from rig.bristles.plant import plant_of
+from rig.bristles import LAW, plant_of
 from rig.dataset import run, truth_of
 from rig.engine import COLUMNS, RECORD_TIME, Asked, integrate
 from rig.nominal import Rig

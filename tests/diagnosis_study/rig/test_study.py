@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import dataset
-from rig.bristles.effects import NAMED, UNKNOWN
+from rig.bristles import NAMED, UNKNOWN
 from rig.trials import SETS, Trial
 
 KINDS = {"named": NAMED, "unknown": UNKNOWN, "none": ("none",)}

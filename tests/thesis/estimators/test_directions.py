@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import tension_gains
 from thesis._literal_solver import Constraint, sign_patterns, solve
 from thesis.estimators import SensorConsensus
@@ -181,13 +180,3 @@ def test_a_resting_cable_stays_at_rest_but_not_by_the_printed_rule() -> None:
         drift.append(np.max(np.abs(consensus.tension - true.tension[-1])))
     assert drift[0] < 0.02
     assert drift[1] > 20.0 * drift[0]
-
-
-def test_bad_input_is_refused() -> None:
-    sensors = Sensors((3, 10), (1.0, 1.0))
-    with pytest.raises(CableError, match="did you mean 'vote'"):
-        SensorConsensus(CABLE, sensors, choice="votes")  # type: ignore[arg-type]
-    with pytest.raises(CableError, match="threshold is -1"):
-        SensorConsensus(CABLE, sensors, threshold=-1)
-    with pytest.raises(CableError, match=r"reading has shape \(3,\)"):
-        SensorConsensus(CABLE, sensors).update(0.0, [1.0, 2.0, 3.0])

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.device import Sensors
-from cc_mujoco.errors import CableError
 from thesis.estimators import CableObserver
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
@@ -31,8 +29,3 @@ def test_observer_follows_without_directions_and_within_the_noise() -> None:
         right.append(np.mean(observer.direction == direction))
     assert np.sqrt(np.mean((np.array(output) - true.tension[:, -1]) ** 2)) < 1.0
     assert np.mean(right) > 0.85
-
-
-def test_bad_input_is_refused() -> None:
-    with pytest.raises(CableError, match="dt is"):
-        CableObserver(CABLE, Sensors((0,), (1.0,)), 0.0)

@@ -22,27 +22,21 @@ from rig.sensors import CHANNELS, SAMPLE_RATE, Channel, column
 
 Array = NDArray[np.float64]
 
-COARSE = {"motor_angle": 15, "joint_angle": 13}
-"""Bits of coarse encoders."""
-_SAMPLE_CLOCK = 1e-5
-"""Resolution of time stamps [s]."""
+COARSE = {"motor_angle": 15, "joint_angle": 13}  # bits of coarse encoders
+_SAMPLE_CLOCK = 1e-5  # resolution of time stamps [s]
 
 
 class Chain(NamedTuple):
     """Distortions by the sensors, off at 0; SI and radians."""
 
     # --- what this rig has, whatever is hidden ------------------------------------
-    seed: int = 0
-    """Seed of the jitter."""
+    seed: int = 0  # seed of the jitter
     coarse: bool = False
-    motor_offcentre: float = 0.0
-    """Error of the motor's encoder, once a turn [rad]."""
+    motor_offcentre: float = 0.0  # error of the motor's encoder, once a turn [rad]
     motor_phase: float = 0.0
-    joint_offcentre: float = 0.0
-    """Error of the joint's encoder, once a turn [rad]."""
+    joint_offcentre: float = 0.0  # error of the joint's encoder, once a turn [rad]
     joint_phase: float = 0.0
-    slow: float = 0.0
-    """Time constant of the filter of both torque sensors [s]."""
+    slow: float = 0.0  # time constant of the filter of both torque sensors [s]
     jitter: float = 0.0
     """Standard deviation of the jitter of samples, included in time stamps [s]."""
 

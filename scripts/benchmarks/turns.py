@@ -1,0 +1,37 @@
+"""Contestants that take turns in one process: what else the machine does falls on all.
+
+from turns import by_turns, spread
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Name = TypeVar("Name")
+
+
+def by_turns(
+    contestants: Mapping[Name, Callable[[], float]], rounds: int, first: int = 0
+) -> dict[Name, Array]:
+    """Return what each says of its turns (rounds,), after `first` rounds more."""
+    found: dict[Name, list[float]] = {name: [] for name in contestants}
+    for _ in range(first + rounds):
+        for name, turn in contestants.items():
+            found[name].append(turn())
+    return {name: np.array(told[first:]) for name, told in found.items()}
+
+
+def quickest(found: Mapping[Name, Array]) -> dict[Name, float]:
+    """Return the times of the quickest turns: what else the machine does only adds."""
+    return {name: float(np.quantile(times, 0.1)) for name, times in found.items()}
+
+
+def spread(ratios: Array) -> str:
+    """Return median and middle half as a text."""
+    low, middle, high = np.quantile(ratios, (0.25, 0.5, 0.75))
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"

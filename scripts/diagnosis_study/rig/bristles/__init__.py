@@ -1,1 +1,0 @@
-"""The rig of the usual make: massive nodes held by bristles, see `README.md`."""

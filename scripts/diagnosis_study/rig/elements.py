@@ -1,0 +1,779 @@
+"""A rig of finite elements with mass, stepped by implicit Euler.
+
+A node is held by a contact that gives elastically up to `ELASTIC` of what makes it
+slide and yields gradually from there on (an elastoplastic friction model: Dupont,
+Hayward, Armstrong, Altpeter, IEEE Trans. Autom. Control 47(5), 2002; here with a law of
+yielding that can be integrated),
+
+    dz/dx = 1                          below  e = ELASTIC d,
+    dz/dx = (d - |z|) / (d - e)        beyond, where it goes on,
+
+    F = mu bend N z / d, N the mean tension of both sides. All nodes of a step are found
+at once by Newton's method on a tridiagonal system. A step takes 0.1 ms, half that where
+a pulley meets a handle, a quarter where friction falls with speed.
+
+Every hidden effect is off at its default, 0. Imperfections that no builder can avoid (a
+compliant shaft, a gear, an amplifier with a torque limit) are sampled from the rig's
+seed and are no effects.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from rig import engine
+from rig.effects import TURN, Effect, Truth, chain, plant
+from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, copy, total
+from rig.nominal import Rig
+
+Array = NDArray[np.float64]
+
+ELEMENTS = 40  # elements per cable, with a node between two
+FINER = 0.7  # length per node at the ends over the mean length per node
+SWAY = 0.25
+"""Largest relative amplitude of the curvature of a conduit about its mean: one and a
+half waves along it, at random phase."""
+
+
+class Plant(NamedTuple):
+    """All constants of the equations; SI and radians, arrays are (2, ...) by cable."""
+
+    # --- the bench -----------------------------------------------------------
+    motor_radius: float
+    joint_radius: float
+    stiffness: FloatMatrix  # stiffness of every element (2, elements) [N/m]
+    mass: FloatMatrix  # mass at every inner node (2, elements - 1) [kg]
+    bend: FloatMatrix  # bend of the conduit at every inner node (2, elements - 1) [rad]
+    middle: FloatArray
+    """Position of the inner nodes, 0 at the motor to 1 at the joint (elements - 1,)."""
+    friction: FloatArray  # coefficient of friction (2,)
+    joint_inertia: float
+    joint_damping: float
+    rotor_inertia: float
+    strand_time: float = 1e-5  # damping of the strand over its stiffness [s]
+    yielding: FloatMatrix = np.full((2, 1), 8e-7)
+    """Deflection at which a contact slides (2, 1 or elements - 1) [m]."""
+    reference_tension: float = 80.0
+
+    # --- what no builder gets rid of -------------------------------------------
+    shaft: float = 0.0  # compliance between motor and its pulley [rad/(N m)]
+    shaft_time: float = 1e-3  # damping of the shaft over its stiffness [s]
+    teeth: float = 0.0  # amplitude of the transmission error of the gear [rad]
+    teeth_order: float = 40.0
+    teeth_phase: float = 0.0
+    amplifier: float = 1e6  # torque limit of the motor [N m]
+
+    # --- friction ------------------------------------------------------------
+    grease: float = 0.0
+    """Force per speed of a slow cable [N s/m]; more of it towards the joint."""
+    grease_thins: float = 1e9  # speed at which the grease has half its viscosity [m/s]
+    striction: float = 0.0
+    """Excess of friction near rest over sliding friction, relative."""
+    striction_speed: float = 0.01
+    nap: float = 0.0
+    """Relative excess of friction of cable a against the nap of its liner."""
+    tight: float = 0.0  # load-independent friction of one cable in a tight liner [N]
+    polish: float = 0.0
+    """Loss of friction coefficient per tension over the reference, relative."""
+    creep: float = 0.0  # growth of static friction in a second of rest, relative
+    creep_power: float = 0.3
+    creep_slip: float = 5e-5
+    leaning: float = 0.0
+    """Wrap gained per joint angle, over the half of the conduit next the joint."""
+    warming: float = 0.0  # change of friction from cold to warm, relative
+    warming_time: float = 4.0
+
+    # --- elasticity and geometry ------------------------------------------------
+    relaxing: float = 0.0  # fraction of the pretension that is lost eventually
+    toe: float = 0.0  # relative deficit in stiffness of a slack strand, in [0, 1)
+    toe_tension: float = 40.0
+    ferrule: float = 0.0  # compliance of the fastening of cable a at the motor [m/N]
+    ferrule_time: float = 3e-3
+    offcentre: float = 0.0
+    """Eccentricity of the motor pulley over its radius; its ovality is half of it."""
+    offcentre_phase: float = 0.0
+    oval_phase: float = 0.0
+    play: float = 0.0  # full gap between joint pulley and handle [rad]
+    contact: float = 1e6
+    """Stiffness of the flanks in contact: torque per angle to the power 3/2 [N m]."""
+    contact_loss: float = 1.5
+    """Damping of the contact over its torque, per speed [s/rad]."""
+    hub_inertia: float = 2.5e-4
+
+    # --- loads on the shafts ----------------------------------------------------
+    slots: float = 0.0
+    """Amplitude of the cogging torque [N m]; a third of it at three times the order."""
+    slots_order: float = 14.0
+    slots_phase: float = 0.0
+    drum: float = 0.0  # inertia between torque sensor and motor pulley [kg m^2]
+    unbalance: float = 0.0  # unbalance of the joint pulley, m g l [N m]
+    unbalance_phase: float = 0.0
+    band: float = 0.0  # stiffness of a softening rubber band at the joint [N m/rad]
+    band_rest: float = 0.0
+    disc: float = 0.0  # extra inertia of the joint pulley [kg m^2]
+
+    # --- what no library should know ----------------------------------------------
+    worn: float = 0.0
+    """Relative amplitude of the friction coefficient along the travel of the cable."""
+    worn_pitch: float = 0.02
+    worn_phase: float = 0.0
+    felt: float = 0.0  # stiffness of a band at the joint with play of its own [N m/rad]
+    felt_play: float = 0.15
+    putty: float = 0.0  # stiffness of a band at the joint that relaxes [N m/rad]
+    putty_time: float = 0.5
+
+
+def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
+    """Return the plant of a rig without a hidden effect.
+
+    Args:
+        rig: the rig; curvature, shaft, gear and amplifier are sampled from its seed.
+    """
+    random = np.random.default_rng([rig.seed, 0xE1E])
+    border = np.linspace(0.0, 1.0, elements)
+    # Short parts at the ends, where the torques are read; a node in the middle of each.
+    border -= (1.0 - FINER) / (2.0 * math.pi) * np.sin(2.0 * math.pi * border)
+    node = 0.5 * (border[:-1] + border[1:])
+    length = np.diff(np.concatenate([[0.0], node, [1.0]]))
+    bend = np.stack([rig.wrap * _swaying(border, random) for _ in range(2)])
+    return Plant(
+        rig.motor_radius,
+        rig.joint_radius,
+        np.tile(rig.axial_stiffness / (length * rig.length), (2, 1)),
+        np.tile(rig.line_density * rig.length * np.diff(border), (2, 1)),
+        bend,
+        node,
+        np.array([rig.friction_a, rig.friction_b]),
+        rig.joint_inertia,
+        rig.joint_damping,
+        rig.rotor_inertia,
+        **_lived_with(random),
+    )
+
+
+def _swaying(border: Array, random: Generator) -> Array:
+    """Return each inner node's share of the bend, for a curvature with random waves."""
+    phase = random.uniform(-math.pi, math.pi)
+    size = SWAY * random.uniform(0.3, 1.0)
+    turn = 3.0 * math.pi
+
+    def till(s: Array) -> Array:
+        return s - size / turn * (np.cos(turn * s + phase) - math.cos(phase))
+
+    part = np.diff(till(border))
+    return np.asarray(part / part.sum())
+
+
+def _lived_with(random: Generator) -> dict[str, float]:
+    """Sample unavoidable imperfections: each is present with probability one half."""
+    has_shaft, has_gear, has_limit = random.random(3) < 0.5
+    stiff, teeth, limit = random.uniform([1.2e4, 1e-5, 7.0], [4e4, 4e-5, 12.0])
+    phase = random.uniform(-math.pi, math.pi)
+    order = float(random.integers(24, 61))
+    found = {"teeth_order": order, "teeth_phase": phase}
+    if has_shaft:
+        found["shaft"] = 1.0 / stiff
+    if has_gear:
+        found["teeth"] = teeth
+    if has_limit:
+        found["amplifier"] = limit
+    return found
+
+
+def _soft(truth: Truth, amount: float, random: Generator) -> Truth:
+    """Return contacts that yield late, by different amounts."""
+    plant = truth.plant
+    uneven = random.uniform(0.5, 1.5, plant.mass.shape)
+    yielding = plant.yielding + amount * uneven
+    return truth._replace(plant=plant._replace(yielding=yielding))
+
+
+NAMED: dict[str, Effect] = {
+    "viscous_friction": Effect(
+        "force per speed of one cable", "N s/m", 14.0, 600.0, plant("grease")
+    ),
+    "stribeck_friction": Effect(
+        "excess of friction near rest", "1", 0.07, 1.2,
+        plant("striction", striction_speed=(0.008, 0.02)),
+    ),
+    "presliding": Effect("deflection until contacts slide", "m", 8e-5, 5e-3, _soft),
+    "load_independent_friction": Effect(
+        "friction of a tight liner, one cable", "N", 4.0, 40.0, plant("tight")
+    ),
+    "asymmetric_friction": Effect(
+        "friction against the nap of one liner, less 1", "1", 0.1, 1.0,
+        plant("nap", signed=True),
+    ),
+    "tension_dependent_friction": Effect(
+        "loss of friction per tension over 80 N", "1", 0.1, 0.6, plant("polish")
+    ),
+    "dwell_dependent_stiction": Effect(
+        "static friction gained in a second", "1", 0.12, 1.5,
+        plant("creep", creep_power=(0.2, 0.4)),
+    ),
+    "configuration_dependent_wrap": Effect(
+        "wrap gained per joint angle", "rad/rad", 0.12, 3.0,
+        plant("leaning", signed=True),
+    ),
+    "pretension_loss": Effect(
+        "part of pretension lost in the end", "1", 0.09, 0.7, plant("relaxing")
+    ),
+    "friction_drift": Effect(
+        "change when warm", "1", 0.08, 0.9,
+        plant("warming", signed=True, warming_time=(2.5, 6.0)),
+    ),
+    "backlash": Effect("gap", "rad", 1.5e-3, 0.1, plant("play")),
+    "pulley_eccentricity": Effect(
+        "axis off the middle, over the radius", "1", 0.012, 0.15,
+        plant("offcentre", offcentre_phase=TURN, oval_phase=TURN),
+    ),
+    "motor_cogging": Effect(
+        "amplitude", "N m", 0.07, 1.5,
+        plant("slots", slots_order=(8.0, 21.0), slots_phase=TURN),
+    ),
+    "cable_stiffening": Effect(
+        "stiffness that a slack strand lacks", "1", 0.5, 0.97,
+        plant("toe", toe_tension=(20.0, 45.0)),
+    ),
+    "end_compliance": Effect(
+        "compliance of one fastening at the motor", "m/N", 1.1e-5, 2e-4,
+        plant("ferrule"),
+    ),
+    "joint_gravity": Effect(
+        "unbalance m g l", "N m", 0.125, 6.0,
+        plant("unbalance", unbalance_phase=(-0.5, 0.5)),
+    ),
+    "joint_stiffness": Effect(
+        "stiffness at rest", "N m/rad", 0.13, 8.0, plant("band", band_rest=(-0.2, 0.2))
+    ),
+    "joint_inertia": Effect("extra inertia", "kg m^2", 3e-4, 0.06, plant("disc")),
+    "motor_inertia": Effect(
+        "inertia behind the sensor", "kg m^2", 3.2e-3, 0.06, plant("drum")
+    ),
+    "torque_sensor_gain": Effect(
+        "excess gain one way", "1", 0.045, 0.5, chain("gain", signed=True)
+    ),
+    "torque_sensor_offset": Effect(
+        "offset", "N m", 0.14, 3.0, chain("offset", signed=True)
+    ),
+    "sensor_delay": Effect("group delay", "s", 0.003, 0.06, chain("delay")),
+    "grease_drag": Effect(
+        "force per speed of one slow cable", "N s/m", 25.0, 1200.0,
+        plant("grease", grease_thins=(0.02, 0.1)),
+    ),
+}  # fmt: skip
+"""Effects that a library can be expected to know."""
+
+UNKNOWN: dict[str, Effect] = {
+    "unknown_worn_liner": Effect(
+        "waves of friction", "1", 0.1, 1.0,
+        plant("worn", worn_pitch=(0.008, 0.03), worn_phase=TURN),
+    ),
+    "unknown_felt": Effect(
+        "stiffness within its play", "N m/rad", 1.0, 40.0,
+        plant("felt", felt_play=(0.08, 0.2)),
+    ),
+    "unknown_putty": Effect(
+        "stiffness at first", "N m/rad", 0.3, 20.0,
+        plant("putty", putty_time=(0.2, 0.8)),
+    ),
+    "unknown_cubic_sensor": Effect(
+        "what is lacking at 5 N m", "N m", 0.3, 2.5, chain("cubic", signed=True)
+    ),
+    "unknown_pressed_sensor": Effect(
+        "torque per mean pull", "m", 5e-3, 0.05, chain("pressed", signed=True)
+    ),
+}  # fmt: skip
+"""Effects that no library is expected to know."""
+
+EFFECTS: dict[str, Effect] = NAMED | UNKNOWN
+
+
+ELASTIC = 0.6
+_ENOUGH = 1e-7
+_ITERATIONS = 60
+_HALVINGS = 8
+"""Largest number of times that a step is halved when Newton's method fails."""
+_LAG = 4e-3  # time constant of the filtered speed on which friction depends [s]
+
+
+class _Row(NamedTuple):
+    """Terms of the balance of the nodes."""
+
+    slope: FloatArray  # derivative of the tension by the stretch (elements,) [N/m]
+    left: FloatArray  # residual force (elements - 1,) [N]
+    low: FloatArray  # negative derivative of `left` by the previous node's place [N/m]
+    mid: FloatArray  # negative derivative by the node's own place [N/m]
+    high: FloatArray  # negative derivative by the next node's place [N/m]
+    force: FloatArray  # force of friction and grease [N]
+    z: FloatArray  # deflection of the contacts [m]
+    old: FloatArray  # place a step ago [m]
+    held: FloatArray  # friction over load
+    dry: FloatArray  # load-independent friction [N]
+
+
+class Cables(NamedTuple):
+    """State of both cables; displacements are towards the motor [m]."""
+
+    place: FloatMatrix  # displacement of the inner nodes (2, elements - 1) [m]
+    speed: FloatMatrix  # velocity of the inner nodes [m/s]
+    slow: FloatMatrix  # low-pass filtered velocity, on which friction depends [m/s]
+    deflection: FloatMatrix  # deflection of every contact (2, elements - 1) [m]
+    age: FloatMatrix  # age of every contact [s]
+    tension: FloatMatrix  # tension of every element (2, elements) [N]
+    elastic: FloatMatrix  # the same without damping [N]
+    ferrule: FloatArray  # elongation of the fastening at the motor (2,) [m]
+    work: FloatMatrix  # work of friction and of damping, by cable (2, 2) [J]
+    room: FloatMatrix  # work space (10, elements), see `_row`
+
+
+def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
+    """Return both cables at rest at pretension, displaced by `arcs` [m]."""
+    inner = p.mass.shape[1]
+    zero = np.zeros((2, inner))
+    return Cables(
+        np.repeat(np.array(arcs)[:, None], inner, axis=1),
+        zero.copy(),
+        zero.copy(),
+        zero.copy(),
+        zero.copy(),
+        np.full((2, inner + 1), pretension),
+        np.full((2, inner + 1), pretension),
+        np.array([pretension * p.ferrule, 0.0]),
+        np.zeros((2, 2)),
+        np.zeros((10, inner + 1)),
+    )
+
+
+@compiled
+def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
+    """Return the deflection of a contact after a move, and its derivative by the move.
+
+    Args:
+        z: deflection before [m].
+        moved: displacement of the cable [m].
+        slides: deflection at which it slides [m].
+    """
+    way = 1.0 if moved >= 0.0 else -1.0
+    # Seen in the direction of the move: elastic up to `bound`, then yielding.
+    before, go = way * z, abs(moved)
+    bound = ELASTIC * slides
+    if before + go <= bound:
+        return way * (before + go), 1.0
+    room = slides - bound
+    left = go if before >= bound else go - (bound - before)
+    gap = (slides - max(before, bound)) * math.exp(-left / room)
+    return way * (slides - gap), gap / room
+
+
+@internal
+def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float]:
+    """Return an element's tension and its slope by the stretch beyond pretension."""
+    if p.toe == 0.0:
+        tension = tight + k * stretch
+        return (tension, k) if tension > 0.0 else (0.0, 0.0)
+    # dT/dx = k (1 - toe exp(-T / toe_tension)), from slack at T = 0.
+    scale, lack = p.toe_tension, p.toe
+    laid = scale * math.log((math.exp(tight / scale) - lack) / (1.0 - lack))
+    x = laid + k * stretch
+    if x <= 0.0:
+        return 0.0, 0.0
+    grown = (1.0 - lack) * math.exp(min(x / scale, 600.0))
+    return scale * math.log(lack + grown), k * grown / (lack + grown)
+
+
+@internal
+def _coefficients(p: Plant, cables: Cables, c: int, joint: float, time: float) -> None:
+    """Fill in friction over load and load-independent friction."""
+    row = _row(cables.room)
+    held, dry = row.held, row.dry
+    inner = held.size
+    overall = p.friction[c]
+    whole, last = total(p.bend[c]), p.yielding.shape[1] - 1
+    if p.warming != 0.0:
+        overall *= 1.0 + p.warming * (1.0 - math.exp(-time / p.warming_time))
+    for i in range(inner):
+        speed = cables.slow[c, i]
+        factor = overall
+        if p.striction != 0.0:
+            factor *= 1.0 + p.striction * math.exp(-abs(speed) / p.striction_speed)
+        if p.creep != 0.0:
+            aged = min(cables.age[c, i], 5.0) ** p.creep_power
+            factor *= 1.0 + p.creep * aged
+        if p.nap != 0.0 and c == 0:
+            leant = cables.deflection[c, i] / p.yielding[c, min(i, last)]
+            factor *= 1.0 + 0.5 * p.nap * leant
+        if p.worn != 0.0:
+            turn = 2.0 * math.pi * cables.place[c, i] / p.worn_pitch
+            factor *= 1.0 + p.worn * math.sin(turn - p.worn_phase)
+        bend = p.bend[c, i]
+        if p.leaning != 0.0 and p.middle[i] > 0.5:
+            # None in the middle, most at the joint, 1 in all.
+            weight = 4.0 * (2.0 * p.middle[i] - 1.0)
+            bend += p.leaning * joint * weight * p.bend[c, i] / whole
+        held[i] = factor * max(bend, 0.0)
+        dry[i] = 0.0
+        if p.tight != 0.0:
+            s = p.middle[i]
+            dry[i] = p.tight * p.bend[c, i] / whole * (0.5 + 3.0 * s * (1.0 - s))
+
+
+@internal
+def _balance(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    before: tuple[float, float],
+    ends: tuple[float, float, float],
+    dt: float,
+) -> float:
+    """Fill the row for the places and return the largest residual force [N].
+
+    `before` are the displacements of both ends a step ago, `ends` the tension at rest
+    and the displacements of both ends now.
+    """
+    place, row = cables.place[c], _row(cables.room)
+    inner = place.size
+    tension = cables.tension[c]
+    old, held, dry = row.old, row.held, row.dry
+    old_near, old_far = before
+    tight, near, far = ends
+    soft = p.ferrule if c == 0 else 0.0
+    for e in range(inner + 1):
+        ahead = near if e == 0 else place[e - 1]
+        behind = far if e == inner else place[e]
+        ahead_old = old_near if e == 0 else old[e - 1]
+        behind_old = old_far if e == inner else old[e]
+        k = p.stiffness[c, e]
+        stretch = ahead - behind
+        if e == 0 and soft != 0.0:
+            # A spring with a damper in it; the first element is straight then.
+            mix = dt / (dt + p.ferrule_time)
+            kept = cables.ferrule[c] * (1.0 - mix)
+            line = k / (1.0 + k * soft * mix)
+            value = line * (stretch - kept + tight / k + tight * soft)
+            rate = line
+            if not value > 0.0:
+                value, rate = 0.0, 0.0
+            k = line
+        else:
+            value, rate = pull(k, stretch, p, tight)
+        cables.elastic[c, e] = value
+        rub = p.strand_time * k / dt
+        damping = rub * (stretch - (ahead_old - behind_old))
+        # A strand that is hardly taut has little to damp with.
+        if damping >= value:
+            value, rate = 2.0 * value, 2.0 * rate
+        elif damping <= -value:
+            value, rate = 0.0, 0.0
+        else:
+            value, rate = value + damping, rate + rub
+        tension[e] = value
+        row.slope[e] = rate
+    worst = 0.0
+    for i in range(inner):
+        load = 0.5 * (tension[i] + tension[i + 1])
+        grip, grip_slope = held[i] * load, held[i]
+        if p.polish != 0.0:
+            over = load / p.reference_tension - 1.0
+            factor = max(1.0 - p.polish * over, 0.2)
+            grip *= factor
+            grip_slope *= factor
+        slides = p.yielding[c, min(i, p.yielding.shape[1] - 1)]
+        moved = place[i] - old[i]
+        z, yields = deflected(cables.deflection[c, i], moved, slides)
+        row.z[i] = z
+        part = z / slides
+        thin = 1.0 + abs(cables.speed[c, i]) / p.grease_thins
+        # Less near the motor, where it was wiped off.
+        drag = p.grease * (0.5 + p.middle[i]) / inner / thin / dt
+        row.force[i] = (grip + dry[i]) * part + drag * moved
+        inert = p.mass[c, i] / (dt * dt)
+        push = inert * (moved - dt * cables.speed[c, i])
+        row.left[i] = tension[i] - tension[i + 1] - row.force[i] - push
+        half = 0.5 * grip_slope * part
+        row.low[i] = -row.slope[i] * (1.0 - half)
+        row.high[i] = -row.slope[i + 1] * (1.0 + half)
+        row.mid[i] = (
+            row.slope[i] * (1.0 - half)
+            + row.slope[i + 1] * (1.0 + half)
+            + (grip + dry[i]) * yields / slides
+            + drag
+            + inert
+        )
+        worst = max(worst, abs(row.left[i]))
+    return worst
+
+
+@compiled
+def step(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    tight: float,
+    near: tuple[float, float],
+    far: tuple[float, float],
+    joint: float,
+    time: float,
+    dt: float,
+) -> tuple[float, float, bool]:
+    """Advance a cable by dt; return the tensions of its ends [N] and whether it can.
+
+    It cannot where the nodes of a step are not found, however often it is halved.
+
+    Args:
+        cables: their state, which moves on.
+        tight: tension at rest [N].
+        near: displacement of its end at the motor before and after [m].
+        far: displacement of its end at the joint before and after [m].
+        joint: angle of the joint [rad].
+        time: time since the start [s].
+        dt: duration of the step [s].
+    """
+    part, done, halved = 1.0, 0.0, 0
+    while done < 1.0:
+        till = min(done + part, 1.0)
+        ends = (
+            near[0] + done * (near[1] - near[0]), near[0] + till * (near[1] - near[0]),
+            far[0] + done * (far[1] - far[0]), far[0] + till * (far[1] - far[0]),
+        )  # fmt: skip
+        if _advanced(p, cables, c, tight, ends, joint, time, part * dt):
+            done = till
+            continue
+        halved += 1
+        if halved > _HALVINGS:
+            return 0.0, 0.0, False
+        part *= 0.5
+    return cables.tension[c, 0], cables.tension[c, cables.place.shape[1]], True
+
+
+@internal
+def _advanced(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    tight: float,
+    ends: tuple[float, float, float, float],
+    joint: float,
+    time: float,
+    dt: float,
+) -> bool:
+    """Return whether the nodes after dt are found; otherwise the cable is unchanged.
+
+    `ends` are the displacements of both ends, before and after each.
+    """
+    place, row = cables.place[c], _row(cables.room)
+    inner, old = place.size, row.old
+    copy(place, old)
+    before, after = (ends[0], ends[2]), (tight, ends[1], ends[3])
+    _coefficients(p, cables, c, joint, time)
+    for i in range(inner):
+        place[i] += dt * cables.speed[c, i]
+    enough = _ENOUGH * p.reference_tension
+    worst = _balance(p, cables, c, before, after, dt)
+    part, turn = 1.0, 0
+    while not worst <= enough:
+        turn += 1
+        if turn > _ITERATIONS:
+            copy(old, place)
+            return False
+        _solved(row.low, row.mid, row.high, row.left)
+        for i in range(inner):
+            place[i] += part * row.left[i]
+        now = _balance(p, cables, c, before, after, dt)
+        # Shorter steps where contacts go over from one side to the other for ever.
+        if turn > 6:
+            part = 0.5 if now > 0.7 * worst else min(1.0, 1.5 * part)
+        worst = now
+    mix = dt / (_LAG + dt)
+    for i in range(inner):
+        moved = place[i] - old[i]
+        cables.speed[c, i] = moved / dt
+        cables.slow[c, i] += mix * (moved / dt - cables.slow[c, i])
+        cables.deflection[c, i] = row.z[i]
+        grown = cables.age[c, i] + dt
+        cables.age[c, i] = grown / (1.0 + abs(moved) / p.creep_slip)
+        cables.work[c, 0] += row.force[i] * moved
+    tension = cables.tension[c]
+    for e in range(inner + 1):
+        ahead = ends[1] - ends[0] if e == 0 else place[e - 1] - old[e - 1]
+        behind = ends[3] - ends[2] if e == inner else place[e] - old[e]
+        cables.work[c, 1] += (tension[e] - cables.elastic[c, e]) * (ahead - behind)
+    if p.ferrule != 0.0 and c == 0:
+        given = dt / (dt + p.ferrule_time)
+        longer = p.ferrule * cables.elastic[c, 0] - cables.ferrule[c]
+        cables.ferrule[c] += given * longer
+    return True
+
+
+@internal
+def _row(room: FloatMatrix) -> _Row:
+    n = room.shape[1] - 1
+    return _Row(
+        room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n], room[5, :n],
+        room[6, :n], room[7, :n], room[8, :n], room[9, :n],
+    )  # fmt: skip
+
+
+@internal
+def _solved(
+    low: FloatArray, mid: FloatArray, high: FloatArray, left: FloatArray
+) -> None:
+    """Solve a tridiagonal system in place of its right side, from the far end."""
+    n = mid.size
+    for i in range(n - 2, -1, -1):
+        part = high[i] / mid[i + 1]
+        mid[i] -= part * low[i + 1]
+        left[i] -= part * left[i + 1]
+    left[0] /= mid[0]
+    for i in range(1, n):
+        left[i] = (left[i] - low[i] * left[i - 1]) / mid[i]
+
+
+@compiled
+def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
+    """Return the length wound on the motor pulley from 0, and its slope [m/rad].
+
+    Off its middle it is nearer on one side as it is farther on the other; oval, it is
+    the same on both.
+    """
+    e = side * p.offcentre
+    oval = 0.5 * p.offcentre
+    one = angle - p.offcentre_phase
+    two = 2.0 * (angle - p.oval_phase)
+    length = angle + e * (math.sin(one) + math.sin(p.offcentre_phase))
+    length += 0.5 * oval * (math.sin(two) + math.sin(2.0 * p.oval_phase))
+    slope = 1.0 + e * math.cos(one) + oval * math.cos(two)
+    return p.motor_radius * length, p.motor_radius * slope
+
+
+@internal
+def _through_play(p: Plant, shafts: FloatArray) -> float:
+    """Return the torque of the hub on the handle: flanks that dent as they meet."""
+    ahead = shafts[HUB] - shafts[JOINT]
+    deep = abs(ahead) - 0.5 * p.play
+    if deep <= 0.0:
+        return 0.0
+    side = math.copysign(1.0, ahead)
+    ahead_speed = shafts[HUB_SPEED] - shafts[JOINT_SPEED]
+    loss = 1.0 + p.contact_loss * side * ahead_speed
+    return side * p.contact * deep**1.5 * max(loss, 0.0)
+
+
+@internal
+def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
+    """Return the torque of what sits on the joint pulley."""
+    load = p.unbalance * math.sin(angle - p.unbalance_phase)
+    load += p.band * 1.2 * math.tanh((angle - p.band_rest) / 1.2)
+    load += p.felt * follower
+    return load + p.putty * (angle - lagging)
+
+
+@compiled
+def _run(
+    p: Plant,
+    cables: Cables,
+    shafts: FloatArray,
+    now: FloatArray,
+    pretension: float,
+    asked: engine.Asked,
+    pace: engine.Pace,
+    out: FloatMatrix,
+) -> bool:
+    steps, dt = pace.steps, pace.dt
+    hub = p.hub_inertia if p.play != 0.0 else 0.0
+    inner = p.mass.shape[1]
+    near_a = near_b = far_a = far_b = pretension
+    pulley, twist = shafts[MOTOR], 0.0
+    follower, lagging = 0.0, shafts[JOINT]
+    work_in = work_out = 0.0
+    done = 0
+    teeth_0 = p.teeth * math.sin(p.teeth_order * shafts[MOTOR] - p.teeth_phase)
+    for record in range(out.shape[0]):
+        row = out[record]
+        for _ in range(steps):
+            drive, hold = engine.torques(asked, done, pace.per_command, shafts)
+            done += 1
+            arc_a, slope_a = arc(p, pulley, 1.0)
+            arc_b, slope_b = arc(p, pulley, -1.0)
+            pull = slope_a * near_a - slope_b * near_b
+            load = pull
+            motor, joint, speed = shafts[MOTOR], shafts[JOINT], shafts[JOINT_SPEED]
+            if p.slots != 0.0:
+                phase = p.slots_order * motor - p.slots_phase
+                load += p.slots * (math.sin(phase) + math.sin(3.0 * phase) / 3.0)
+            drive = min(max(drive, -p.amplifier), p.amplifier)
+            rate = engine.turn(
+                shafts, MOTOR, drive - load, p.rotor_inertia + p.drum, dt
+            )
+            shown = load + p.drum * rate
+            old_pulley, old_hub = pulley, shafts[HUB]
+            twist += dt / p.shaft_time * (pull * p.shaft - twist)
+            teeth = p.teeth * math.sin(p.teeth_order * shafts[MOTOR] - p.teeth_phase)
+            pulley = shafts[MOTOR] + teeth - teeth_0 - twist
+            given = p.joint_radius * (far_a - far_b)
+            felt = engine.turn_joint(
+                shafts, given - _carried(p, old_hub, follower, lagging),
+                hold - p.joint_damping * speed, _through_play(p, shafts),
+                p.joint_inertia, hub, p.disc, dt,
+            )  # fmt: skip
+            seen = joint, felt, speed
+            engine.see(now, (motor, shown), seen, (near_a, near_b), (far_a, far_b))
+            # What holds between two steps belongs to both of them.
+            engine.add(row, now, 0.5 / steps)
+            if done > 1:
+                engine.add(out[(done - 2) // steps], now, 0.5 / steps)
+            angle = shafts[HUB]
+            if p.felt != 0.0:
+                # Follows behind a play, which is what a hysteresis of form is.
+                reach = p.felt_play
+                follower += angle - old_hub
+                follower = min(max(follower, -reach), reach)
+            if p.putty != 0.0:
+                lagging += dt / p.putty_time * (angle - lagging)
+            work_in += 0.5 * pull * (pulley - old_pulley)
+            work_out += 0.5 * given * (angle - old_hub)
+            time = done * dt
+            tight = pretension
+            if p.relaxing != 0.0:
+                fast, slow = math.exp(-time / 0.8), math.exp(-time / 5.0)
+                tight *= 1.0 - p.relaxing * (1.0 - 0.4 * fast - 0.6 * slow)
+            far, old_far = p.joint_radius * angle, p.joint_radius * old_hub
+            new_a, slope_a = arc(p, pulley, 1.0)
+            new_b, slope_b = arc(p, pulley, -1.0)
+            near_a, far_a, found_a = step(
+                p, cables, 0, tight, (arc_a, new_a), (old_far, far), angle, time, dt
+            )
+            near_b, far_b, found_b = step(
+                p, cables, 1, tight, (-arc_b, -new_b), (-old_far, -far), angle, time, dt
+            )
+            if not (found_a and found_b):
+                return False
+            pull = slope_a * near_a - slope_b * near_b
+            given = p.joint_radius * (far_a - far_b)
+            work_in += 0.5 * pull * (pulley - old_pulley)
+            work_out += 0.5 * given * (angle - old_hub)
+        rubbed = cables.work[0, 0] + cables.work[1, 0]
+        damped = cables.work[0, 1] + cables.work[1, 1]
+        engine.close(row, 1, (work_in, work_out, rubbed, damped))
+        for c in range(2):
+            for i in range(inner):
+                row[13] += 0.5 * p.mass[c, i] * cables.speed[c, i] ** 2
+        for e in range(inner + 1):
+            row[13] += 0.5 * cables.elastic[0, e] ** 2 / p.stiffness[0, e]
+            row[13] += 0.5 * cables.elastic[1, e] ** 2 / p.stiffness[1, e]
+    engine.add(out[out.shape[0] - 1], now, 0.5 / steps)
+    return True
+
+
+def _steps(p: Plant) -> int:
+    return 8 if p.striction else 4 if p.play else 2
+
+
+LAW = engine.Law(arc, start, _run, _steps)

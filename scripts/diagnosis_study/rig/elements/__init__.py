@@ -1,1 +1,0 @@
-"""A rig of finite elements with contacts that yield gradually, see `README.md`."""

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.parser_errors import one_sentence
-from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco._utils.parsing import one_sentence, parse_json
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,12 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
+
+from cc_mujoco.errors import CableError
 
 _TOO_DEEP = "tables or lists are nested too deeply"
 _MAX_PARTS = 100
@@ -30,3 +35,25 @@ def parse_json(text: str | bytes) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
+
+
+@contextmanager
+def one_sentence(path: Path, advice: str = "") -> Iterator[None]:
+    """Turn whatever a parser raises for a file into one sentence that names the file.
+
+    It has the system's reason where there is one, and else the `advice`, a part of a
+    sentence on what would be right.
+    """
+    try:
+        yield
+    except CableError:
+        raise
+    except Exception as error:
+        reason = getattr(error, "strerror", None)
+        if reason:
+            raise CableError(f"cannot read {path}: {reason}.") from None
+        text = " ".join(str(error).split())[:160].rstrip(".") or type(error).__name__
+        more = f"; {advice}" if advice else ""
+        raise CableError(
+            f"{path} is not a whole {path.suffix[1:]} file: {text}{more}."
+        ) from None

@@ -56,6 +56,7 @@ class WhatIf:
         from cc_mujoco._utils.atomic_io import require_unmodified
         from cc_mujoco.design import carry_out
         from cc_mujoco.design._evaluation import beyond_motor
+        from cc_mujoco.design._execution import wait_sentences
         from cc_mujoco.design._local_sensitivity import analyse_best_design
         from cc_mujoco.design._pareto import within_limits
         from cc_mujoco.design._plan import make_plan
@@ -71,7 +72,6 @@ class WhatIf:
         )
         from cc_mujoco.design._results_store import require_ours
         from cc_mujoco.design._search import search
-        from cc_mujoco.design._time_estimate import wait_sentences
         from cc_mujoco.design._timestep_check import check_timestep
 
         name = Path(self.study.scene).name.partition(".")[0]

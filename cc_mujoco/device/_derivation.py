@@ -19,16 +19,18 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import PATHS, Cable
-from cc_mujoco.device._cuff import add_cuff
-from cc_mujoco.device._derived_values import (
+from cc_mujoco.device._derived_wearers import add_cuff, derive_movers
+from cc_mujoco.device._description import (
     ASSUMED,
     GIVEN,
+    PERIOD,
+    SAFE_DEMANDS,
     SCENE,
+    Axis,
+    Description,
     DescriptionReader,
     rounded,
 )
-from cc_mujoco.device._derived_wearers import derive_movers
-from cc_mujoco.device._description import PERIOD, SAFE_DEMANDS, Axis, Description
 from cc_mujoco.device._hysteresis_file import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import MotorLimits

@@ -15,8 +15,7 @@ from typing import NamedTuple
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.user_code import without_mark
 from cc_mujoco.device._derivation import UNITS
-from cc_mujoco.device._derived_values import ASSUMED, GIVEN, SCENE
-from cc_mujoco.device._description import Axis
+from cc_mujoco.device._description import ASSUMED, GIVEN, SCENE, Axis
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.errors import CableError

@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.toml_table import Table
-from cc_mujoco.device._derived_values import ASSUMED, GIVEN, DescriptionReader
-from cc_mujoco.device._description import FREE_ROOTS
+from cc_mujoco.device._description import ASSUMED, FREE_ROOTS, GIVEN, DescriptionReader
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import error_sentence

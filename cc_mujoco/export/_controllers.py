@@ -59,7 +59,6 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
-from cc_mujoco.export import _adaptive as adaptive
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _feedback as feedback
 from cc_mujoco.export import _policy as policy
@@ -176,9 +175,9 @@ LAWS: dict[type[Controller], ExportedLaw] = {
         numbers="tuning",
     ),
     AdaptiveModel: ExportedLaw(
-        adaptive.wrong_sensed,
-        adaptive.store_sensed,
-        adaptive.step_sensed,
+        predictive.wrong_sensed,
+        predictive.store_sensed,
+        predictive.step_sensed,
         True,
         unread=frozenset({"learning"}),
         fixed=_FIXED_TUNING | {"learning"},
@@ -386,7 +385,7 @@ class AxisPlan:
                 cables, longest, sum(self.sections), delays, knots
             )
             if self.taps is not None:
-                end += adaptive.memory_size(cables, longest, self.taps.nodes.shape[1])
+                end += predictive.memory_size(cables, longest, self.taps.nodes.shape[1])
             return *places, end
         *places, end = entry_points.places(len(self.cables), longest)
         return *places, end + self.own.memory_size

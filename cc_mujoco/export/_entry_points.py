@@ -4,7 +4,7 @@
     store(memory, shape, parameters)
     torque = step(memory, shape, tables, readings)
 
-Each is of one axis; what C calls is made of those of all axes (`_interface`).
+Each is of one axis; what C calls is made of those of all axes (`_files`).
 
 `shape` says how many cables there are, then the segments of each, then the sections of
 each. `tables` are numbers of the controller that no parameter changes. `parameters` are

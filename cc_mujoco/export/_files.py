@@ -2,16 +2,203 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco.export import _c_source as c_source
+from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import ExportPlan
-from cc_mujoco.export._interface import controller_source
+from cc_mujoco.export._joint_torques import own_readings
 from cc_mujoco.export._ros2_control import CMAKE_BLOCK, ROS2_FILES, ros2_texts
 from cc_mujoco.native import _library as native_library
+from cc_mujoco.native._c99 import CLibrary, literal
+from cc_mujoco.native._kinds import python_function
+
+
+def controller_source(plan: ExportPlan, what: str) -> str:
+    """Return the controller as C99, without what it includes."""
+    library = CLibrary({}, native_library.PACKAGE.parent)
+    writer = _Interface(plan, library)
+    text = "\n".join(writer.lines())
+    functions = library.text()
+    return (
+        f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
+        f"{functions}\n{text}\n"
+    )
+
+
+class _Interface:
+    """Functions of the header around the functions of each axis.
+
+    Memory, parameters and readings of the axes lie one behind the other, and those that
+    `own_readings` needs are behind the memory of the last.
+    """
+
+    def __init__(self, plan: ExportPlan, library: CLibrary) -> None:
+        self._plan, self._library = plan, library
+
+    def lines(self) -> Iterator[str]:
+        """Return the lines of the constants and of the functions of the header."""
+        yield from self._constants()
+        yield "size_t cc_controller_size(void) { return sizeof(cc_controller); }\n"
+        yield from self._set_parameters()
+        yield from self._reset()
+        yield "int cc_controller_init(cc_controller *controller, const double *given)"
+        yield "{"
+        yield "    const int wrong = cc_controller_set_parameters(controller, given);"
+        yield "    if (wrong == 0) {"
+        yield "        cc_controller_reset(controller);"
+        yield "    }"
+        yield "    return wrong;"
+        yield "}\n"
+        yield from self._step()
+
+    def _name(self, function: Callable[..., Any]) -> str:
+        plain = python_function(function)
+        assert plain is not None
+        return self._library.require(plain).name
+
+    def _constants(self) -> Iterator[str]:
+        plan = self._plan
+        yield _table("double", "least", [field.low for field in plan.fields])
+        yield _table("double", "most", [field.high for field in plan.fields])
+        yield _table("int64_t", "guarded", plan.guarded)
+        if plan.torques.changes:
+            yield _table("int64_t", "shape", plan.torques.shape)
+            yield _table("double", "tables", plan.torques.tables)
+        for k, axis in enumerate(plan.axes):
+            yield _table("int64_t", f"shape{k}", axis.shape)
+            yield _table("double", f"tables{k}", axis.tables)
+        yield ""
+
+    def _set_parameters(self) -> Iterator[str]:
+        """Refuse what is wrong in any axis before parameters of one are taken."""
+        plan = self._plan
+        yield "int cc_controller_set_parameters("
+        yield "    cc_controller *controller, const double *given)"
+        yield "{"
+        yield "    double *memory = controller->number;"
+        yield "    int64_t wrong = 0;"
+        starts = _starts([len(axis.fields) for axis in plan.axes])
+        for k, first in enumerate(starts):
+            axis = plan.axes[k]
+            count = len(axis.fields)
+            arguments = [
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                *(
+                    _view("Reals", f"{name} + {first}", count)
+                    for name in ("given", "least", "most")
+                ),
+            ]
+            yield f"    wrong = {self._name(axis.law.wrong_parameters)}("
+            yield f"        {_joined(arguments)});"
+            yield "    if (wrong != 0) {"
+            yield f"        return (int)(wrong + {first});"
+            yield "    }"
+        for k, first in enumerate(starts):
+            axis = plan.axes[k]
+            yield f"    {self._name(axis.law.store_parameters)}("
+            arguments = [
+                self._memory(k),
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Reals", f"given + {first}", len(axis.fields)),
+            ]
+            yield f"        {_joined(arguments)});"
+        yield "    return 0;"
+        yield "}\n"
+
+    def _memory(self, axis: int) -> str:
+        plan = self._plan
+        end = [*plan.starts, plan.memory_size][axis + 1]
+        return _view("Reals", f"memory + {plan.starts[axis]}", end - plan.starts[axis])
+
+    def _reset(self) -> Iterator[str]:
+        yield "void cc_controller_reset(cc_controller *controller)"
+        yield "{"
+        for k in range(len(self._plan.axes)):
+            place = self._plan.starts[k] + entry_points.FIRST_STEP
+            yield f"    controller->number[{place}] = 1.0;"
+        yield "}\n"
+
+    def _step(self) -> Iterator[str]:
+        """Refuse an impossible reading of any axis before a state changes."""
+        plan = self._plan
+        count = len(plan.seen)
+        impossible = self._name(entry_points.impossible)
+        guarded = _view("Ints", "guarded", len(plan.guarded))
+        yield "int cc_controller_step(cc_controller *controller,"
+        yield "                       const cc_readings *readings, double *torques)"
+        yield "{"
+        yield "    double *memory = controller->number;"
+        yield "    double seen[sizeof(cc_readings) / sizeof(double)];"
+        yield "    memcpy(seen, readings, sizeof seen);"
+        check = f"{impossible}({_view('Reals', 'seen', count)}, {count}, {guarded})"
+        yield f"    int64_t wrong = {check};"
+        if plan.torques.changes:
+            start = plan.starts[-1]
+            own = _view("Reals", f"memory + {start}", plan.memory_size - start)
+            arguments = [
+                own,
+                _view("Ints", "shape", len(plan.torques.shape)),
+                _view("Reals", "tables", len(plan.torques.tables)),
+                _view("Reals", "seen", count),
+            ]
+            yield "    if (wrong == 0) {"
+            yield f"        {self._name(own_readings)}("
+            yield f"            {_joined(arguments, 12)});"
+            yield f"        memcpy(seen, memory + {start}, sizeof seen);"
+            yield "        /* It may be over an arm of 0. */"
+            yield f"        wrong = {check};"
+            yield "    }"
+        yield "    if (wrong != 0) {"
+        for k in range(len(plan.axes)):
+            yield f"        torques[{k}] = 0.0;"
+        yield "        return (int)wrong;"
+        yield "    }"
+        for k, first in enumerate(_starts([len(axis.seen) for axis in plan.axes])):
+            axis = plan.axes[k]
+            arguments = [
+                self._memory(k),
+                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Reals", f"tables{k}", len(axis.tables)),
+                _view("Reals", f"seen + {first}", len(axis.seen)),
+            ]
+            yield f"    torques[{k}] = {self._name(axis.law.step)}("
+            yield f"        {_joined(arguments)});"
+        yield "    return 0;"
+        yield "}"
+
+
+def _view(kind: str, place: str, count: int) -> str:
+    """Return an array of C's functions, of a constant or a part of a memory."""
+    element = {"Reals": "double", "Ints": "int64_t"}[kind]
+    place = place.removesuffix(" + 0")
+    if " " in place:
+        place = f"({place})"
+    return f"({kind}){{({element} *){place}, {count}}}"
+
+
+def _joined(arguments: Sequence[str], depth: int = 8) -> str:
+    return (",\n" + " " * depth).join(arguments)
+
+
+def _starts(sizes: Sequence[int]) -> list[int]:
+    """Return where each of several parts begins."""
+    return list(itertools.accumulate(sizes, initial=0))[:-1]
+
+
+def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
+    """Return a constant array, of the same bits; of one zero where it is empty."""
+    cells = [
+        str(n) if kind == "int64_t" else literal(float(n)).text for n in numbers
+    ] or ["0"]
+    rows = [", ".join(cells[i : i + 8]) for i in range(0, len(cells), 8)]
+    return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + "\n};"
+
 
 HEADER_FILE = "cc_controller.h"
 SOURCE_FILES = ("cc_controller.c", "cc_parameters.c")

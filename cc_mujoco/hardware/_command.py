@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cc_mujoco.hardware import RunLog, RunOutcome
     from cc_mujoco.hardware._references import Desired
     from cc_mujoco.hardware._rig_axes import RigAxes
-    from cc_mujoco.hardware._trials import Planned
+    from cc_mujoco.hardware._servo import Planned
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class RunRig:
         from cc_mujoco.control import controller
         from cc_mujoco.hardware._rig_axes import RigAxes
         from cc_mujoco.hardware._run_log import require_free
+        from cc_mujoco.hardware._servo import add_trial_facts, read_plan
         from cc_mujoco.hardware._settings import read_settings
-        from cc_mujoco.hardware._trials import add_trial_facts, read_plan
 
         settings = read_settings(self.rig)
         limits = settings.limits

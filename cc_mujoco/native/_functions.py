@@ -9,16 +9,21 @@ function run by Python, the reference: it gives the same bits.
 
 from __future__ import annotations
 
+import hashlib
 import inspect
+import platform
 import types
 import typing
 from collections.abc import Callable
-from functools import update_wrapper
+from functools import cache, update_wrapper
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from cc_mujoco.native import _library as native_library
+from cc_mujoco.native._c99 import CLibrary
+from cc_mujoco.native._entries import entries_text
 from cc_mujoco.native._kinds import (
     Array,
     Kind,
@@ -26,6 +31,31 @@ from cc_mujoco.native._kinds import (
     dtype_of,
     signature_of,
 )  # fmt: skip
+
+
+@cache
+def own_entries(
+    functions: tuple[tuple[str, types.FunctionType], ...],
+) -> dict[str, Callable[..., Any]]:
+    """Return the functions of one module of another package in C, by their keys."""
+    first = functions[0][1]
+    made = CLibrary({}, Path(first.__code__.co_filename).parent)
+    called = {key: made.require(function) for key, function in functions}
+    here = Path(__file__).parent
+    text = "\n".join(
+        [
+            (here / "native.h").read_text(),
+            (here / "python_calls.h").read_text(),
+            made.text(),
+            entries_text(made, called),
+        ]
+    )
+    code = f"{native_library.FLAGS}{platform.machine()}{text}".encode()
+    module = first.__module__.replace(".", "_")
+    name = f"lib{module}-{hashlib.sha256(code).hexdigest()[:20]}"
+    path = native_library.keep(name, lambda source: source.write_text(text))
+    return native_library.methods(native_library.load(path))
+
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -78,8 +108,6 @@ class NativeFunction:
         if self.key.startswith("cc_mujoco."):
             found = native_library.entry(self.key)
         else:
-            from cc_mujoco.native._own import own_entries
-
             module = self.py_func.__module__
             found = own_entries(
                 tuple(

@@ -41,7 +41,7 @@ class WarpSource:
 
     Attributes:
         source: Python source; it expects `wp`, `Real`, and the functions of
-            `warp/_runtime.py` in its namespace.
+            `warp/_build.py` in its namespace.
         names: name in it of each translated function, by module and name.
     """
 

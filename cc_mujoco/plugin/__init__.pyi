@@ -1,5 +1,6 @@
 from ._add_cable import add_cable as add_cable
 from ._engine import PLUGIN as PLUGIN
+from ._engine import untimed as untimed
 from ._mjcf import from_mjcf as from_mjcf
 from ._mjcf import make_room as make_room
 from ._mjcf import to_mjcf as to_mjcf
@@ -24,4 +25,3 @@ from ._tendon_report import TendonReport as TendonReport
 from ._tendon_report import TendonSummary as TendonSummary
 from ._tendon_report import tendon_report as tendon_report
 from ._tendons import add_friction as add_friction
-from ._timers import untimed as untimed

@@ -103,7 +103,7 @@ class WornDevice:
             task: Virtual environment, see `human.task`, for all axes or by axis; that
                 of the device by default. By name, help that
                 follows the gait has the pace of a `Walk`, not the size of who walks,
-                which a walk does not know; see `human._scaled_assistance`. An
+                which a walk does not know; see `human.scale_task`. An
                 environment itself stays what it is.
             duration: Length of an episode [s], rounded to whole control steps.
             frame_skip: Physics steps from one sample of the sensors to the next; those

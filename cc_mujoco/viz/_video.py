@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -20,15 +20,165 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
+from cc_mujoco.report._figures import DASH_PATTERN, GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz._axis import axis_limits
 from cc_mujoco.viz._frame_times import FRAME_RATE, MAX_SAMPLES, frame_samples
 from cc_mujoco.viz._offscreen_renderer import (
     Exposure,
     OffscreenRenderer,
     require_opengl,
 )
-from cc_mujoco.viz._overlays import FRAME_SIZE, SCENE_RECTANGLE, Strips
-from cc_mujoco.viz._panels import highest_tension
+from cc_mujoco.viz._panels import highest_tension, tensions, torques
+from cc_mujoco.viz._summary import episode_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Picture = NDArray[np.uint8]
+
+FRAME_SIZE = (720, 1280)
+"""Height and width of a frame [pixels]."""
+SCENE_RECTANGLE = (44, 632, 0, 760)
+"""Position of the scene in the picture: top, height, left, width [pixels]."""
+DPI = 100
+FUTURE_OPACITY = 0.25
+"""Opacity of what is still to come."""
+PLOT_SPAN = (836, 1256)
+"""First and last column of the plots [pixels]."""
+CURSOR_WIDTH = 2
+"""Width of the line at the moment shown [pixels]."""
+
+
+class Strips:
+    """Frames of a video of an episode without the scene.
+
+    All is drawn once, whole and faded; a frame has the whole lines before its moment,
+    the faded ones after it, and the moment as an upright line.
+    """
+
+    def __init__(self, log: EpisodeLog, highest: float) -> None:
+        """Draw them."""
+        self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
+        self._whole, self.rows = _draw_surroundings(log, highest, 1.0)
+        self._faded_frame, _ = _draw_surroundings(log, highest, FUTURE_OPACITY)
+        self._frame, self._column = self._faded_frame.copy(), SCENE_RECTANGLE[3]
+
+    def column(self, time: float) -> int:
+        """Return the column of a frame at which the plots show this time [s]."""
+        share = (time - self._start) / max(self._end - self._start, 1e-9)
+        return round(PLOT_SPAN[0] + share * (PLOT_SPAN[1] - PLOT_SPAN[0]))
+
+    def frame(self, scene: Picture, time: float) -> Picture:
+        """Put a frame (720, 1280, 3) together, which the next call changes.
+
+        `scene` is its picture, of the size in `SCENE_RECTANGLE`, at `time` [s].
+        """
+        frame, column = self._frame, self.column(time)
+        low, high = sorted((self._column, column))
+        low, high = low - CURSOR_WIDTH, high + CURSOR_WIDTH
+        frame[:, low:column] = self._whole[:, low:column]
+        frame[:, column:high] = self._faded_frame[:, column:high]
+        self._column = column
+        for top, bottom in self.rows:
+            frame[
+                top:bottom, column - CURSOR_WIDTH // 2 : column + CURSOR_WIDTH // 2
+            ] = 0
+        top, height, left, width = SCENE_RECTANGLE
+        frame[top : top + height, left : left + width] = scene
+        return frame
+
+
+MOST_PLOTS = 7
+"""Plots that fit beside a scene."""
+
+
+def _draw_surroundings(
+    log: EpisodeLog, highest: float, opacity: float
+) -> tuple[Picture, list[tuple[int, int]]]:
+    """Draw it with lines of some opacity; with the rows that each plot takes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height, width = FRAME_SIZE
+    with style():
+        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+        canvas = FigureCanvasAgg(figure)
+        figure.text(
+            14 / width, 1 - 22 / height, episode_title(log), fontsize=11, va="center"
+        )
+        _draw_scale(figure, highest)
+        plots = _draw_plots(figure, log, opacity)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+        picture = np.array(pixels)[..., :3]
+    boxes = [axes.get_window_extent() for axes in plots]
+    return picture, [(height - round(b.y1), height - round(b.y0)) for b in boxes]
+
+
+def _draw_scale(figure: Figure, highest: float) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    height, width = FRAME_SIZE
+    axes = figure.add_axes((120 / width, 22 / height, 400 / width, 10 / height))
+    colors = ScalarMappable(Normalize(0.0, highest), TENSION_COLORS)
+    figure.colorbar(colors, cax=axes, orientation="horizontal")
+    axes.tick_params(length=2, pad=1, labelsize=8)
+    middle = 27 / height
+    figure.text(14 / width, middle, "tension [N]", fontsize=9, va="center")
+    figure.text(540 / width, middle, "grey: slack", fontsize=9, va="center")
+
+
+def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
+    """Draw the plots one under the other, on one time axis."""
+    height, width = FRAME_SIZE
+    shown = torques(log) + tensions(log)
+    if len(shown) > MOST_PLOTS:  # of several axes, what the wearers feel
+        shown = torques(log)[::2][:MOST_PLOTS]
+    top, bottom, between = 44, 52, 34
+    each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
+    time, plots = log["time_s"], []
+    for number, (name, unit, lines) in enumerate(shown):
+        low = height - top - each - number * (each + between)
+        place = (PLOT_SPAN[0], low, PLOT_SPAN[1] - PLOT_SPAN[0], each)
+        axes = figure.add_axes(
+            (
+                place[0] / width,
+                place[1] / height,
+                place[2] / width,
+                place[3] / height,
+            )
+        )
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
+        for label, values, color, dashed in lines:
+            axes.plot(
+                time,
+                values,
+                color=color,
+                label=label,
+                alpha=opacity,
+                linestyle=(0, DASH_PATTERN) if dashed else "-",
+            )
+        axes.set(
+            title=f"{name} [{unit}]", xlim=(time[0], max(time[-1], time[0] + 1e-9))
+        )
+        reach = axis_limits(time, [line.values for line in lines])
+        if reach is not None:
+            axes.set_ylim(*reach)
+        axes.locator_params(axis="y", nbins=5)
+        if len(lines) > 1:
+            legend = axes.legend(
+                ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97), borderpad=0.2
+            )
+            for handle in legend.get_lines():
+                handle.set_alpha(1.0)
+        axes.tick_params(labelbottom=number == len(shown) - 1)
+        plots.append(axes)
+    plots[-1].set_xlabel("time [s]")
+    return plots
+
 
 CODEC = "libx264"
 ENCODER_OPTIONS = {"preset": "veryfast", "crf": "20", "threads": "1"}

@@ -8,7 +8,7 @@ import numpy as np
 from cc_mujoco.cable._route import Route
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._route_reading import routes
+from cc_mujoco.plugin._path_table import routes
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.warp._ends import HeldCable
 from cc_mujoco.warp._model import require_supported

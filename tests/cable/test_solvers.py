@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.cable._fronts import march
-from cc_mujoco.cable._graph import solve_by_graph, sweep
-from cc_mujoco.cable._policy_iteration import solve_with_slack
+from cc_mujoco.cable._graph import solve_by_graph, solve_with_slack, sweep
 from cc_mujoco.native import FloatArray
 
 

@@ -24,7 +24,7 @@ from cc_mujoco.human._gait import GAIT_MOMENTS
 from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
 from cc_mujoco.metrics import METRICS, ArrayLog
-from cc_mujoco.metrics._gait import ANKLE
+from cc_mujoco.metrics._registry import ANKLE
 from cc_mujoco.simulation import EpisodeLog
 
 NAMES = [name for name in METRICS if is_stride_metric(name)]

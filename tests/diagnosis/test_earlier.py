@@ -20,7 +20,7 @@ from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier
 from cc_mujoco.diagnosis._rig.motions import CataloguedTrial, trial_table
 from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._trials import add_trial_facts, read_plan
+from cc_mujoco.hardware._servo import add_trial_facts, read_plan
 
 
 @pytest.fixture

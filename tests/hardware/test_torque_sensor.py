@@ -23,7 +23,7 @@ from cc_mujoco.hardware import (
     Watchdog,
     drive_of,
 )
-from cc_mujoco.hardware._torque_sensor import TorqueSensor
+from cc_mujoco.hardware._watchdog import TorqueSensor
 from hardware.fakes import Rows
 from rig import make_rig
 

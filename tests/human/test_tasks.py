@@ -110,7 +110,15 @@ def test_registry_and_errors() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["gait", "gait_joints", "motion", "named_tasks", "tasks", "trajectories", "wearer"],
+    [
+        "gait",
+        "gait_joints",
+        "motion",
+        "tasks",
+        "torque_table",
+        "trajectories",
+        "wearer",
+    ],
 )
 def test_examples_in_the_documentation(name: str) -> None:
     result = doctest.testmod(importlib.import_module(f"cc_mujoco.human._{name}"))

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.native import compiled
+from cc_mujoco.plugin import _config as parse_float
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _parse_float as parse_float
 
 ANY_INTEGER = st.integers(-(2**63), 2**63 - 1)
 MARGIN = 40

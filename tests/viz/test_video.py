@@ -19,7 +19,7 @@ from cc_mujoco.viz import OffscreenRenderer
 from cc_mujoco.viz import _offscreen_renderer as offscreen_renderer
 from cc_mujoco.viz import _video as video
 from cc_mujoco.viz._episode_files import VIDEO_FILE
-from cc_mujoco.viz._overlays import PLOT_SPAN, SCENE_RECTANGLE, Strips
+from cc_mujoco.viz._video import PLOT_SPAN, SCENE_RECTANGLE, Strips
 
 SECONDS = 0.2
 

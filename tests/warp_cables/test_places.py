@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from cc_mujoco.cable import _path_geometry as geometry
-from cc_mujoco.warp._links import Poses, links_of
+from cc_mujoco.warp._paths import Poses, links_of
 from cc_mujoco.warp._place_kernels import Links, Pose, read_places
 
 ARM = """

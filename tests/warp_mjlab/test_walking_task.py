@@ -12,8 +12,7 @@ from mjlab.envs import ManagerBasedRlEnv
 from mjlab.tasks.registry import load_env_cfg, load_rl_cfg
 
 from cc_mujoco.human._walking_rig import DRUM, PUSH_OFF
-from cc_mujoco.warp.mjlab._walker import walker
-from cc_mujoco.warp.mjlab.walking_task import MOTORS, TASK
+from cc_mujoco.warp.mjlab.walking_task import MOTORS, TASK, walker
 
 ANKLES = ("right_ankle", "left_ankle")
 WORLDS, STEPS, MEASURED, SCALE = 2, 500, 250, 5.0

@@ -12,7 +12,13 @@ not give.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import Any
+
 import mujoco
+import numpy as np
+import torch
 from mjlab.actuator import IdealPdActuatorCfg
 from mjlab.entity import EntityArticulationInfoCfg, EntityCfg
 from mjlab.envs import ManagerBasedRlEnvCfg, mdp
@@ -25,32 +31,243 @@ from mjlab.managers import (
     SceneEntityCfg,
     TerminationTermCfg,
 )
+from mjlab.managers.action_manager import ActionTerm, ActionTermCfg
 from mjlab.rl import RslRlModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from mjlab.scene import SceneCfg
 from mjlab.sim import MujocoCfg, SimulationCfg
 from mjlab.tasks.registry import register_mjlab_task
 from mjlab.terrains import TerrainEntityCfg
 
-from cc_mujoco.human._walking_body import LEGS, POLICY
+from cc_mujoco.errors import CableError
+from cc_mujoco.human._walking_body import LEGS, POLICY, SCENE, WalkingBody
 from cc_mujoco.human._walking_policy import (
+    MUSCLE_PERIOD,
     WALKING_JOINTS,
     WALKING_SIDES,
+    ExpectedHelp,
+    Senses,
+    WalkingController,
     WalkingPolicy,
 )
 from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE
+from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.warp.mjlab._actuator import CableActuatorCfg, DrivenCable
 from cc_mujoco.warp.mjlab._terms import (
     cable_tension,
     capture_cables,
     randomize_cables,
 )
-from cc_mujoco.warp.mjlab._walker import (
-    WalkCfg,
-    foot_load,
-    gait_phase,
-    has_fallen,
-    person_power,
+
+JOINTS = tuple(f"{side}_{part}" for side in WALKING_SIDES for part in WALKING_JOINTS)
+LOADS = tuple(
+    f"{side}_{part}_load" for side in WALKING_SIDES for part in ("heel", "ball")
 )
+_STARTS = np.linspace(0.1, 0.4, 31)
+"""Parts of a right step in which worlds start."""
+
+
+@dataclass(kw_only=True)
+class WalkCfg(ActionTermCfg):
+    """Walking policy of the person: an action term without actions.
+
+    The joints of the entity need actuators with the stiffness and damping of the
+    policy, whose targets of angle and rate stay 0 and whose effort is commanded.
+    """
+
+    policy: WalkingPolicy | None = None
+    """Policy; by default the one that ships."""
+    adaptation: float = 1.0
+    """Part of the expected help that the person leaves out, see `WalkingEnv`."""
+
+    def build(self, env: Any) -> Walker:
+        """Return the term."""
+        return Walker(self, env)
+
+
+class Walker(ActionTerm):
+    """Term of a `WalkCfg`."""
+
+    def __init__(self, cfg: WalkCfg, env: Any) -> None:
+        """Find joints and sensors, and tabulate the poses to start from."""
+        super().__init__(cfg=cfg, env=env)
+        model = env.sim.mj_model
+        self._every = round(MUSCLE_PERIOD / model.opt.timestep)
+        if not math.isclose(self._every * model.opt.timestep, MUSCLE_PERIOD):
+            raise CableError(
+                f"the time step is {model.opt.timestep:g} s; the walking person needs "
+                f"one that divides {MUSCLE_PERIOD:g} s."
+            )
+        ids, _ = self._entity.find_joints(JOINTS, preserve_order=True)
+        self._joints = torch.tensor(ids, device=self.device)
+        names = list(self._entity.joint_names)
+        self._root = [names.index(name) for name in ("forward", "height", "pitch")]
+        self._loads = torch.tensor(
+            [int(model.sensor(f"{cfg.entity_name}/{name}").adr[0]) for name in LOADS],
+            device=self.device,
+        )
+        joints = [model.joint(f"{cfg.entity_name}/{name}") for name in JOINTS]
+        self._dof = torch.tensor(
+            [int(joint.dofadr[0]) for joint in joints], device=self.device
+        )
+        policy = WalkingPolicy.read(POLICY) if cfg.policy is None else cfg.policy
+        where: dict[str, Any] = {"dtype": torch.float32, "device": self.device}
+        self.person = WalkingController(policy, self.num_envs, torch, **where)
+        self.expected = ExpectedHelp(self.num_envs, torch, **where)
+        self._control = torch.zeros((self.num_envs, len(JOINTS)), **where)
+        self._none = torch.zeros((self.num_envs, 0), **where)
+        self._substep = 0
+        self._weight, poses = _starting_poses(policy)
+        self._poses = torch.asarray(poses, **where)
+        self._starts = torch.asarray(_STARTS, **where)
+
+    @property
+    def action_dim(self) -> int:
+        """Number of actions: none."""
+        return 0
+
+    @property
+    def raw_action(self) -> torch.Tensor:
+        """Actions (worlds, 0)."""
+        return self._none
+
+    def process_actions(self, actions: torch.Tensor) -> None:
+        """Take no action."""
+
+    @property
+    def torque(self) -> torch.Tensor:
+        """Torques of the person's joints (worlds, legs, joints) [N m]."""
+        parts = {}
+        control = self._env.sim.data.ctrl[:]
+        for actuator in self._entity.actuators:
+            for name, place in zip(
+                actuator.target_names, actuator.global_ctrl_ids, strict=True
+            ):
+                parts[name] = control[:, int(place)]
+        return torch.stack([parts[name] for name in JOINTS], dim=1).view(-1, 2, 3)
+
+    @property
+    def rates(self) -> torch.Tensor:
+        """Velocities of the person's joints (worlds, legs, joints) [rad/s]."""
+        rates: torch.Tensor = self._entity.data.joint_vel[:, self._joints]
+        return rates.view(-1, 2, 3)
+
+    @property
+    def load(self) -> torch.Tensor:
+        """Force of the ground on the feet over the weight (worlds, legs) [-]."""
+        loads = self._env.sim.data.sensordata[:][:, self._loads]
+        return loads.view(-1, 2, 2).sum(dim=2) / self._weight
+
+    @property
+    def help(self) -> torch.Tensor:
+        """Torques of the ropes on the ankles (worlds, legs) [N m]."""
+        every = self._env.sim.data.qfrc_actuator[:][:, self._dof[[2, 5]]]
+        help_: torch.Tensor = every - self.torque[:, :, 2]
+        return help_
+
+    @property
+    def fallen(self) -> torch.Tensor:
+        """Worlds in which the person cannot go on (worlds,)."""
+        position = self._entity.data.joint_pos
+        _, height, pitch = self._root
+        stands = (position[:, height].abs() < WalkingBody.MAX_DROP) & (
+            position[:, pitch].abs() < WalkingBody.MAX_PITCH
+        )
+        return ~stands
+
+    def apply_actions(self) -> None:
+        """Command the muscles, every `MUSCLE_PERIOD`."""
+        if self._substep % self._every == 0:
+            data, (forward, _, pitch) = self._entity.data, self._root
+            self.expected.observe(self.person.phase, self.help)
+            control = self.person.act(
+                Senses(
+                    data.joint_pos[:, self._joints].view(-1, 2, 3),
+                    data.joint_pos[:, pitch],
+                    data.joint_vel[:, pitch],
+                    data.joint_vel[:, forward],
+                    self.load,
+                ),
+                MUSCLE_PERIOD,
+            )
+            self.expected.learn(self.person.ended)
+            left_out = self.cfg.adaptation * self.expected.at(self.person.phase)
+            control[:, :, 2] -= left_out
+            self._control = control.view(-1, len(JOINTS))
+        self._substep += 1
+        self._entity.set_joint_effort_target(self._control, joint_ids=self._joints)
+
+    def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
+        """Start some worlds in a random part of a step."""
+        worlds = torch.arange(self.num_envs, device=self.device)
+        worlds = worlds if env_ids is None else worlds[env_ids]
+        chosen = torch.randint(len(_STARTS), (len(worlds),), device=self.device)
+        self.person.step[worlds] = self._starts[chosen]
+        self.person.lead[worlds] = 0.0
+        self.expected.forget(worlds)
+        pose = self._poses[chosen]
+        data = self._entity.data
+        position = data.default_joint_pos[worlds].clone()
+        velocity = data.default_joint_vel[worlds].clone()
+        position[:, self._joints], velocity[:, self._joints] = (
+            pose[:, :6],
+            pose[:, 6:12],
+        )
+        position[:, self._root[1:]] = pose[:, 12:14]
+        velocity[:, self._root[0]] = pose[:, 14]
+        self._entity.write_joint_state_to_sim(position, velocity, env_ids=worlds)
+
+
+def _starting_poses(policy: WalkingPolicy) -> tuple[float, np.ndarray[Any, Any]]:
+    """Return the weight [N], and poses by part of a step (starts, 15).
+
+    A pose has angles and velocities of the joints, height, pitch and speed.
+    """
+    model = mujoco.MjModel.from_xml_path(str(SCENE))
+    data, body = mujoco.MjData(model), WalkingBody(model)
+    forward, height, pitch = (model.joint(n) for n in ("forward", "height", "pitch"))
+    poses = []
+    for start in _STARTS:
+        body.start(model, data, policy, float(start))
+        rest = (
+            data.qpos[height.qposadr[0]],
+            data.qpos[pitch.qposadr[0]],
+            data.qvel[forward.dofadr[0]],
+        )
+        angles, rates = data.qpos[body.qpos].ravel(), data.qvel[body.dof].ravel()
+        poses.append(np.concatenate((angles, rates, rest)))
+    return body.weight, np.array(poses)
+
+
+def walker(env: Any, term: str = "person") -> Walker:
+    """Return the walking person of an environment."""
+    found: Walker = env.action_manager.get_term(term)
+    return found
+
+
+def gait_phase(env: Any, term: str = "person") -> torch.Tensor:
+    """Observe sine and cosine of the gait phase of both legs, (worlds, 4)."""
+    turn = 2 * math.pi * walker(env, term).person.phase
+    return torch.cat((torch.sin(turn), torch.cos(turn)), dim=-1)
+
+
+def foot_load(env: Any, term: str = "person") -> torch.Tensor:
+    """Observe the force of the ground over the weight, (worlds, 2)."""
+    return walker(env, term).load
+
+
+def person_power(env: Any, term: str = "person") -> torch.Tensor:
+    """Penalise the estimated metabolic power of the person, in 500 W (worlds,)."""
+    person = walker(env, term)
+    power = person.torque * person.rates
+    positive, negative = power.clamp(min=0.0), power.clamp(max=0.0)
+    each: torch.Tensor = metabolic_energy(positive, negative)
+    return each.sum(dim=(1, 2)) / 500.0
+
+
+def has_fallen(env: Any, term: str = "person") -> torch.Tensor:
+    """Terminate worlds in which the person has fallen (worlds,)."""
+    return walker(env, term).fallen
+
 
 TASK = "CcMujoco-Ankle-Walk"
 """Name of the task in mjlab's registry."""

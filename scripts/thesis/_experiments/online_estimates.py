@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.cable import Cable
-from cc_mujoco.estimation._friction import FrictionEstimator
+from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
 from thesis._experiments.online_runs import (

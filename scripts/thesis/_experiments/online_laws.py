@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cc_mujoco.cable._segments import Mesh
-from cc_mujoco.estimation._friction import FrictionEstimator
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.native import FloatArray
 from thesis._experiments.online_runs import (
     CABLE,

@@ -72,6 +72,7 @@ def test_friction_of_a_tendon_makes_a_loop() -> None:
     assert width("friction 0.15") > 2.0 * width("friction 0")
 
 
+@pytest.mark.study
 def test_a_model_of_friction_helps_at_the_knee() -> None:
     found = curves("own_exoskeleton")
     assert error(found, "predictive") < error(found, "none")
@@ -90,6 +91,7 @@ def test_an_own_controller_and_a_policy_do_better_than_none() -> None:
     assert error(found, "policy") < 0.6 * error(found, "none")
 
 
+@pytest.mark.study
 def test_detents_are_felt() -> None:
     found = curves("own_task")
     assert error(found, "delivered") < 0.5 * np.sqrt(np.mean(found["desired"][1] ** 2))

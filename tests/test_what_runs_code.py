@@ -335,8 +335,11 @@ LAST = ["--duration", "0.05", "--out", "played"]
         ["play", "wrist", "--metric", "ends:metric", *LAST],
         ["whatif", "--vary", "loops=1", "--metric", "ends:metric", "--controllers",
          "none", *LAST],
-        ["benchmark", "wrist", "--controllers", "ends:law", "--seeds", "1",
-         "--conditions", "zero-torque", "--duration", "1.1", "--out", "played"],
+        pytest.param(
+            ["benchmark", "wrist", "--controllers", "ends:law", "--seeds", "1",
+             "--conditions", "zero-torque", "--duration", "1.1", "--out", "played"],
+            marks=pytest.mark.study,
+        ),
         ["diagnose", "bench", "x.csv", "--effects", "ends:Lag", "--out", "played"],
         ["run", "--rig", "rig.toml", "--controller", "pi", "--out", "played",
          "--allow", "ends:Rig"],

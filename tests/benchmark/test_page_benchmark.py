@@ -64,6 +64,7 @@ def test_the_page_has_every_row_condition_and_score() -> None:
         assert f"- *{name}*: {reference.meaning}" in BLOCK
 
 
+@pytest.mark.study
 def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

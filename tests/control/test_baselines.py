@@ -68,7 +68,13 @@ def test_the_balance_is_that_of_the_model_when_all_slips(
     assert model.motor_torque()[0] == pytest.approx(torque, rel=0.02)
 
 
-@pytest.mark.parametrize("scene", ORDINARY)
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pytest.param(scene, marks=[pytest.mark.study] if scene != "wrist" else [])
+        for scene in ORDINARY
+    ],
+)
 def test_they_are_stable_on_a_light_winch_and_better_than_the_gains_of_the_thesis(
     scene: str,
 ) -> None:

@@ -200,7 +200,7 @@ def errors_with_and_without(terms: dict[str, float], **settings: float) -> list[
 @pytest.mark.parametrize(
     ("term", "size"),
     [
-        ("viscous_friction", 10.0),
+        pytest.param("viscous_friction", 10.0, marks=pytest.mark.study),
         pytest.param("grease_drag", 3.0, marks=pytest.mark.study),
     ],
 )
@@ -211,6 +211,7 @@ def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
     assert known < 0.6 * unknown
 
 
+@pytest.mark.study
 def test_who_is_told_of_break_away_does_better_by_it() -> None:
     known, unknown = errors_with_and_without(
         {"static_friction": 0.4, "critical_slip_distance": 2e-3}
@@ -218,6 +219,7 @@ def test_who_is_told_of_break_away_does_better_by_it() -> None:
     assert known < 0.6 * unknown
 
 
+@pytest.mark.study
 def test_who_is_told_of_friction_that_falls_does_no_worse() -> None:
     """A plan that fed it forward let the joint go, too far, and hunted."""
     known, unknown = errors_with_and_without(

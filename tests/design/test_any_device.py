@@ -65,18 +65,18 @@ def test_a_scene_of_the_user_is_studied_and_what_is_unknown_has_no_number(
     lever: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    vary = {"joint_radius": [0.06, 0.1], "friction": [0.05, 0.2]}
+    vary = {"joint_radius": [0.06, 0.1]}
     table = study(str(lever), vary, task=TASK, out=out, **SHORT)
-    assert table["failed"].null_count == 4
+    assert table["failed"].null_count == 2
     for name in ("strength_used", "bend_ratio"):
-        assert table[name].null_count == 4
+        assert table[name].null_count == 2
     for name in ("rms_torque_error", "held_backlash", "bandwidth"):
         assert all(math.isfinite(value) for value in table[name].to_pylist())
-    small, large = (table["reflected_inertia"][row].as_py() for row in (0, 2))
+    small, large = table["reflected_inertia"].to_pylist()
     assert large / small == pytest.approx((0.1 / 0.06) ** 2, rel=0.15)
-    log, _ = show(out, 3)
+    log, _ = show(out, 1)
     found = METRICS["rms_torque_error"].compute(log)
-    assert found == table["rms_torque_error"][3].as_py()
+    assert found == table["rms_torque_error"][1].as_py()
 
 
 @pytest.mark.parametrize(

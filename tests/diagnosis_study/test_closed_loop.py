@@ -14,6 +14,7 @@ from rig.nominal import make_rig
 SECONDS = 5.0
 
 
+@pytest.mark.study
 def test_predictive_does_not_turn_at_each_step_of_a_joint_that_follows_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,6 +75,7 @@ def error(scene: Path, law: str, with_winding: bool) -> float:
     return float(np.sqrt(np.mean((torques - wanted)[settled] ** 2)))
 
 
+@pytest.mark.study
 def test_a_controller_with_a_model_is_right_on_a_lever(tmp_path: Path) -> None:
     scene = written(tmp_path, KNEE)
     assert error(scene, "stiction", True) < 0.3 * error(scene, "stiction", False)

@@ -202,7 +202,7 @@ def test_no_step_gains_energy(
     assert lost <= (1.1 if exact else 1.7) * kinetic[0]
 
 
-@settings(deadline=None, derandomize=True, max_examples=8)
+@settings(deadline=None, derandomize=True, max_examples=4)
 @given(
     share=st.floats(0.3, 0.95),
     inertia=st.floats(2e-4, 1e-2),

@@ -15,9 +15,12 @@ from cc_mujoco import Plant, simulate
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, expand_cable_metrics, measure
 from cc_mujoco.simulation import EpisodeLog, columns_for, log_file
-from cc_mujoco.simulation._episode_log import PIECE_ROWS, _FileColumns
+from cc_mujoco.simulation import _episode_log as episode_log
+from cc_mujoco.simulation._episode_log import _FileColumns
 
 NODES = 5
+PIECE = 1024
+"""Rows of a piece."""
 METRIC_NAMES = ("rms_torque_error", "slack_margin", "slack_time_{cable}")
 
 
@@ -56,21 +59,28 @@ def test_episode_in_a_file_has_the_bits_and_bytes_of_one_in_memory(
     assert written[0] == written[1]
 
 
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write pieces of few rows."""
+    monkeypatch.setattr(episode_log, "PIECE_ROWS", PIECE)
+
+
+@pytest.mark.usefixtures("small_pieces")
 def test_long_log_reads_the_same_in_parts(tmp_path: Path) -> None:
-    steps = 2 * PIECE_ROWS + 100
+    steps = 2 * PIECE + 100
     log = write(tmp_path / "log.parquet", steps)
     whole = EpisodeLog.read(tmp_path / "log.parquet")
     assert len(log) == steps
     assert log == whole
-    samples = np.array([0, 7, PIECE_ROWS - 1, PIECE_ROWS, steps - 1])
+    samples = np.array([0, 7, PIECE - 1, PIECE, steps - 1])
     for name in ("time_s", "tension_one_nodes_n", "slip_one_direction"):
         assert np.array_equal(np.concatenate([*log.pieces(name)]), whole[name])
-        assert max(len(piece) for piece in log.pieces(name)) == PIECE_ROWS
+        assert max(len(piece) for piece in log.pieces(name)) == PIECE
         for one in (log, whole):
             assert np.array_equal(one.rows(name, samples), whole[name][samples])
-            thin = one.thinned(1000)
-            assert len(thin) <= 1000
-            assert np.array_equal(thin[name], whole[name][::33])
+            thin = one.thinned(100)
+            assert len(thin) <= 100
+            assert np.array_equal(thin[name], whole[name][::22])
             assert np.array_equal(thin.rows(name, samples[:2]), thin[name][samples[:2]])
     assert whole.thinned(steps) is whole
     metrics = [METRICS[name] for name in METRIC_NAMES]
@@ -99,7 +109,7 @@ def test_memory_does_not_grow_with_the_duration(tmp_path: Path) -> None:
     def used(pieces: int) -> tuple[int, int]:
         path = tmp_path / f"{pieces}.parquet"
         rows = {
-            name: np.repeat(np.asarray(value)[None], PIECE_ROWS, axis=0)
+            name: np.repeat(np.asarray(value)[None], episode_log.PIECE_ROWS, axis=0)
             for name, value in sample(1).items()
         }
         rows["slip_one_direction"] = rows["slip_one_direction"].astype(np.int8)
@@ -124,13 +134,14 @@ def test_memory_does_not_grow_with_the_duration(tmp_path: Path) -> None:
         assert many < few + 0.5e6
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "log.parquet"
     with (
         pytest.raises(KeyboardInterrupt),
         log_file(path, ("one",), {}) as file,
     ):
-        for step in range(PIECE_ROWS + 1):
+        for step in range(PIECE + 1):
             file.keep(step, sample(step), None)
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []

@@ -71,7 +71,10 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
     ("name", "values"),
     [
         ("viscous_friction", {"viscous_friction": 60.0}),
-        ("grease_drag", {"grease_drag": 15.0, "grease_exponent": 0.4}),
+        pytest.param(
+            *("grease_drag", {"grease_drag": 15.0, "grease_exponent": 0.4}),
+            marks=pytest.mark.study,
+        ),
     ],
 )
 def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(

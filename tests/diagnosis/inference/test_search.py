@@ -40,7 +40,10 @@ def test_sizes_that_run_beyond_a_bound_leave_the_others_at_their_best(
     assert cost <= float(np.sum((wanted - columns @ clipped) ** 2))
 
 
-@pytest.mark.parametrize("spring", ["proximal_compliance", "end_compliance"])
+@pytest.mark.parametrize(
+    "spring",
+    [pytest.param("proximal_compliance", marks=pytest.mark.study), "end_compliance"],
+)
 def test_a_soft_fastening_of_one_cable_is_found_at_the_end_where_it_is(
     spring: str,
 ) -> None:
@@ -66,7 +69,11 @@ def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
 
 
 @pytest.mark.parametrize(
-    ("weight", "name"), [(1.0, "joint_gravity"), (0.0, "joint_stiffness")]
+    ("weight", "name"),
+    [
+        (1.0, "joint_gravity"),
+        pytest.param(0.0, "joint_stiffness", marks=pytest.mark.study),
+    ],
 )
 def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
     weight: float, name: str
@@ -89,7 +96,7 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
 
 
 @pytest.mark.parametrize(
-    "rest", [pytest.param(0.0, marks=pytest.mark.study), -0.35, 0.8]
+    "rest", [0.8, *(pytest.param(r, marks=pytest.mark.study) for r in (0.0, -0.35))]
 )
 def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
     data = dataset(duration=3.0, seed=2)

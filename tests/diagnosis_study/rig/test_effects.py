@@ -98,6 +98,7 @@ def test_calibration_reaches_the_strength_asked_for() -> None:
     assert found.refit <= found.raw
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("one_trial")
 def test_what_a_refit_can_absorb_does_not_count() -> None:
     """An offset that the bench's makers would believe leaves nothing behind."""

@@ -51,6 +51,7 @@ def two(two_trials: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(folder, "joint_gravity,torque_sensor_gain")
 
 
+@pytest.mark.study
 def test_data_betray_nothing_but_their_numbers(nothing: Path, two: Path) -> None:
     plain, hidden = nothing / "data", two / "data"
     names = sorted(path.name for path in plain.iterdir())

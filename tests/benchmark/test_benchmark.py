@@ -37,6 +37,7 @@ from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
 from cc_mujoco.report import figure
+from study_marks import study_but
 
 WRIST = {
     condition.name: dataclasses.replace(condition, duration=1.05)
@@ -162,7 +163,9 @@ def test_references_give_the_scores_a_scale() -> None:
     assert len({*error.values()}) == len(names)
 
 
-@pytest.mark.parametrize("law", ["pi_tuned", "inverse", "lqg", "predictive"])
+@pytest.mark.parametrize(
+    "law", study_but(3, ["pi_tuned", "inverse", "lqg", "predictive"])
+)
 def test_a_plant_has_the_same_controller_in_any_company(law: str) -> None:
     conditions = {one.name: one for one in SUITES["v1"].conditions("wrist")}
     cells = [

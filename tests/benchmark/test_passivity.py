@@ -21,6 +21,7 @@ from cc_mujoco.export import (
     wearer_bounds,
 )
 from cc_mujoco.export._passivity import extracted_energy
+from study_marks import study_but
 
 Array = NDArray[np.float64]
 PHYSICS = 5e-4
@@ -152,7 +153,7 @@ def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> Non
     assert swung.velocity.max() > 1.0
 
 
-@pytest.mark.parametrize("law", ["predictive", "adaptive"])
+@pytest.mark.parametrize("law", study_but(2, ["predictive", "adaptive"]))
 def test_a_finger_that_nobody_holds_is_not_swung_up(law: str) -> None:
     found = play("finger", law, "spring", [Limb(0.05, 2.7e-4, 3e-6)])
     assert found.held[0] < 1e-5

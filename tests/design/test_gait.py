@@ -26,6 +26,7 @@ from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
 from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.metrics._registry import ANKLE
 from cc_mujoco.simulation import EpisodeLog
+from study_marks import study_but
 
 NAMES = [name for name in METRICS if is_stride_metric(name)]
 QUICK: dict[str, Any] = {"duration": 0.3, "threads": 1}
@@ -122,7 +123,7 @@ def test_at_the_measured_speed_a_study_is_bit_for_bit_that_without(
         assert plain[name].to_pylist() == crossed[name].to_pylist()
 
 
-@pytest.mark.parametrize("scene", ["ankle", "exosuit"])
+@pytest.mark.parametrize("scene", study_but(2, ["exosuit", "ankle"]))
 def test_a_design_at_a_speed_is_shown_as_it_was_measured(
     scene: str, tmp_path: Path
 ) -> None:

@@ -26,6 +26,7 @@ from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset
+from study_marks import study_but
 
 RARE = [name for name, effect in EFFECTS.items() if effect.rare]
 
@@ -64,7 +65,7 @@ def test_arms_that_change_make_no_work(effect: str, values: dict[str, float]) ->
     assert abs(work[0]) > 1e-2 * size
 
 
-@pytest.mark.parametrize("wind_up", [1e-3, 0.02])
+@pytest.mark.parametrize("wind_up", study_but(2, [1e-3, 0.02]))
 def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
     data = dataset(duration=2.0)
     trials = [
@@ -168,7 +169,7 @@ def test_rare_effects_are_not_among_the_usual_ones() -> None:
             for form, number in (("Gaussian", 1.0), ("Lorentzian", 2.0))
         ),
         ("backlash", "soft", {"backlash": 0.02, "backlash_form": 1.0}),
-        ("backlash", "hard", {"backlash": 0.02}),
+        pytest.param("backlash", "hard", {"backlash": 0.02}, marks=pytest.mark.study),
     ],
 )
 def test_an_effect_of_the_library_is_fitted_in_its_best_form(

@@ -70,7 +70,9 @@ def test_is_exact_without_noise_whatever_stiffness_and_pretension() -> None:
     assert estimator.friction == pytest.approx(MU, rel=1e-6)
 
 
-@pytest.mark.parametrize("nodes", [(0, 10), (1, 4, 5, 9)])
+@pytest.mark.parametrize(
+    "nodes", [pytest.param((0, 10), marks=pytest.mark.study), (1, 4, 5, 9)]
+)
 def test_error_has_the_stated_size(run: Run, nodes: tuple[int, ...]) -> None:
     """Spread over runs with new noise, from the truth so that only noise counts."""
     sensors = Sensors(nodes, (1.0,) * len(nodes))

@@ -21,6 +21,7 @@ from cc_mujoco.export._command import Export
 from export.library import COMPILER, GUARD, STRICT, Library, device, needs_compiler, run
 from hardware.devices import ARM, written
 from shared_folder import SHARED
+from study_marks import study_unless
 
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, ExportPlan]]
@@ -108,7 +109,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 @pytest.mark.parametrize(
     ("scene", "name"),
     [
-        *((scene, "decoupled_pi") for scene in COUPLED),
+        *study_unless(
+            lambda case: case[0] == "hand",
+            [(scene, "decoupled_pi") for scene in COUPLED],
+        ),
         ("hand", "decoupled_lqg"),
         pytest.param("bilateral", "decoupled_inverse", marks=pytest.mark.study),
         pytest.param("hand", "decoupled_pi_feed_forward", marks=pytest.mark.study),

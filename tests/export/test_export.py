@@ -42,6 +42,7 @@ from export.library import (
     objects,
     run,
 )
+from study_marks import study_unless
 
 DEVICES = ("wrist", "ankle", "finger", "exosuit")
 Array = NDArray[np.float64]
@@ -52,13 +53,13 @@ CASES = [
     ("wrist", "stiction"),
     ("wrist", "predictive"),
     ("ankle", "pi"),
-    ("exosuit", "adaptive"),
+    pytest.param("exosuit", "adaptive", marks=pytest.mark.study),
     ("ankle", "none"),
     ("wrist", "pi_tuned"),
     ("exosuit", "pi_feed_forward"),
     ("exosuit", "inverse"),
     ("wrist", "lqg"),
-    ("ankle", "disturbance"),
+    pytest.param("ankle", "disturbance", marks=pytest.mark.study),
     ("ankle", "feedback"),
     *(
         pytest.param(scene, name, marks=pytest.mark.study)
@@ -672,10 +673,7 @@ WITHOUT_FUSED = "GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"
 @pytest.mark.parametrize("target", MACHINES)
 @pytest.mark.parametrize(
     ("scene", "name"),
-    [
-        pytest.param(*case, marks=[] if case in BRIEFLY else pytest.mark.study)
-        for case in itertools.product(DEVICES, EXPORTED)
-    ],
+    study_unless(BRIEFLY.__contains__, itertools.product(DEVICES, EXPORTED)),
 )
 def test_other_machines_give_the_same_bits(
     target: str, scene: str, name: str, made: Made, tmp_path: Path

@@ -34,6 +34,7 @@ from cc_mujoco.hardware._run_log import RUN_COLUMNS, SAMPLE_TIME, run_columns
 from hardware.devices import ARM, SimulatedDevice, written
 from hardware.fakes import LIMITS, PERIOD, FakeRig, Rows, SimulatedClock, drive
 from hardware.peers import Peer
+from study_marks import study_unless
 
 Fault = Callable[[int, Readings], Readings | None]
 PAGE = Path(__file__).parents[2] / "cc_mujoco" / "hardware" / "README.md"
@@ -295,7 +296,7 @@ DEVICES = {
 }
 
 
-@pytest.mark.parametrize("scene", DEVICES)
+@pytest.mark.parametrize("scene", study_unless("hand".__eq__, DEVICES))
 def test_a_device_of_many_axes_is_driven_and_its_log_is_shown(
     scene: str, tmp_path: Path
 ) -> None:

@@ -22,6 +22,7 @@ from cc_mujoco.diagnosis._rig.bench_simulation import (
 )
 from cc_mujoco.diagnosis._rig.records import play_filter
 from diagnosis.recorded import BENCH
+from study_marks import study_but
 
 FINE = 1.0 / 8000.0
 RATE = 500.0
@@ -140,7 +141,7 @@ def test_rounded_angles_make_no_torque_early() -> None:
         assert abs(np.mean([found[name] for found in every])) < 5e-5, name
 
 
-@pytest.mark.parametrize("motion", ["strokes", "rests", "creeps"])
+@pytest.mark.parametrize("motion", study_but(3, ["creeps", "strokes", "rests"]))
 def test_the_floor_of_rounded_angles_is_what_they_are_off_by(motion: str) -> None:
     squares = np.zeros(2)
     for bits in ((13, 13), (15, 13)):

@@ -16,6 +16,7 @@ from rig.effects import Truth
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import Trial
+from study_marks import study_but
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
 ISSUED = """
@@ -44,7 +45,7 @@ def test_ids_are_those_of_the_verdicts_and_unknowns_say_so() -> None:
     assert all(name.startswith("unknown_") for name in UNKNOWN)
 
 
-@pytest.mark.parametrize("name", list(EFFECTS))
+@pytest.mark.parametrize("name", study_but(4, EFFECTS))
 def test_a_large_amount_shows(
     rig: Rig, reversing: Trial, plain: NDArray[np.float64], name: str
 ) -> None:
@@ -54,7 +55,7 @@ def test_a_large_amount_shows(
     assert 0.5 < np.sqrt(np.mean(change**2, axis=0)).max() < 300
 
 
-@pytest.mark.parametrize("name", list(EFFECTS))
+@pytest.mark.parametrize("name", study_but(4, EFFECTS))
 def test_amount_zero_is_nothing_to_the_last_bit(
     rig: Rig, reversing: Trial, shortened: Callable[[Trial, float], Trial], name: str
 ) -> None:

@@ -15,6 +15,7 @@ from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS
 from rig.trials import Trial
+from study_marks import study_but
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +101,7 @@ def test_without_effects_it_is_the_rig_of_the_other_make_to_about_the_noise(
     assert np.all(np.sqrt(np.mean((seen[0] - seen[1]) ** 2, axis=0)) < 3.0 * floor)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", study_but(4, EFFECTS))
 def test_an_effect_is_off_at_zero_and_shows_at_its_usual_amount(
     rig: Rig, trial: Trial, name: str
 ) -> None:

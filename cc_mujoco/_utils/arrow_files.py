@@ -158,9 +158,14 @@ def _csv_error(
                     if cell is None or cell.strip().lower() in words:
                         continue
                     if not is_number(cell, form.decimal):
+                        where = f"{path}, column {name}, row {rows + k + 1} of the data"
+                        if cell.strip() == name:
+                            return CableError(
+                                f"{where} is a second line of names; split recordings "
+                                "that were joined."
+                            )
                         return CableError(
-                            f"{path}, column {name}, row {rows + k + 1} of the data: "
-                            f"{cell.strip()[:40]!r} must be a number."
+                            f"{where}: {cell.strip()[:40]!r} must be a number."
                         )
             rows += batch.num_rows
     except pa.ArrowInvalid as other:

@@ -2,7 +2,8 @@
 
 Rows that a logger wrote late or a database returned in any order are sorted. Where time
 goes back and is covered twice, two recordings were joined or a clock was set, and no
-order is right.
+order is right. Nor is it known where time runs backwards: the rows may be reversed, or
+the clock may count down.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets._channels import TIME
-from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
 
 MAX_MISSING_SHARE = 0.3
 _MAX_DUPLICATE_SHARE = 0.01
 _MIN_RUN = 20  # rows in order that are a recording of their own
+_BACKWARDS_SHARE = 0.9  # steps back from which on time runs backwards
 _DUPLICATE_RATIO = 1.5  # rows over those that a clock has time for
 
 
@@ -78,9 +80,17 @@ def _row_order(
                 "channels to one clock."
             )
             return None, [*findings, error(message, name, channel)]
+        if len(back) > _BACKWARDS_SHARE * (len(rows) - 1):
+            message += (
+                ": time runs backwards; reverse the rows, or correct the clock if it "
+                "counts down."
+            )
+            return None, [*findings, error(message, name, channel)]
         message += "; the rows were put in the order of their times."
-        findings.append(warning(message, name, channel))
-        rows = rows[np.argsort(time[rows], kind="stable")]
+        order = np.argsort(time[rows], kind="stable")
+        far = int(np.abs(order - np.arange(len(rows))).max()) >= _MIN_RUN
+        findings.append((doubt if far else warning)(message, name, channel))
+        rows = rows[order]
     kept = np.diff(time[rows], prepend=-np.inf) > 0
     same = len(rows) - int(np.count_nonzero(kept))
     if same and same == len(rows) - 1:

@@ -9,6 +9,7 @@ diagnosis.verdict, diagnosis.effects, diagnosis.gap
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +40,7 @@ from cc_mujoco.diagnosis._search.acceptance import Round
 from cc_mujoco.diagnosis._search.search import search_effects
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 from cc_mujoco.report._html import list_words
 
@@ -147,6 +148,9 @@ def _infer(
     progress(0.0, "reading the data")
     columns = {column for effect in EFFECTS.values() for column in effect.columns}
     dataset, findings = load(data, dataset_toml, bench, sorted(columns))
+    for finding in findings:
+        if finding.severity == "doubt":
+            warnings.warn(finding.statement, CableWarning, stacklevel=4)
     known = bench.known(dataset.constants)
     if dataset.has_motor_angle:
         findings += check_bench(dataset.trials, known)

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -99,10 +100,11 @@ def load(
         except CableError as wrong:
             findings.append(error(str(wrong), name))
             continue
-        twin = known.setdefault(recording.sha256, path)
+        twin = known.setdefault(_readings(recording), path)
         if twin != path:
             message = (
-                f"{path} is a copy of {twin} and is left out; a copy is no repeat."
+                f"{path} has the readings of {twin} and is left out; a copy is no "
+                "repeat."
             )
             findings.append(warning(message, name))
             continue
@@ -160,6 +162,15 @@ def load(
     findings += wrong_repeats(dataset.trials) if measured else []
     findings += check_occasions(dataset.trials)
     return replace(dataset, noise=noise), findings
+
+
+def _readings(recording: Recording) -> str:
+    """Return a digest of all readings but their times."""
+    digest = hashlib.sha256()
+    for channel, values in recording.values.items():
+        if channel != channels.TIME:
+            digest.update(channel.encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def _own_files(folders: Mapping[str, Path]) -> list[Path]:

@@ -394,7 +394,8 @@ class VerdictOdds:
     """Probability that the verdict is right, scaled by rates of verdicts on study rigs.
 
     Attributes:
-        probability: 0 to 1; `validation.md` shows how often it held on new rigs.
+        probability: 0 to 1, NaN where no study rig left as much of the error;
+            `validation.md` shows how often it held on new rigs.
         statement: one sentence, with odds.
         alternatives: what else may be true, the likeliest first.
     """

@@ -81,7 +81,7 @@ def test_a_smooth_signal_is_read_back_to_within_the_chord(
     seed=SEEDS,
     jitter=st.sampled_from((0.0, 0.3)),
     shift=st.integers(-(2**20), 2**30),
-    mix=st.sampled_from(("all", "back", "late")),
+    mix=st.sampled_from(("all", "halves", "late")),
     gap=st.booleans(),
 )
 def test_order_of_rows_and_zero_of_time_change_nothing(
@@ -95,8 +95,8 @@ def test_order_of_rows_and_zero_of_time_change_nothing(
     rows = np.arange(len(time))
     if mix == "all":
         rng.shuffle(rows)
-    elif mix == "back":
-        rows = rows[::-1]
+    elif mix == "halves":
+        rows = np.roll(rows, 200)
     else:  # single rows written up to five rows late
         for k in rng.integers(0, 390, 3):
             rows[k : k + 6] = np.roll(rows[k : k + 6], -1)
@@ -104,12 +104,24 @@ def test_order_of_rows_and_zero_of_time_change_nothing(
         recorded((time + shift)[rows], np.sin(SPEED * time)[rows])
     )
     assert expected is not None and found is not None and errors(findings) == []
-    assert "the rows were put in the order of their times" in told(findings)
+    said = [f for f in findings if "put in the order of their times" in f.statement]
+    assert [f.severity for f in said] == ["warning" if mix == "late" else "doubt"]
     assert found.segments == expected.segments
     assert found.step == pytest.approx(expected.step, rel=1e-9)
     assert found.time - shift == pytest.approx(expected.time, abs=1e-6)
     for name in MAIN_CHANNELS:
         assert found.values[name] == pytest.approx(expected.values[name], abs=1e-5)
+
+
+@pytest.mark.parametrize("late", [0, 10])
+def test_time_that_runs_backwards_is_refused(late: int) -> None:
+    """Rows in reverse and a clock that counts down look the same."""
+    time = np.arange(400)[::-1] * STEP
+    time[100 : 100 + late] = time[100 : 100 + late][::-1]
+    track, findings = read_out(recorded(time))
+    assert track is None
+    assert "s at row 2, and" in told(errors(findings))
+    assert "time runs backwards; reverse the rows" in told(errors(findings))
 
 
 @settings(max_examples=8)

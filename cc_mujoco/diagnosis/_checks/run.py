@@ -6,6 +6,7 @@ stretches with everything known applied.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -56,6 +57,8 @@ def check_recording(
         *_check_turnovers(recording),
         *_check_leaps(recording),
         *_check_second_clock(recording, file),
+        *_check_copied_loads(recording),
+        *_check_copied_rows(recording),
     ]
 
 
@@ -433,6 +436,56 @@ def _check_leaps(recording: Recording) -> list[DataFinding]:
         )
         findings.append(doubt(message, recording.name, channel))
     return findings
+
+
+def _check_copied_loads(recording: Recording) -> list[DataFinding]:
+    """Find torques and tensions that are another one to the last digit."""
+    loads = [c for c in recording.values if channels.kind_of(c) in _LOAD_KINDS]
+    return [
+        error(
+            f"{recording.column(other)} holds the readings of column "
+            f"{recording.labels.get(channel, channel)}, in every row; record both, "
+            "each by its own sensor.",
+            recording.name,
+            other,
+        )
+        for channel, other in itertools.combinations(loads, 2)
+        if _robust_range(recording.values[channel]) > 0.0
+        and np.array_equal(
+            recording.values[channel], recording.values[other], equal_nan=True
+        )
+    ]
+
+
+def _check_copied_rows(recording: Recording) -> list[DataFinding]:
+    """Find a stretch that is another one to the last digit, its times aside."""
+    known = [
+        value
+        for channel, value in recording.values.items()
+        if channels.kind_of(channel) in (channels.ANGLE, *_LOAD_KINDS)
+        and channel not in recording.clocks
+    ]
+    # Rows are compared by a sum, so that a million of them take a tenth of a second.
+    rows = np.zeros(recording.rows, dtype=np.uint64)
+    for factor, value in enumerate(known, 1):
+        own = np.ascontiguousarray(value).view(np.uint64)
+        rows += own * np.uint64(0x9E3779B97F4A7C15 * factor % 2**64)
+    _, first, place = np.unique(rows, return_index=True, return_inverse=True)
+    shift = np.arange(rows.size) - first[place]
+    # A rest repeats its first row, at a shift that grows.
+    edges = np.flatnonzero(np.diff(shift, prepend=-1, append=-1))
+    lengths = np.diff(edges) * (shift[edges[:-1]] > 0)
+    longest = int(np.argmax(lengths)) if lengths.size else 0
+    if not lengths.size or lengths[longest] < Limit.min_copied_rows:
+        return []
+    start, end = int(edges[longest]), int(edges[longest + 1])
+    before, time = start - int(shift[start]), recording.values[channels.TIME]
+    message = (
+        f"{recording.path} has the rows {before + 1} to {before + end - start} again "
+        f"as rows {start + 1} to {end}, from {time[start]:.6g} s on; a copy is no "
+        "repeat, so take it out or record it."
+    )
+    return [doubt(message, recording.name)]
 
 
 def _robust_range(values: FloatArray) -> float:

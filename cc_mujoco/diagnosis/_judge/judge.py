@@ -362,6 +362,17 @@ RELIABILITY: Mapping[Verdict, float] = {
 the standard trials verdicts were right at least as often (`validation.md`).
 """
 
+STUDIED_ERROR: Mapping[Verdict, float] = {
+    "named": 19.4,
+    "tie": 19.4,
+    "none": 1.7,
+    "unknown": 39.3,
+}
+"""Largest error over the noise floor that such verdicts left on study rigs.
+
+Beyond it no rate is known. See `validation.md`.
+"""
+
 
 def probabilities(z: Mapping[str, float]) -> dict[str, float]:
     """Return the probability of a model, "", and of each alternative to it by id."""
@@ -382,6 +393,7 @@ def belief_in_verdict(
     """Return the probability that a verdict is right, with what else may be true.
 
     A name is right if its effect is the one that acts, a tie if one of its effects is.
+    The probability is NaN where no study rig left as much.
 
     Args:
         found: the search.
@@ -390,7 +402,15 @@ def belief_in_verdict(
         ties: groups of ids that are tied, the one in the model first.
         left: error of the model over the noise.
     """
-    reliable = RELIABILITY[kind]
+    reliable, most = RELIABILITY[kind], STUDIED_ERROR[kind]
+    if left > most:
+        return VerdictOdds(
+            math.nan,
+            f"How often such a verdict is right is not known: it leaves "
+            f"{format_number(left)} times the noise floor, and on study rigs at most "
+            f"{most:g} times.",
+            (),
+        )
     if kind == "none":
         return _rate(kind, reliable, [Alternative("small", 1.0 - reliable)])
     if kind == "unknown":
@@ -479,8 +499,8 @@ def _worded(
         statement += f"; otherwise {list_words(rest, 'or')}"
     if not complete:
         statement += (
-            f". They are lower as {format_number(left)} noise floors are left: on "
-            f"study rigs only {Limit.far_off_names} names left more than "
-            f"{MAX_EXPLAINED_ERROR:g}, of which {Limit.far_off_right} were right"
+            f". They are lower as {format_number(left)} times the noise floor is left: "
+            f"on study rigs only {Limit.far_off_names} names left more than "
+            f"{MAX_EXPLAINED_ERROR:g} times, of which {Limit.far_off_right} were right"
         )
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

@@ -118,12 +118,47 @@ def test_a_glitch_and_a_frozen_torque_split_the_trial(tmp_path: Path) -> None:
     assert "in 99 rows from 12.002 s (row 6002) on" in text
 
 
-def test_a_copy_is_no_repeat(tmp_path: Path) -> None:
-    for name in "ab":
-        write(tmp_path / f"{name}.csv", recording(3.0))
+@pytest.mark.parametrize("later", [0.0, 7.0])
+def test_a_copy_is_no_repeat(tmp_path: Path, later: float) -> None:
+    columns = recording(3.0)
+    write(tmp_path / "a.csv", columns)
+    write(tmp_path / "b.csv", {**columns, "time_s": columns["time_s"] + later})
     dataset, findings = load(tmp_path)
     assert len(dataset.trials) == 1
-    assert any("is a copy of" in finding.statement for finding in findings)
+    assert any("has the readings of" in finding.statement for finding in findings)
+
+
+@pytest.mark.parametrize("first", [0, 300])
+@pytest.mark.parametrize("rows", [200, 1000])
+def test_rows_that_stand_twice_put_the_conclusions_in_doubt(
+    tmp_path: Path, first: int, rows: int
+) -> None:
+    columns = recording(3.0)
+    for name, values in columns.items():
+        if name != "time_s":
+            columns[name] = np.append(values, values[first : first + rows])
+    columns["time_s"] = np.arange(1500 + rows) / 500.0
+    found = [f for f in loaded(tmp_path, columns)[1] if "a copy is no" in f.statement]
+    assert [f.severity for f in found] == ["doubt"]
+    copied = f"has the rows {first + 1} to {first + rows} again as rows 1501 to"
+    assert f"{copied} {1500 + rows}, from 3 s on" in found[0].statement
+
+
+def test_a_load_that_is_another_one_is_refused(tmp_path: Path) -> None:
+    columns = recording(3.0)
+    columns["joint_torque_nm"] = columns["motor_torque_nm"]
+    wrong = errors(loaded(tmp_path, columns)[1])
+    assert [f.channel for f in wrong if "holds the readings" in f.statement] == [
+        "joint_torque_nm"
+    ]
+
+
+def test_a_second_line_of_names_ends_a_recording(tmp_path: Path) -> None:
+    write(tmp_path / "run.csv", recording(1.0))
+    text = (tmp_path / "run.csv").read_text(encoding="utf-8")
+    (tmp_path / "run.csv").write_text(text + text, encoding="utf-8")
+    (wrong,) = errors(load(tmp_path)[1])
+    assert "row 501 of the data is a second line of names; split" in wrong.statement
 
 
 def test_like_names_in_two_folders(tmp_path: Path) -> None:

@@ -6,12 +6,21 @@ import math
 import re
 from pathlib import Path
 from statistics import NormalDist
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
-from cc_mujoco.diagnosis._judge.judge import RELIABILITY, _rate, _worded, probabilities
+from cc_mujoco.diagnosis._judge.judge import (
+    RELIABILITY,
+    STUDIED_ERROR,
+    _rate,
+    _worded,
+    belief_in_verdict,
+    probabilities,
+)
 from cc_mujoco.diagnosis._phrases import format_odds
 from cc_mujoco.diagnosis._search.acceptance import comparison_z
 from cc_mujoco.diagnosis._thresholds import (
@@ -76,6 +85,22 @@ def test_rates_are_those_of_the_page() -> None:
     far = re.search(r"above (\d+) of (\d+)", odds)
     assert far is not None
     assert (int(far[1]), int(far[2])) == (Limit.far_off_right, Limit.far_off_names)
+    most = re.findall(r"`(\w+)` (?:verdicts )?left at most (\d+\.\d)", odds)
+    assert {name: float(size) for name, size in most} == STUDIED_ERROR
+
+
+@pytest.mark.parametrize("kind", STUDIED_ERROR)
+@pytest.mark.parametrize("factor", [0.99, 1.01, 50.0])
+def test_no_rate_is_given_beyond_what_study_rigs_left(
+    kind: Verdict, factor: float
+) -> None:
+    left = factor * STUDIED_ERROR[kind]
+    nothing: Any = SimpleNamespace(rounds=())
+    found = belief_in_verdict(nothing, kind, [], [], left)
+    known = factor < 1.0
+    assert math.isfinite(found.probability) is known
+    assert ("is not known: it leaves" in found.statement) is not known
+    assert known or ("%" not in found.statement and "dds" not in found.statement)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +123,7 @@ def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
     other = Alternative("outside", 0.5)
     for left, complete in ((MAX_EXPLAINED_ERROR, True), (3.2, False)):
         said = _worded(kind, 0.5, [other], left).statement
-        assert ("noise floors are left" in said) is not complete
+        assert ("times the noise floor is left" in said) is not complete
         assert ("nothing else" in said) is (complete and kind == "named")
 
 

@@ -334,6 +334,8 @@ class Limit:
     max_refitted = 6  # Most candidates that are refitted by simulation in one round
     # Share of the leader's explained error that a candidate needs to be refitted
     min_leader_share = 0.15
+    # The same of a rare effect that resembles an accepted one
+    min_rival_share = 0.5
     # Least predicted reduction of a candidate, relative to the acceptance threshold
     min_predicted_share = 0.3
     max_effects = 4  # Most effects that are added

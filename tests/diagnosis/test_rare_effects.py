@@ -90,12 +90,64 @@ def test_friction_of_the_joint_competes_with_a_seal_there() -> None:
     data = dataset({"load_independent_friction": seal}, duration=2.0)
     records, filtering = prepare(data, BENCH)
     crossed = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).crossed
-    usual, common = ("load_independent_friction",), ("joint_friction",)
-    found = search(
-        crossed, interleaved_folds(records), usual, Thresholds(), common=common
-    )
+    usual, rare = ("load_independent_friction",), ("joint_friction",)
+    found = search(crossed, interleaved_folds(records), usual, Thresholds(), rare=rare)
     assert found.rounds[0].added == usual[0]
-    assert {c.id for c in found.rounds[0].candidates} == {*usual, *common}
+    assert {c.id for c in found.rounds[0].candidates} == {*usual, *rare}
+
+
+ROUND = {"eccentricity_cosine": 0.0, "ovality_cosine": 0.0, "ovality_sine": 0.0}
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("effect", "values", "other"),
+    [
+        (
+            "pulley_eccentricity",
+            {**ROUND, "eccentricity_sine": 4e-4},
+            "drum_winding",
+        ),
+        ("lever_geometry", {"arm_slope": 6e-3, "arm_bend": 0.0}, "pulley_eccentricity"),
+        ("drum_winding", {"drum_growth": 6e-3}, "pulley_eccentricity"),
+        (
+            "torque_sensor_gain",
+            {"joint_torque_gain": 0.05, "motor_torque_gain": 0.0},
+            "asymmetric_friction",
+        ),
+        (
+            "joint_gravity",
+            {"gravity_sine": 1.0, "gravity_cosine": 0.5},
+            "joint_stiffness",
+        ),
+        # A stop that never lets go is a spring.
+        (
+            "upper_joint_stop",
+            {"upper_stop_stiffness": 1.0, "upper_stop_angle": -0.95},
+            "joint_gravity",
+        ),
+    ],
+)
+def test_what_motions_cannot_separate_is_a_tie_with_a_trial_that_does(
+    effect: str, values: dict[str, float], other: str
+) -> None:
+    data = dataset(duration=3.0)
+    records, _ = prepare(data, BENCH)
+    plant = plant_of(data, BENCH, records)
+    shown = zip(plant.simulate({}), plant.simulate(values, (effect,)), strict=True)
+    trials = [
+        replace(
+            trial,
+            motor_torque=trial.motor_torque + (after - before)[0],  # type: ignore[operator]
+            joint_torque=trial.joint_torque + (after - before)[1],  # type: ignore[operator]
+        )
+        for trial, (before, after) in zip(data.trials, shown, strict=True)
+    ]
+    found = run_inference(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    assert found.verdict == "tie", found.statement
+    acts = "joint_stiffness" if effect == "upper_joint_stop" else effect
+    assert set(found.ties[0]) == {acts, other}
+    assert found.next_experiment is not None, found.statement
 
 
 def test_a_joint_that_rests_keeps_its_friction_unless_it_is_lubricated() -> None:

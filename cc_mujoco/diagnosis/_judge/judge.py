@@ -449,6 +449,8 @@ def _alternatives(
             continue
         if c.reason.startswith(IMPLAUSIBLE_PREFIX):
             continue
+        if group.intersection(EFFECTS[c.id].generalises):  # it contains the finding
+            continue
         meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
         errors = blocks(models[c.id]).sum(axis=1)
         share = Limit.meeting_form_share if meet else None

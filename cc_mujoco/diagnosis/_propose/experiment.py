@@ -176,8 +176,7 @@ def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
             )
             for true in (0, 1)
         ]
-        # A load cell is put into a cable only where nothing else settles the tie.
-        rank = settles[worse], not motion.load_cell, score
+        rank = settles[worse], not motion.hard, score
         if settles[better] and (best is None or rank > best[0]):
             description = _describe_difference(problem, rivals.ids, shown, left, noise)
             if not settles[worse]:

@@ -37,6 +37,7 @@ class CataloguedTrial:
             `Facts` [N m].
         swapped: whether the torque sensors change places.
         load_cell: channel of a load cell in one cable, or ""; see `Facts`.
+        hard: whether it is proposed only where no other trial settles the tie.
         usual: whether a plan considers it; others are proposed for a tie.
         standard: whether a plan always has it: no other trial separates the effects of
             weights, springs and sensors.
@@ -50,6 +51,7 @@ class CataloguedTrial:
     known_torques: tuple[float, float] = (0.0, 0.0)
     swapped: bool = False
     load_cell: str = ""
+    hard: bool = False
     usual: bool = True
     standard: bool = False
 
@@ -85,7 +87,7 @@ def motions(
     instruments: Instruments = TORQUE_SENSORS,
     cells: Collection[str] = (),
 ) -> list[CataloguedTrial]:
-    """Return trials within these limits, and one of twice the swing.
+    """Return trials within these limits, and two of a larger swing.
 
     They go to and fro about `middle_angle`.
 
@@ -199,11 +201,15 @@ def motions(
             free(sweep),
             0.5,
         ),
-        CataloguedTrial(
-            "joint free, slow triangle over twice the range, if the rig allows",
-            triangle(2.0 * swing, rate * 0.2),
-            free(triangle(2.0 * swing, rate * 0.2)),
-            usual=False,
+        *(
+            CataloguedTrial(
+                f"joint free, slow triangle over {words} the range, if the rig allows",
+                triangle(times * swing, rate * 0.2),
+                free(triangle(times * swing, rate * 0.2)),
+                usual=False,
+                hard=times > 2.0,
+            )
+            for words, times in (("twice", 2.0), ("four times", 4.0))
         ),
         CataloguedTrial(
             "joint free, slow triangle over the whole range, the rig turned by 90 "
@@ -296,6 +302,7 @@ def motions(
             ladder,
             free(give * ladder),
             load_cell=_cell_channel(bench, end),
+            hard=True,
             usual=_cell_channel(bench, end) in cells,
             standard=_cell_channel(bench, end) in cells,
         )

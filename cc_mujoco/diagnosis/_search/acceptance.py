@@ -177,7 +177,8 @@ def decide(
     rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
     rivals += lookalikes
     leader = rivals[0].id
-    wider = {c.id for c in rivals if leader in EFFECTS[c.id].generalises}
+    tied = {rival.id for rival in rivals}
+    wider = {c.id for c in rivals[1:] if tied.intersection(EFFECTS[c.id].generalises)}
     rivals = [rival for rival in rivals if rival.id not in wider]
     sums = {name: own for name, own in sums.items() if name not in wider}
     names = tuple(rival.id for rival in rivals)

@@ -173,14 +173,14 @@ def search(
     ids: Sequence[str],
     thresholds: Thresholds,
     progress: Progress = no_progress,
-    common: Sequence[str] = (),
+    rare: Sequence[str] = (),
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
-    Where the user interrupts it, it ends with what was added until then. Effects that
-    are `common` compete with those of `ids` that are confused with them alone.
+    Where the user interrupts it, it ends with what was added until then. Those that are
+    `rare` compete where an effect of `ids` is accepted that they resemble.
     """
-    course = _add_effects(baseline, division, ids, thresholds, progress, common=common)
+    course = _add_effects(baseline, division, ids, thresholds, progress, rare=rare)
     return drop_redundant(course, division)
 
 
@@ -226,7 +226,7 @@ def _add_effects(
     earlier: Sequence[Round] = (),
     whole: Search | None = None,
     changes: Changes | None = None,
-    common: Sequence[str] = (),
+    rare: Sequence[str] = (),
 ) -> Search:
     """Add effects while each is accepted."""
     now, rounds = baseline, []
@@ -257,15 +257,15 @@ def _add_effects(
                 now, division, signatures if hopeful else [], thresholds, part,
                 refitted, whole,
             )  # fmt: skip
-            accepted = {c.id for c in candidates if not c.reason}
-            beside = [
-                name
-                for name in common
-                if name not in (*left, *now.problem.effects)
-                and accepted.intersection(EFFECTS[name].confounded_with)
-            ]
-            if beside:
-                more = _screen_folds(now, division, beside, changes)
+            if names := resembling(candidates, (*left, *now.problem.effects), rare):
+                more = _screen_folds(now, division, names, changes)
+                least = Limit.min_rival_share * signatures[0].explained
+                more = [
+                    sign
+                    for sign in more
+                    if max(sign.explained, sign.foreseen) >= least
+                    and not _is_redundant(sign.id, candidates, thresholds)
+                ]
                 candidates += _refit_candidates(
                     now, division, more, thresholds, part, refitted, whole
                 )
@@ -290,6 +290,18 @@ def _add_effects(
     return Search(
         baseline, now, tuple(rounds), first, {}, changes, tuple(known), interrupted
     )
+
+
+def resembling(
+    candidates: Sequence[Candidate], present: Sequence[str], rare: Sequence[str]
+) -> list[str]:
+    """Return the rare effects, none of them `present`, that accepted ones equal."""
+    accepted = {c.id for c in candidates if not c.reason}
+    return [
+        name
+        for name in rare
+        if name not in present and accepted.intersection(EFFECTS[name].resembles)
+    ]
 
 
 def _forget_derivatives(known: Sequence[CrossValidation]) -> None:

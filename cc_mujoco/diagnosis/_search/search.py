@@ -143,8 +143,7 @@ def _search(fitted: BaselineFit, settings: Options, progress: Progress) -> Searc
     division = interleaved_folds(fitted.problem.plant.records)
     limits = settings.thresholds
     usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-    common = [name for name in rare if EFFECTS[name].common]
-    found = search(fitted.crossed, division, names, limits, usual, common)
+    found = search(fitted.crossed, division, names, limits, usual, rare)
     return search_rare(found, division, rare, limits, of_rare)
 
 

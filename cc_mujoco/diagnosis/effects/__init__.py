@@ -137,7 +137,7 @@ def _require_new(effect: Effect) -> None:
                 f"effect {effect.id!r}: parameter {parameter.name!r} is one of effect "
                 f"{owners[parameter.name]!r}; call it otherwise"
             )
-    for other in (*effect.confounded_with, *effect.generalises):
+    for other in (*effect.confounded_with, *effect.generalises, *effect.resembles):
         if other not in EFFECTS:
             raise CableError.unknown(
                 f"effect {effect.id!r} in `confused_with`: effect", other, EFFECTS

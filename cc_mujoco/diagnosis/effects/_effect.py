@@ -232,8 +232,8 @@ class Effect:
         by_trial: True if the cables depend on the trial's conditions.
         rare: True if it is searched on request, and where the other effects leave the
             error unexplained.
-        common: True of a rare effect that every rig has some of: it is tried beside
-            those it is confused with, wherever one of them is accepted.
+        resembles: ids of usual effects that a rare one can equal on motions alone: it
+            competes wherever one of them is accepted.
         forms: names of the forms in which it is offered; the value `form_key(id)` is
             the index of the one that is simulated, 0 where there is none.
         implausible: why sizes that are plausible by themselves are not together, in
@@ -263,7 +263,7 @@ class Effect:
     columns: tuple[str, ...] = ()
     by_trial: bool = False
     rare: bool = False
-    common: bool = False
+    resembles: tuple[str, ...] = ()
     forms: tuple[str, ...] = ()
     implausible: Callable[[Values], str] | None = None
 

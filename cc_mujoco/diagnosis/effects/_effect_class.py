@@ -234,7 +234,7 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         columns=tuple(getattr(made, "columns", ())),
         by_trial=cables is not None,
         rare=rare,
-        common=bool(getattr(made, "common", False)),
+        resembles=tuple(getattr(made, "resembles", ())),
         forms=forms,
         generalises=tuple(getattr(made, "generalises", ())),
     )

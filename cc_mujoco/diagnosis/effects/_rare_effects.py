@@ -72,6 +72,7 @@ class DrumWinding:
     where = "motor"
     needs = "several radians of the motor, both ways"
     confused_with = ("pulley_eccentricity", "joint_stiffness", "joint_gravity")
+    resembles = ("pulley_eccentricity",)
 
     def parameters(self) -> list[Size | Shape]:
         meaning = "relative growth of the drum's radius per wound angle"
@@ -88,6 +89,9 @@ class _JointStop:
     source = "statics"
     where = "joint"
     needs = "several motions into the stop"
+    confused_with = ("joint_stiffness", "joint_gravity")
+    resembles = confused_with
+    generalises = ("joint_stiffness",)  # where it never lets go
     side = 1.0
     """1 for the stop at the largest angle, -1 for that at the smallest."""
     name = ""
@@ -116,7 +120,6 @@ class UpperJointStop(_JointStop):
     """Stop at the largest angles of the joint."""
 
     name = "upper_stop"
-    confused_with = ("joint_stiffness", "joint_gravity")
 
 
 class LowerJointStop(_JointStop):
@@ -124,7 +127,6 @@ class LowerJointStop(_JointStop):
 
     side = -1.0
     name = "lower_stop"
-    confused_with = ("joint_stiffness", "joint_gravity")
 
 
 class CurrentRipple:
@@ -217,7 +219,8 @@ class SensorCrossTalk:
     source = "calibration"
     sensor = True
     needs = "friction or inertia that makes the two torques differ"
-    confused_with = ("torque_sensor_gain",)
+    confused_with = ("torque_sensor_gain", "asymmetric_friction")
+    resembles = confused_with
 
     def parameters(self) -> list[Size | Shape]:
         bounds = (-1.0, 1.0, (-0.2, 0.2))
@@ -242,9 +245,7 @@ class JointFriction:
     where = "joint"
     needs = "the cables off and the joint moved both ways"
     confused_with = ("load_independent_friction", "asymmetric_friction")
-    common = (
-        True  # bearings rub, and a seal at the joint's end of the cable does as much
-    )
+    resembles = confused_with
 
     def parameters(self) -> list[Size | Shape]:
         meaning = "dry friction of the joint"
@@ -303,6 +304,7 @@ class LeverGeometry:
     where = "joint"
     needs = "loads over the whole range of the joint"
     confused_with = ("joint_stiffness", "joint_gravity", "pulley_eccentricity")
+    resembles = ("pulley_eccentricity",)
 
     def parameters(self) -> list[Size | Shape]:
         return [

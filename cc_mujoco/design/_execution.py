@@ -28,7 +28,6 @@ from cc_mujoco.design._study_spec import (
     Assignments,
     Execution,
     StudySpec,
-    divided,
 )
 from cc_mujoco.device import Plant
 from cc_mujoco.simulation._compiled_batch import LAWS
@@ -67,8 +66,12 @@ def study(
         CableError: something about the study is impossible, or `out` holds what other
             code made; raised before it runs.
     """
-    execution, rest = divided(fields)
-    plan = make_plan(scene, vary, designs, **rest)
+    how = {field.name for field in dataclasses.fields(Execution)} & set(fields)
+    execution = Execution(**{name: fields.pop(name) for name in how})
+    spec = scene if isinstance(scene, StudySpec) else StudySpec(scene)
+    chosen = {"vary": vary, "designs": designs}
+    fields |= {name: value for name, value in chosen.items() if value is not None}
+    plan = make_plan(dataclasses.replace(spec, **fields))
     folder = None if out is None else Path(out)
     if plan.search is not None:
         return search(plan, folder, execution, progress)[1]

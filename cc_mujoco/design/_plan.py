@@ -66,7 +66,7 @@ from cc_mujoco.design._study_metrics import (
     require_axes,
     split_metric,
 )
-from cc_mujoco.design._study_spec import Assignments, Given, StudySpec, specified
+from cc_mujoco.design._study_spec import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Device, load_device
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split
@@ -180,21 +180,12 @@ def _digest(listed: Sequence[object]) -> str:
     return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
 
 
-def make_plan(
-    scene: str | StudySpec,
-    vary: Assignments = None,
-    designs: str | Path | Sequence[Mapping[str, object]] | None = None,
-    **fields: Any,
-) -> Plan:
-    """Plan a study; the arguments are those of `study`.
-
-    The plan of a search has no designs yet.
+def make_plan(spec: StudySpec) -> Plan:
+    """Plan a study; the plan of a search has no designs yet.
 
     Raises:
         CableError: the specification is invalid.
-        TypeError: `fields` holds an unknown field of `StudySpec`.
     """
-    spec = specified(scene, vary, designs, fields)
     if spec.evaluations is not None:
         return _plan_search(spec, spec.evaluations)
     goals = read_objectives(spec.objectives)

@@ -2,8 +2,8 @@
 
     StudySpec("wrist", {"friction": "0.05:0.3:10"}, metrics=["slack_margin"])
 
-The command line fills it from its options, Python from the keywords of `study`,
-`optimise` and `make_plan`; `make_plan` checks it. In Python `vary` and `across` are
+The command line fills it from its options, Python from the keywords of `study` and
+`optimise`; `make_plan` checks it. In Python `vary` and `across` are
 dictionaries whose values are texts, numbers or sequences of values; `designs` may be a
 list of dictionaries, `trajectory` and `task` objects of `human`, `metrics` objects. The
 help of the command needs this module, so it loads nothing that takes long.
@@ -11,7 +11,6 @@ help of the command needs this module, so it loads nothing that takes long.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,26 +128,3 @@ class Execution:
 
 HERE = Execution()
 """Execution on every processor of this machine."""
-
-
-def specified(
-    scene: str | StudySpec,
-    vary: Assignments,
-    designs: str | Path | Sequence[Mapping[str, object]] | None,
-    fields: Mapping[str, Any],
-) -> StudySpec:
-    """Return the specification that the arguments of a study make."""
-    spec = scene if isinstance(scene, StudySpec) else StudySpec(scene)
-    changes = dict(fields)
-    if vary is not None:
-        changes["vary"] = vary
-    if designs is not None:
-        changes["designs"] = designs
-    return dataclasses.replace(spec, **changes)
-
-
-def divided(fields: Mapping[str, Any]) -> tuple[Execution, dict[str, Any]]:
-    """Return the execution among the fields of a study, and the other fields."""
-    how = {field.name for field in dataclasses.fields(Execution)} & set(fields)
-    rest = {name: value for name, value in fields.items() if name not in how}
-    return Execution(**{name: fields[name] for name in how}), rest

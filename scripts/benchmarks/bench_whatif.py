@@ -26,7 +26,7 @@ from mujoco.batch import Batch
 from turns import by_turns
 
 from cc_mujoco.control import controller
-from cc_mujoco.design import Execution, Plan, carry_out, episodes, make_plan
+from cc_mujoco.design import Execution, Plan, StudySpec, carry_out, episodes, make_plan
 from cc_mujoco.device import PERFECT_SENSING, Measuring, Plant
 from cc_mujoco.plugin import untimed
 from cc_mujoco.simulation import Single, attended, run
@@ -75,14 +75,16 @@ def measure(options: Options, step: float, law: str) -> None:
     if options.scene != "wrist":
         del ranges["loops"]
     plan = make_plan(
-        options.scene,
-        ranges,
-        sampling="lhs",
-        samples=options.designs,
-        controllers=[law],
-        duration=options.duration,
-        timestep=step,
-        metrics=() if options.everything else EPISODE,
+        StudySpec(
+            options.scene,
+            ranges,
+            sampling="lhs",
+            samples=options.designs,
+            controllers=[law],
+            duration=options.duration,
+            timestep=step,
+            metrics=() if options.everything else EPISODE,
+        )
     )
     print(
         f"{options.scene}, {law}, {options.designs} designs of "

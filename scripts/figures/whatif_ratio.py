@@ -16,7 +16,7 @@ import pyarrow as pa
 from scipy.stats import spearmanr
 from whatif_study import studied
 
-from cc_mujoco.design import episodes, make_plan
+from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.device import Plant, load_device
 from cc_mujoco.report import BLACK, TENSION_COLORS, figure, save, style
 from cc_mujoco.simulation import attended
@@ -111,7 +111,7 @@ def conclusion(table: pa.Table) -> str:
 def racing(lever: float, drum: float) -> float:
     """Return the slack share of the time above half the peak power."""
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
-    plan = make_plan("ankle", designs=[design], **HOW)
+    plan = make_plan(StudySpec("ankle", designs=[design], **HOW))
     device = load_device("ankle")
     ((_, _, episode),) = episodes(plan.protocol, device)
     columns = play(episode, [attended(Plant(device, design))]).columns

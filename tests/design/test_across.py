@@ -16,6 +16,7 @@ from cc_mujoco import cli
 from cc_mujoco.control import CONTROLLERS, Controller
 from cc_mujoco.design import (
     Execution,
+    StudySpec,
     carry_out,
     make_plan,
     objective_costs,
@@ -161,7 +162,7 @@ class _StopError(Exception):
 def test_an_interrupted_study_goes_on_and_another_over_other_cases_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: dict[str, pa.Table]
 ) -> None:
-    plan = make_plan("wrist", VARY, across=ACROSS, **_but("threads"))
+    plan = make_plan(StudySpec("wrist", VARY, across=ACROSS, **_but("threads")))
 
     def stop(done: float) -> None:
         if done > 1.0:
@@ -244,7 +245,7 @@ def test_limits_hold_in_every_case_whatever_the_rank_and_goals_turn_the_worst(
 ) -> None:
     about = {**_but("threads"), "metrics": ("peak_tension", "slack_margin")}
     goals = ["max:peak_tension"]
-    plan = make_plan("wrist", VARY, across=ACROSS, objectives=goals, **about)
+    plan = make_plan(StudySpec("wrist", VARY, across=ACROSS, objectives=goals, **about))
     table = carry_out(plan, execution=Execution(threads=1))
     assert table["peak_tension"].equals(table["peak_tension@least"])
     mean = found["mean"]
@@ -316,7 +317,7 @@ def test_what_cannot_be_crossed_is_one_sentence(
 ) -> None:
     vary = {**VARY, "pretension": [10.0, 20.0]}
     with pytest.raises(CableError, match=wrong) as error:
-        make_plan("wrist", vary, **about, **_but("threads"))
+        make_plan(StudySpec("wrist", vary, **about, **_but("threads")))
     assert "\n" not in str(error.value)
 
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.design import make_plan, study
+from cc_mujoco.design import StudySpec, make_plan, study
 from cc_mujoco.design._protocol import split_axes, task_text, tasks_of_axes
 from cc_mujoco.design._results_store import read_table
 from cc_mujoco.design._show import show
@@ -99,7 +99,7 @@ def test_what_the_description_lacks_is_refused_in_one_sentence(
     lever: Path, vary: dict[str, Any], how: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(CableError, match=says) as error:
-        make_plan(str(lever), vary, task=TASK, **{**SHORT, **how})
+        make_plan(StudySpec(str(lever), vary, task=TASK, **{**SHORT, **how}))
     assert "\n" not in str(error.value)
 
 
@@ -119,7 +119,7 @@ def test_a_radius_of_a_pulley_of_unknown_inertia_is_varied_with_a_warning(
     lever: Path,
 ) -> None:
     with pytest.warns(CableWarning, match=r"write `motor_pulley` in \[axis\]"):
-        make_plan(str(lever), {"motor_radius": [0.02]}, task=TASK, **SHORT)
+        make_plan(StudySpec(str(lever), {"motor_radius": [0.02]}, task=TASK, **SHORT))
 
 
 def test_results_are_known_by_the_files_of_the_scene(
@@ -215,16 +215,16 @@ def test_a_variable_of_an_axis_and_of_a_cable_changes_that_axis_alone(
 
 
 def test_an_axis_alone_can_be_an_objective_and_a_limit() -> None:
-    plan = make_plan("exosuit", {"friction": [0.1]}, duration=0.2,
+    plan = make_plan(StudySpec("exosuit", {"friction": [0.1]}, duration=0.2,
                      objectives=["hip.rms_torque_error", "max:ankle.rms_motor_torque"],
-                     subject_to=["ankle.slack_margin>=0"])  # fmt: skip
+                     subject_to=["ankle.slack_margin>=0"]))  # fmt: skip
     assert {"hip.rms_torque_error", "ankle.slack_margin"} <= {*plan.protocol.metrics}
     for name, says in (
         ("knee.rms_torque_error", "unknown axis 'knee'"),
         ("hip.mass", "of the device as a whole; write 'mass'"),
     ):
         with pytest.raises(CableError, match=says):
-            make_plan("exosuit", {"friction": [0.1]}, metrics=[name])
+            make_plan(StudySpec("exosuit", {"friction": [0.1]}, metrics=[name]))
 
 
 SECOND = """
@@ -250,8 +250,8 @@ def test_axes_that_drive_one_joint_are_not_held_apart(lever: Path) -> None:
     )
     vary, how = {"friction": [0.1]}, {"task": "hold:1", **SHORT}
     with pytest.raises(CableError, match="two axes drive joint 'elbow'"):
-        make_plan(str(lever), vary, metrics=["bandwidth"], **how)
-    plan = make_plan(str(lever), vary, **how)
+        make_plan(StudySpec(str(lever), vary, metrics=["bandwidth"], **how))
+    plan = make_plan(StudySpec(str(lever), vary, **how))
     assert not {"bandwidth", "held_backlash"} & {*plan.protocol.metrics}
 
 

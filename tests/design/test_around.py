@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.design import Plan, make_plan, read_limits, read_objectives
+from cc_mujoco.design import Plan, StudySpec, make_plan, read_limits, read_objectives
 from cc_mujoco.design._local_sensitivity import TRUST_REGION, analyse_best_design
 from cc_mujoco.errors import CableError
 
 Law = Callable[[Mapping[str, Any]], Mapping[str, float]]
 MEASURED = ("rms_torque_error", "peak_tension")
 RANGES = {"friction": "0.1:0.3:3", "pretension": "10:110:3", "loops": "1,2,4"}
-WHOLE = make_plan("wrist", RANGES, metrics=MEASURED)
+WHOLE = make_plan(StudySpec("wrist", RANGES, metrics=MEASURED))
 GOALS = read_objectives(MEASURED[:1])
 
 

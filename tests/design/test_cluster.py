@@ -23,7 +23,7 @@ from cc_mujoco import cli
 from cc_mujoco._workers import cluster as connecting
 from cc_mujoco.benchmark import BenchmarkPlan as Benchmark
 from cc_mujoco.benchmark import run as play_all
-from cc_mujoco.design import Execution, Plan, carry_out, make_plan
+from cc_mujoco.design import Execution, Plan, StudySpec, carry_out, make_plan
 
 pytestmark = [
     pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not here"),
@@ -111,10 +111,12 @@ def _write_law(folder: Path, gain: float) -> None:
 
 def _plan() -> Plan:
     return make_plan(
-        "wrist",
-        {"friction": "0.05:0.2:8", "loops": [1, 2]},
-        duration=0.2,
-        metrics=("rms_torque_error", "slack_margin"),
+        StudySpec(
+            "wrist",
+            {"friction": "0.05:0.2:8", "loops": [1, 2]},
+            duration=0.2,
+            metrics=("rms_torque_error", "slack_margin"),
+        )
     )
 
 
@@ -176,12 +178,14 @@ def test_cases_have_the_same_bytes_on_a_cluster(
     tmp_path: Path, cluster: Cluster
 ) -> None:
     plan = make_plan(
-        "ankle",
-        {"friction": [0.05, 0.1]},
-        duration=0.2,
-        metrics=["rms_torque_error", "slack_margin"],
-        across={"wearer": [0.5, 2.0], "gait_speed": [0.9, 1.3]},
-        rank="p90",
+        StudySpec(
+            "ankle",
+            {"friction": [0.05, 0.1]},
+            duration=0.2,
+            metrics=["rms_torque_error", "slack_margin"],
+            across={"wearer": [0.5, 2.0], "gait_speed": [0.9, 1.3]},
+            rank="p90",
+        )
     )
     carry_out(plan, tmp_path / "here")
     carry_out(plan, tmp_path / "there", Execution(scheduler=cluster.address))
@@ -251,11 +255,13 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         _write_law(tmp_path / name, gain)
     monkeypatch.chdir(tmp_path / "here")
     plan = make_plan(
-        "wrist",
-        {"loops": [1, 2]},
-        duration=0.2,
-        controllers=["law_of_mine:make"],
-        metrics=["rms_torque_error"],
+        StudySpec(
+            "wrist",
+            {"loops": [1, 2]},
+            duration=0.2,
+            controllers=["law_of_mine:make"],
+            metrics=["rms_torque_error"],
+        )
     )
     assert carry_out(plan, execution=Execution(scheduler=cluster.address)).equals(
         carry_out(plan)

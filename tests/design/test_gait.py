@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.design import make_plan, optimise, study
+from cc_mujoco.design import StudySpec, make_plan, optimise, study
 from cc_mujoco.design._show import show
 from cc_mujoco.design._study_metrics import is_stride_metric
 from cc_mujoco.design._walking_designs import fit_profile, profile_of, task_of
@@ -258,7 +258,9 @@ def test_an_episode_without_a_whole_stride_has_no_number() -> None:
 
 
 def test_strides_are_measured_only_where_they_are_asked_for() -> None:
-    plain = make_plan("ankle", {"friction": "0.1"}, duration=0.3).protocol.metrics
+    plain = make_plan(
+        StudySpec("ankle", {"friction": "0.1"}, duration=0.3)
+    ).protocol.metrics
     assert not set(NAMES) & set(plain)
 
 
@@ -288,7 +290,7 @@ def test_what_cannot_be_is_one_sentence(
     scene: str, vary: dict[str, str], how: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(CableError, match=says) as caught:
-        make_plan(scene, vary, **{"duration": 0.3, **how})
+        make_plan(StudySpec(scene, vary, **{"duration": 0.3, **how}))
     assert "\n" not in str(caught.value)
 
 
@@ -368,7 +370,7 @@ def test_heavier_wearers_get_more_help_and_work_more() -> None:
 def test_sizes_that_cannot_be_are_refused_in_a_sentence() -> None:
     def refused(scene: str, vary: dict[str, str], **more: Any) -> str:
         with pytest.raises(CableError) as error:
-            make_plan(scene, vary, **more)
+            make_plan(StudySpec(scene, vary, **more))
         return str(error.value)
 
     assert "draws the paths" in refused("exosuit", {"leg_length": "0.85,0.95"})

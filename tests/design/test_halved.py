@@ -8,7 +8,14 @@ from collections.abc import Callable
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.design import Plan, carry_out, make_plan, read_limits, read_objectives
+from cc_mujoco.design import (
+    Plan,
+    StudySpec,
+    carry_out,
+    make_plan,
+    read_limits,
+    read_objectives,
+)
 from cc_mujoco.design._report_text import timestep_sentence
 from cc_mujoco.design._timestep_check import (
     MAX_CHECKED_DESIGNS,
@@ -17,7 +24,7 @@ from cc_mujoco.design._timestep_check import (
 )
 
 MEASURED = ("rms_torque_error", "peak_tension")
-PLAN = make_plan("wrist", {"friction": "0.1:0.3:40"}, metrics=MEASURED)
+PLAN = make_plan(StudySpec("wrist", {"friction": "0.1:0.3:40"}, metrics=MEASURED))
 GOALS = read_objectives(MEASURED[:1])
 LIMITS = read_limits(["peak_tension<=100"], MEASURED)
 
@@ -104,7 +111,7 @@ def test_a_cable_too_stiff_for_its_controller_is_found(
 ) -> None:
     vary = {"axial_stiffness": [stiffness]}
     plan = make_plan(
-        "wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["pi"]
+        StudySpec("wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["pi"])
     )
     found = check_timestep(plan, carry_out(plan), GOALS, (), carry_out)
     assert found is not None

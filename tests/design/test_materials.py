@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.design import make_plan, study
+from cc_mujoco.design import StudySpec, make_plan, study
 from cc_mujoco.device import MATERIALS, Plant, load_device
 from cc_mujoco.device._materials import ENDS, SOURCES, area
 from cc_mujoco.errors import CableError
@@ -82,10 +82,12 @@ def test_stiffness_and_strength_go_with_the_square_of_each_cable_s_diameter() ->
 
 def test_a_material_s_friction_can_be_crossed() -> None:
     plan = make_plan(
-        "ankle",
-        {"material": "steel_ptfe,steel_nylon"},
-        across={"material_friction": "low,high"},
-        **{name: value for name, value in SHORT.items() if name != "threads"},
+        StudySpec(
+            "ankle",
+            {"material": "steel_ptfe,steel_nylon"},
+            across={"material_friction": "low,high"},
+            **{name: value for name, value in SHORT.items() if name != "threads"},
+        )
     )
     assert [d["material"] for d in plan.designs] == ["steel_ptfe", "steel_nylon"]
     assert len(plan.protocol.across.cases) == 2

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.design import make_plan, optimise, study
+from cc_mujoco.design import StudySpec, make_plan, optimise, study
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._study_metrics import DEFAULT_METRICS
 from cc_mujoco.device import MATERIALS, MOTORS, Plant, load_device
@@ -172,14 +172,16 @@ def test_a_motor_is_what_its_numbers_set_by_hand_are() -> None:
 
 def test_unasked_a_study_measures_what_its_designs_have() -> None:
     how = {name: value for name, value in SHORT.items() if name != "threads"}
-    plain = make_plan("ankle", {"friction": "0.1"}, **how).protocol.metrics
+    plain = make_plan(StudySpec("ankle", {"friction": "0.1"}, **how)).protocol.metrics
     assert {"rms_motor_torque", "bend_ratio", "reflected_inertia"} <= set(plain)
     assert not {"cable_mass", "mass", "motor_heat", "cost"} & set(plain)
     vary = {"material": "steel_ptfe", "motor": MOTOR}
-    rich = make_plan("ankle", vary, costs=EXAMPLE, **how).protocol.metrics
+    rich = make_plan(StudySpec("ankle", vary, costs=EXAMPLE, **how)).protocol.metrics
     assert rich == (*DEFAULT_METRICS, "cost")
     crossed = {"material": "steel_ptfe,steel_nylon"}
-    across = make_plan("ankle", {"motor_radius": "0.02"}, across=crossed, **how)
+    across = make_plan(
+        StudySpec("ankle", {"motor_radius": "0.02"}, across=crossed, **how)
+    )
     assert "cable_mass" in across.protocol.metrics
 
 

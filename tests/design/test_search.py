@@ -18,6 +18,7 @@ from cc_mujoco import cli
 from cc_mujoco.design import (
     Execution,
     Plan,
+    StudySpec,
     make_plan,
     objective_costs,
     optimise,
@@ -56,7 +57,7 @@ def sought(
 ) -> Plan:
     """Return the plan of a search."""
     about = {"evaluations": 400, **fields, "objectives": objectives}
-    return make_plan(scene, vary, subject_to=subject_to, **about)
+    return make_plan(StudySpec(scene, vary, subject_to=subject_to, **about))
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +235,7 @@ def test_strides_that_an_episode_is_too_short_for_are_refused_at_once() -> None:
         assert f"{end + 1e-3:.4g} s after" in str(error.value)
         sought("ankle", vary, goals, duration=end + 0.01, **more)
     with pytest.raises(CableError, match="whole strides"):
-        make_plan("ankle", {"friction": "0.1"}, metrics=goals, duration=2.9)
+        make_plan(StudySpec("ankle", {"friction": "0.1"}, metrics=goals, duration=2.9))
 
 
 @pytest.mark.parametrize("speed", [0.8, 1.03, 1.6])

@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.design import make_plan, read_limits
+from cc_mujoco.design import StudySpec, make_plan, read_limits
 from cc_mujoco.design._local_sensitivity import Around, Price
 from cc_mujoco.design._report import write_report
 from cc_mujoco.design._report_text import (
@@ -39,10 +39,18 @@ def finding(
     goals: Sequence[str] = GOALS,
     failed: Sequence[str | None] | None = None,
 ) -> tuple[RankedStudy, pa.Table]:
-    plan = make_plan("wrist", designs=[
-        {"friction": 0.1 + 0.1 * (n % 4), "pretension": 10.0 + n}
-        for n in range(len(errors))
-    ], metrics=GOALS, objectives=goals, subject_to=limits)  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "wrist",
+            designs=[
+                {"friction": 0.1 + 0.1 * (n % 4), "pretension": 10.0 + n}
+                for n in range(len(errors))
+            ],
+            metrics=GOALS,
+            objectives=goals,
+            subject_to=limits,
+        )
+    )
     table = pa.table(
         {
             "design": range(len(errors)),
@@ -65,7 +73,7 @@ def written(folder: Path, found: RankedStudy, table: pa.Table) -> str:
 
 
 def test_without_objectives_three_usual_ones_rank() -> None:
-    plan = make_plan("wrist", {"friction": [0.1, 0.2]}, duration=0.2)
+    plan = make_plan(StudySpec("wrist", {"friction": [0.1, 0.2]}, duration=0.2))
     values = {name: [1.0, 2.0] for name in plan.protocol.metrics}
     every = goals_of(plan, pa.table(values))
     assert [goal.name for goal in every] == list(DEFAULT_OBJECTIVES)
@@ -73,10 +81,12 @@ def test_without_objectives_three_usual_ones_rank() -> None:
     without = pa.table(values | {"reflected_torque": pa.nulls(2, pa.float64())})
     assert len(goals_of(plan, without)) == 2
     few = make_plan(
-        "wrist",
-        {"friction": [0.1, 0.2]},
-        duration=0.2,
-        metrics=["efficiency", "slack_margin", "peak_tension", "strength_used"],
+        StudySpec(
+            "wrist",
+            {"friction": [0.1, 0.2]},
+            duration=0.2,
+            metrics=["efficiency", "slack_margin", "peak_tension", "strength_used"],
+        )
     )
     names = [goal.name for goal in goals_of(few, pa.table(
         {name: [1.0, 2.0] for name in few.protocol.metrics}))]  # fmt: skip
@@ -192,8 +202,15 @@ def test_a_better_neighbour_is_said_to_be_one() -> None:
 def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
     designs = [{"friction": 0.1 * n} for n in range(1, 5)]
     laws = ("none", "pi")
-    plan = make_plan("wrist", designs=designs, metrics=GOALS, controllers=laws,
-                     objectives=GOALS[:1])  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "wrist",
+            designs=designs,
+            metrics=GOALS,
+            controllers=laws,
+            objectives=GOALS[:1],
+        )
+    )
     table = pa.table(
         {
             "design": range(4),

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.design import Plan, make_plan
+from cc_mujoco.design import Plan, StudySpec, make_plan
 from cc_mujoco.design._report import markdown, sobol_table
 from cc_mujoco.design._report_text import RankedStudy
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
@@ -21,7 +21,9 @@ METRICS = ("efficiency",)
 def _plan(samples: int | None = None) -> Plan:
     vary = {**VARY, "static_friction": 0.0}
     sampling = "grid" if samples is None else "lhs"
-    return make_plan("wrist", vary, sampling=sampling, samples=samples, metrics=METRICS)
+    return make_plan(
+        StudySpec("wrist", vary, sampling=sampling, samples=samples, metrics=METRICS)
+    )
 
 
 def _scaled(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,8 +105,16 @@ KNOWN = {
 def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
     function: Callable[[np.ndarray], np.ndarray], seed: int, samples: int
 ) -> None:
-    plan = make_plan("wrist", {**DUMMIES, "static_friction": 0.0}, sampling="lhs",
-                     samples=samples, seed=seed, metrics=METRICS)  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "wrist",
+            {**DUMMIES, "static_friction": 0.0},
+            sampling="lhs",
+            samples=samples,
+            seed=seed,
+            metrics=METRICS,
+        )
+    )
     y = function(_unit(plan))
     found = sensitivity(plan, pa.table({"efficiency": y}), "efficiency")
     if found is None:
@@ -127,8 +137,15 @@ def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
 
 
 def test_noise_depends_on_nothing() -> None:
-    plan = make_plan("wrist", {**DUMMIES, "static_friction": 0.0}, sampling="lhs",
-                     samples=100, metrics=METRICS)  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "wrist",
+            {**DUMMIES, "static_friction": 0.0},
+            sampling="lhs",
+            samples=100,
+            metrics=METRICS,
+        )
+    )
     for seed in range(5):
         y = np.random.default_rng(seed).normal(size=100)
         found = sensitivity(plan, pa.table({"efficiency": y}), "efficiency")

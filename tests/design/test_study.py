@@ -18,7 +18,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.control import CONTROLLERS, Controller, Network, write_policy
-from cc_mujoco.design import Execution, carry_out, make_plan, study
+from cc_mujoco.design import Execution, StudySpec, carry_out, make_plan, study
 from cc_mujoco.design._evaluation import evaluate
 from cc_mujoco.design._execution import wait_sentences
 from cc_mujoco.design._report_text import controllers_out
@@ -153,11 +153,13 @@ def test_the_files_of_a_users_task_make_the_table(
     monkeypatch.syspath_prepend(tmp_path)
     vary = {"friction": [0.05, 0.1]}
     given = {"metrics": ["rms_motor_torque"], "duration": 0.1, "trajectory": "sine"}
-    named = make_plan("wrist", vary, task="my_pull:Pull", **given)
+    named = make_plan(StudySpec("wrist", vary, task="my_pull:Pull", **given))
     thing = make_plan(
-        "wrist", vary, task=importlib.import_module("my_pull").Pull(), **given
+        StudySpec(
+            "wrist", vary, task=importlib.import_module("my_pull").Pull(), **given
+        )
     )
-    wrapped = make_plan("wrist", vary, task=task("my_pull:Pull"), **given)
+    wrapped = make_plan(StudySpec("wrist", vary, task=task("my_pull:Pull"), **given))
     for plan in (named, thing, wrapped):
         assert list(plan.made_by()["files"]) == ["my_pull.py"]
     assert named.describe()["protocol"]["task"] == "my_pull:Pull"
@@ -167,7 +169,7 @@ def test_the_files_of_a_users_task_make_the_table(
 
 
 def test_a_design_is_the_same_in_any_company() -> None:
-    plan = make_plan("wrist", VARY, **SHORT)
+    plan = make_plan(StudySpec("wrist", VARY, **SHORT))
     together = evaluate(plan.protocol, plan.designs)
     for index in (0, 7):
         alone = evaluate(plan.protocol, [plan.designs[index]])
@@ -179,7 +181,7 @@ def test_a_design_is_the_same_in_any_company() -> None:
 
 
 def test_a_damaged_folder_is_mended_or_one_sentence(tmp_path: Path) -> None:
-    plan = make_plan("wrist", {"friction": [0.1, 0.2]}, **SHORT)
+    plan = make_plan(StudySpec("wrist", {"friction": [0.1, 0.2]}, **SHORT))
     table = carry_out(plan, tmp_path)
     (tmp_path / "table.parquet").write_text("torn")
     for use in (lambda: carry_out(plan, tmp_path), lambda: show(tmp_path, 0)):
@@ -201,7 +203,7 @@ class _StopError(Exception):
 def test_an_interrupted_study_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = make_plan("wrist", VARY, **SHORT)
+    plan = make_plan(StudySpec("wrist", VARY, **SHORT))
     expected = carry_out(plan)
     reached: list[float] = []
 
@@ -355,7 +357,7 @@ def test_of_several_controllers_a_design_has_that_which_tracks_best(
     metrics = "peak_tension", "rms_torque_error", "reflected_torque"
     vary = {"friction": [0.02, 0.2], "motor_torque": [1.0]}
     about: dict[str, Any] = {**SHORT, "metrics": metrics}
-    plan = make_plan("wrist", vary, controllers=laws, **about)
+    plan = make_plan(StudySpec("wrist", vary, controllers=laws, **about))
 
     def stop(done: float) -> None:
         if done >= 1.0:
@@ -380,7 +382,7 @@ def test_of_several_controllers_a_design_has_that_which_tracks_best(
 
 def test_what_several_controllers_are_chosen_by_is_measured() -> None:
     about: dict[str, Any] = {"controllers": ("none", "pi"), "metrics": ["peak_tension"]}
-    plan = make_plan("wrist", {"friction": [0.1]}, **about)
+    plan = make_plan(StudySpec("wrist", {"friction": [0.1]}, **about))
     assert plan.protocol.metrics == ("peak_tension", "rms_torque_error")
 
 
@@ -409,7 +411,10 @@ def test_a_controller_that_fails_is_out_and_why_is_told(
     assert "'broken' gave no finite torque" in row["failed@broken"]
     assert row["failed@none"] is None
     said = controllers_out(
-        make_plan("wrist", {"friction": [0.1]}, controllers=["broken", "none"]), [row]
+        make_plan(
+            StudySpec("wrist", {"friction": [0.1]}, controllers=["broken", "none"])
+        ),
+        [row],
     )
     assert len(said) == 1
     assert said[0].startswith("Controller broken is out in 1 of 1 designs; the first: ")
@@ -438,7 +443,7 @@ def test_a_folder_keeps_one_list_of_designs(tmp_path: Path) -> None:
 def test_a_list_that_has_a_design_twice_is_refused(tmp_path: Path) -> None:
     (tmp_path / "list.csv").write_text("friction,loops\n0.1,1\n0.2,1\n0.10,1.0\n")
     with pytest.raises(CableError, match=r"designs 0 and 2 .*the same, friction=0\.1"):
-        make_plan("wrist", designs=tmp_path / "list.csv")
+        make_plan(StudySpec("wrist", designs=tmp_path / "list.csv"))
 
 
 def test_controllers_that_need_a_drive_each_get_one(
@@ -504,7 +509,9 @@ def test_a_saved_policy_drives_designs_as_their_environments(
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
     vary = {"motor_radius": [0.02, 0.03]}
-    plan = make_plan("wrist", vary, controllers=[name], **{**SHORT, "duration": 0.06})
+    plan = make_plan(
+        StudySpec("wrist", vary, controllers=[name], **{**SHORT, "duration": 0.06})
+    )
     together = evaluate(plan.protocol, plan.designs)
     for design, result in zip(plan.designs, together, strict=True):
         (alone,) = evaluate(plan.protocol, [design])
@@ -525,8 +532,16 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
 def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     name: str, vary: dict[str, Any]
 ) -> None:
-    plan = make_plan("ankle", vary, controllers=[name], duration=0.05, task="assist",
-                     metrics=("rms_torque_error", "peak_motor_power"))  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "ankle",
+            vary,
+            controllers=[name],
+            duration=0.05,
+            task="assist",
+            metrics=("rms_torque_error", "peak_motor_power"),
+        )
+    )
     together = evaluate(plan.protocol, plan.designs)
     alone = [evaluate(plan.protocol, [design])[0] for design in plan.designs]
     assert together == alone
@@ -584,8 +599,15 @@ def test_the_table_says_what_its_columns_are() -> None:
 def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None:
     """As in the benchmark; it was ranked by its metrics."""
     vary = {"load_independent_friction": [drag]}
-    plan = make_plan("ankle", vary, controllers=["none"], duration=1.3,
-                     metrics=("rms_torque_error",))  # fmt: skip
+    plan = make_plan(
+        StudySpec(
+            "ankle",
+            vary,
+            controllers=["none"],
+            duration=1.3,
+            metrics=("rms_torque_error",),
+        )
+    )
     (result,) = evaluate(plan.protocol, plan.designs)
     if drag:
         assert result.failed.startswith("the joint torque exceeds the safe 60 N m at ")
@@ -596,7 +618,7 @@ def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None
 
 def test_a_long_wait_is_estimated_before_it_begins() -> None:
     vary = {"friction": "0.05:0.3:400"}
-    plan = make_plan("wrist", vary, controllers=["pi_tuned", "predictive"])
+    plan = make_plan(StudySpec("wrist", vary, controllers=["pi_tuned", "predictive"]))
     said = wait_sentences(plan, 1)
     assert next(said) == "timing predictive for an estimate"
     (sentence,) = said
@@ -605,4 +627,4 @@ def test_a_long_wait_is_estimated_before_it_begins() -> None:
         r"pi_tuned is \d+ times faster\.",
         sentence,
     )
-    assert not [*wait_sentences(make_plan("wrist", vary), 1)]
+    assert not [*wait_sentences(make_plan(StudySpec("wrist", vary)), 1)]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import CONTROLLERS, Controller, ProportionalIntegral
+from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design import _walking_designs as walking_designs
-from cc_mujoco.design import episodes, make_plan
 from cc_mujoco.design._designs import Given
 from cc_mujoco.device import Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
@@ -38,7 +38,7 @@ def both_ways(
 ) -> list[tuple[Rollout, Rollout]]:
     """Every episode of a study, played inside the steps and from Python."""
     given = {"duration": 0.12, "trajectory": None, **given}
-    plan = make_plan(scene, vary, controllers=[law], **given)
+    plan = make_plan(StudySpec(scene, vary, controllers=[law], **given))
     device = load_device(scene, plan.protocol.timestep)
     models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
